@@ -1,0 +1,1 @@
+"""Recordings in files -> PoseTrajectory, and preparing them."""

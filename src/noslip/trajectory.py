@@ -1,0 +1,272 @@
+"""The value that flows through everything: timed poses of one tool."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from noslip._files import write_beside
+from noslip.errors import InputError
+
+Floats = NDArray[np.float64]
+
+CSV_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
+UNIFORM_TOLERANCE = 1e-6
+"""Largest relative spread of the sampling period that still counts as uniform."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PoseTrajectory:
+    """Timed poses of a tool, with the velocities that go with them. Immutable.
+
+    Parameters
+    ----------
+    times : array, shape (N,)
+        Seconds, strictly increasing; may start anywhere.
+    positions : array, shape (N, 3)
+        Metres, world frame.
+    rotations : Rotation, length N
+        Body to world.
+    linear_velocities, angular_velocities : array, shape (N, 3), optional
+        Metres and radians per second, world frame (the angular velocity is the body's,
+        ``dR/dt = [w] R``).  Left out, they are estimated by differences of second order.
+    name : str
+        Where the trajectory came from; error messages and figures use it.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, a number is not finite, or the times do not increase.
+    """
+
+    times: Floats
+    positions: Floats
+    rotations: Rotation
+    linear_velocities: Floats = field(default=None)  # type: ignore[assignment]
+    angular_velocities: Floats = field(default=None)  # type: ignore[assignment]
+    name: str = "trajectory"
+
+    def __post_init__(self) -> None:
+        times = self._freeze("times", self.times, ())
+        if len(times) < 2:
+            raise InputError(f"{self.name}: a trajectory needs at least 2 samples, got {len(times)}")
+        if not np.all(np.diff(times) > 0):
+            row = int(np.argmin(np.diff(times) > 0)) + 1
+            raise InputError(
+                f"{self.name}: times must increase, but sample {row} is at {times[row]:g} s "
+                f"after {times[row - 1]:g} s"
+            )
+        self._freeze("positions", self.positions, (3,))
+        if len(self.rotations) != len(times):
+            raise InputError(
+                f"{self.name}: {len(times)} times but {len(self.rotations)} rotations"
+            )
+        if not np.all(np.isfinite(self.rotations.as_quat())):
+            raise InputError(f"{self.name}: rotations hold a number that is not finite")
+        if self.linear_velocities is None:
+            object.__setattr__(self, "linear_velocities", _linear_velocities(self))
+        if self.angular_velocities is None:
+            object.__setattr__(self, "angular_velocities", _angular_velocities(self))
+        self._freeze("linear_velocities", self.linear_velocities, (3,))
+        self._freeze("angular_velocities", self.angular_velocities, (3,))
+
+    def _freeze(self, name: str, value: ArrayLike, columns: tuple[int, ...]) -> Floats:
+        """Store a read-only float copy of a field whose first axis is time."""
+        array = np.array(value, dtype=np.float64)
+        samples = array.shape[0] if array.ndim else 0
+        expected = (samples if name == "times" else len(self.times), *columns)
+        if array.shape != expected:
+            raise InputError(f"{self.name}: {name} has shape {array.shape}, expected {expected}")
+        if not np.all(np.isfinite(array)):
+            row = int(np.argwhere(~np.isfinite(array))[0][0])
+            raise InputError(f"{self.name}: {name}[{row}] is not finite")
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
+        return array
+
+    # ---------------------------------------------------------------- what it is
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.name!r}, {len(self)} samples, "
+            f"{self.duration:.6g} s, path {self.path_length:.6g} m)"
+        )
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last (s)."""
+        return float(self.times[-1] - self.times[0])
+
+    @property
+    def path_length(self) -> float:
+        """Length of the polyline through the positions (m)."""
+        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+
+    @property
+    def period(self) -> float:
+        """Median time between samples (s)."""
+        return float(np.median(np.diff(self.times)))
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether all samples are the same time apart (to a millionth)."""
+        periods = np.diff(self.times)
+        return bool(np.ptp(periods) <= UNIFORM_TOLERANCE * periods.mean())
+
+    @property
+    def quaternions(self) -> Floats:
+        """Unit quaternions ``(qw, qx, qy, qz)``, shape (N, 4), without sign flips."""
+        return continuous_quaternions(self.rotations)
+
+    def step_velocities(self) -> tuple[Floats, Floats]:
+        """Linear and angular velocity of every step, each of shape (N - 1, 3).
+
+        Step ``k`` leads from sample ``k`` to sample ``k + 1`` with ``p' = p + h v`` and
+        ``R' = Exp(h w) R``.  These are the velocities of the discrete motion itself: what a
+        controller that plays the samples executes, and what constraints are held on.
+        """
+        periods = np.diff(self.times)[:, None]
+        turns = self.rotations[1:] * self.rotations[:-1].inv()
+        return np.diff(self.positions, axis=0) / periods, turns.as_rotvec() / periods
+
+    # ---------------------------------------------------------------- new ones from it
+
+    def __getitem__(self, index: slice) -> Self:
+        """Return the samples of a slice as a trajectory of its own."""
+        if not isinstance(index, slice):
+            raise TypeError("a trajectory is sliced, as in trajectory[10:200]")
+        arrays: dict[str, Any] = {
+            f.name: getattr(self, f.name)[index]
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), (np.ndarray, Rotation))
+        }
+        return replace(self, **arrays)
+
+    def __iter__(self) -> Iterator[Any]:
+        raise TypeError("iterate over trajectory.positions or trajectory.times instead")
+
+    def resampled(
+        self, *, rate: float | None = None, times: ArrayLike | None = None
+    ) -> PoseTrajectory:
+        """Return the trajectory at other instants, by cubic splines.
+
+        Positions follow a cubic spline, rotations SciPy's ``RotationSpline`` (both twice
+        continuously differentiable); velocities are the splines' own derivatives.
+
+        Parameters
+        ----------
+        rate : float
+            Samples per second.  The first sample stays; the last is the last that fits.
+        times : array, shape (M,)
+            Or the instants themselves (s), within the recorded time.
+        """
+        if (rate is None) == (times is None):
+            raise InputError(f"{self.name}: resample with either a rate or times")
+        if rate is not None:
+            if not (np.isfinite(rate) and rate > 0):
+                raise InputError(f"{self.name}: rate must be positive, got {rate:g}")
+            count = int(np.floor(self.duration * rate * (1 + 1e-12) + 1e-9))
+            if count < 1:
+                raise InputError(
+                    f"{self.name}: {rate:g} samples per second leave fewer than 2 samples "
+                    f"in {self.duration:g} s"
+                )
+            instants = self.times[0] + np.arange(count + 1) / rate
+            instants = np.minimum(instants, self.times[-1])
+        else:
+            instants = np.asarray(times, dtype=np.float64)
+            margin = 1e-9 * max(self.duration, abs(self.times[0]), abs(self.times[-1]))
+            if instants.ndim != 1 or len(instants) < 2 or not np.all(np.isfinite(instants)):
+                raise InputError(f"{self.name}: resample at 2 or more finite times")
+            if instants.min() < self.times[0] - margin or instants.max() > self.times[-1] + margin:
+                raise InputError(
+                    f"{self.name}: recorded from {self.times[0]:g} to {self.times[-1]:g} s, "
+                    f"cannot be resampled from {instants.min():g} to {instants.max():g} s"
+                )
+        inside = np.clip(instants, self.times[0], self.times[-1])
+        path = CubicSpline(self.times, self.positions)
+        turn = RotationSpline(self.times, self.rotations)
+        return PoseTrajectory(
+            times=instants,
+            positions=path(inside),
+            rotations=turn(inside),
+            linear_velocities=path(inside, 1),
+            # RotationSpline's rates are in the body frame of the interpolated rotation.
+            angular_velocities=turn(inside).apply(turn(inside, 1)),
+            name=self.name,
+        )
+
+    # ---------------------------------------------------------------- files
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write ``t,x,y,z,qw,qx,qy,qz``; a float read back is the float written."""
+        table = np.column_stack([self.times, self.positions, self.quaternions])
+        text = io.StringIO()
+        text.write(",".join(CSV_COLUMNS) + "\n")
+        for row in table.tolist():
+            text.write(",".join(map(repr, row)) + "\n")
+        return write_beside(path, text.getvalue().encode())
+
+    @classmethod
+    def from_csv(cls, path: str | Path, *, rate: float | None = None) -> PoseTrajectory:
+        """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
+        from noslip.demonstrations.loading import read_csv
+
+        return read_csv(path, rate=rate)
+
+    def to_npz(self, path: str | Path) -> Path:
+        """Write the poses and velocities as NumPy's ``.npz``."""
+        buffer = io.BytesIO()
+        np.savez(
+            buffer,
+            times=self.times,
+            positions=self.positions,
+            quaternions=self.quaternions,
+            linear_velocities=self.linear_velocities,
+            angular_velocities=self.angular_velocities,
+        )
+        return write_beside(path, buffer.getvalue())
+
+    @classmethod
+    def from_npz(cls, path: str | Path) -> PoseTrajectory:
+        """Read an ``.npz`` with times, positions and quaternions (qw, qx, qy, qz)."""
+        from noslip.demonstrations.loading import read_npz
+
+        return read_npz(path)
+
+
+def continuous_quaternions(rotations: Rotation) -> Floats:
+    """Quaternions ``(qw, qx, qy, qz)``, shape (N, 4), each within a quarter sphere of the last."""
+    quaternions = rotations.as_quat(scalar_first=True)
+    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
+    signs = np.concatenate([[1.0], np.cumprod(flips)])
+    return np.ascontiguousarray(quaternions * signs[:, None])
+
+
+def _linear_velocities(trajectory: PoseTrajectory) -> Floats:
+    order = 2 if len(trajectory) > 2 else 1
+    return np.gradient(trajectory.positions, trajectory.times, axis=0, edge_order=order)
+
+
+def _angular_velocities(trajectory: PoseTrajectory) -> Floats:
+    """Second-order estimate: at a sample, the two adjoining steps weighted as np.gradient does."""
+    periods = np.diff(trajectory.times)[:, None]
+    _, steps = trajectory.step_velocities()
+    if len(steps) == 1:
+        return np.repeat(steps, 2, axis=0)
+    before, after = periods[:-1], periods[1:]
+    inner = (after * steps[:-1] + before * steps[1:]) / (before + after)
+    first = steps[0] + (steps[0] - steps[1]) * periods[0] / (periods[0] + periods[1])
+    last = steps[-1] + (steps[-1] - steps[-2]) * periods[-1] / (periods[-1] + periods[-2])
+    return np.concatenate([first[None], inner, last[None]])
