@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip._files import write_beside
+from noslip._pose_files import read_csv, read_npz
 from noslip.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -219,11 +220,9 @@ class PoseTrajectory:
         return write_beside(path, text.getvalue().encode())
 
     @classmethod
-    def from_csv(cls, path: str | Path, *, rate: float | None = None) -> PoseTrajectory:
+    def from_csv(cls, path: str | Path, *, rate: float | None = None) -> Self:
         """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
-        from noslip.demonstrations.loading import read_csv
-
-        return read_csv(path, rate=rate)
+        return cls(**read_csv(path, rate=rate), name=str(path))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write the poses and velocities as NumPy's ``.npz``."""
@@ -239,11 +238,9 @@ class PoseTrajectory:
         return write_beside(path, buffer.getvalue())
 
     @classmethod
-    def from_npz(cls, path: str | Path) -> PoseTrajectory:
+    def from_npz(cls, path: str | Path) -> Self:
         """Read an ``.npz`` with times, positions and quaternions (qw, qx, qy, qz)."""
-        from noslip.demonstrations.loading import read_npz
-
-        return read_npz(path)
+        return cls(**read_npz(path), name=str(path))
 
 
 def continuous_quaternions(rotations: Rotation) -> Floats:
