@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,27 +52,36 @@ class PoseTrajectory:
     times: Floats
     positions: Floats
     rotations: Rotation
-    linear_velocities: Floats = field(default=None)  # type: ignore[assignment]
-    angular_velocities: Floats = field(default=None)  # type: ignore[assignment]
+    linear_velocities: Floats = field(default=None)  # type: ignore[arg-type]
+    angular_velocities: Floats = field(default=None)  # type: ignore[arg-type]
     name: str = "trajectory"
 
     def __post_init__(self) -> None:
         times = self._freeze("times", self.times, ())
         if len(times) < 2:
-            raise InputError(f"{self.name}: a trajectory needs at least 2 samples, got {len(times)}")
+            raise InputError(
+                f"{self.name}: a trajectory needs at least 2 samples, got {len(times)}"
+            )
         if not np.all(np.diff(times) > 0):
             row = int(np.argmin(np.diff(times) > 0)) + 1
             raise InputError(
-                f"{self.name}: times must increase, but sample {row} is at {times[row]:g} s "
-                f"after {times[row - 1]:g} s"
+                f"{self.name}: times must increase, but sample {row} is at {times[row]} s "
+                f"after {times[row - 1]} s"
             )
         self._freeze("positions", self.positions, (3,))
-        if len(self.rotations) != len(times):
+        if not isinstance(self.rotations, Rotation):
             raise InputError(
-                f"{self.name}: {len(times)} times but {len(self.rotations)} rotations"
+                f"{self.name}: rotations must be a SciPy Rotation, "
+                f"got {type(self.rotations).__name__}"
             )
-        if not np.all(np.isfinite(self.rotations.as_quat())):
+        quaternions = self.rotations.as_quat()
+        if quaternions.shape != (len(times), 4):
+            count = len(quaternions) if quaternions.ndim == 2 else "not a row of"
+            raise InputError(f"{self.name}: {len(times)} times but {count} rotations")
+        if not np.all(np.isfinite(quaternions)):
             raise InputError(f"{self.name}: rotations hold a number that is not finite")
+        # Rotations can be assigned to by index; what the caller does to theirs must stay theirs.
+        object.__setattr__(self, "rotations", copy.deepcopy(self.rotations))
         if self.linear_velocities is None:
             object.__setattr__(self, "linear_velocities", _linear_velocities(self))
         if self.angular_velocities is None:
@@ -81,7 +91,10 @@ class PoseTrajectory:
 
     def _freeze(self, name: str, value: ArrayLike, columns: tuple[int, ...]) -> Floats:
         """Store a read-only float copy of a field whose first axis is time."""
-        array = np.array(value, dtype=np.float64)
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.name}: {name} is not an array of numbers: {error}") from error
         samples = array.shape[0] if array.ndim else 0
         expected = (samples if name == "times" else len(self.times), *columns)
         if array.shape != expected:
@@ -123,7 +136,12 @@ class PoseTrajectory:
     def is_uniform(self) -> bool:
         """Whether all samples are the same time apart (to a millionth)."""
         periods = np.diff(self.times)
-        return bool(np.ptp(periods) <= UNIFORM_TOLERANCE * periods.mean())
+        return bool(np.ptp(periods) <= UNIFORM_TOLERANCE * periods.mean() + 4 * self._rounding)
+
+    @property
+    def _rounding(self) -> float:
+        """Distance between neighbouring floats at the times; 0.2 us for stamps since 1970."""
+        return float(np.spacing(np.abs(self.times).max()))
 
     @property
     def quaternions(self) -> Floats:
@@ -177,7 +195,7 @@ class PoseTrajectory:
         if rate is not None:
             if not (np.isfinite(rate) and rate > 0):
                 raise InputError(f"{self.name}: rate must be positive, got {rate:g}")
-            count = int(np.floor(self.duration * rate * (1 + 1e-12) + 1e-9))
+            count = int(np.floor((self.duration + 2 * self._rounding) * rate * (1 + 1e-12) + 1e-9))
             if count < 1:
                 raise InputError(
                     f"{self.name}: {rate:g} samples per second leave fewer than 2 samples "
@@ -252,8 +270,9 @@ def continuous_quaternions(rotations: Rotation) -> Floats:
 
 
 def _linear_velocities(trajectory: PoseTrajectory) -> Floats:
-    order = 2 if len(trajectory) > 2 else 1
-    return np.gradient(trajectory.positions, trajectory.times, axis=0, edge_order=order)
+    order: Literal[1, 2] = 2 if len(trajectory) > 2 else 1
+    slopes = np.gradient(trajectory.positions, trajectory.times, axis=0, edge_order=order)
+    return np.asarray(slopes, dtype=np.float64)
 
 
 def _angular_velocities(trajectory: PoseTrajectory) -> Floats:

@@ -1,0 +1,43 @@
+"""A blade moves along its edge and may plunge, but never slides sideways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from noslip.constraints.declaration import Constraint, Level, Motion, axis_index
+from noslip.errors import ConstraintError
+from noslip.rotations import Expression
+
+
+@dataclass(frozen=True)
+class Blade(Constraint):
+    """The paper's constraint ``(R y_b) . dp/dt = 0`` (eq. 15): no velocity across the blade.
+
+    Non-holonomic: it forbids a direction of motion, not a place.
+
+    Parameters
+    ----------
+    lateral : str
+        The body axis across the blade, which must not move.
+    edge : str
+        The body axis that leads the cut; ``"-x"`` for a tool recorded backwards.  The constraint
+        itself does not depend on it: it tells which of the two ways round the blade faces.
+    """
+
+    lateral: str = "y"
+    edge: str = "x"
+    name: str = "blade"
+    level: Level = "velocity"
+
+    def __post_init__(self) -> None:
+        if axis_index(self.lateral)[0] == axis_index(self.edge)[0]:
+            raise ConstraintError(
+                f"blade: the lateral axis and the edge must differ, both are {self.edge!r}"
+            )
+
+    def residual(self, motion: Motion) -> Expression:
+        """Lateral speed (m/s)."""
+        index, sign = axis_index(self.lateral)
+        return sign * ca.dot(motion.rotation[:, index], motion.linear_velocity)

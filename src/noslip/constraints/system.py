@@ -1,0 +1,170 @@
+"""Several constraints as one stacked system, in the forms that the projections need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from noslip.constraints.declaration import Constraint, evaluate
+from noslip.errors import ConstraintError
+from noslip.rotations import Expression, quaternion_product
+
+Floats = NDArray[np.float64]
+
+
+class ConstraintSystem:
+    """Constraints stacked row by row: velocity- and position-level ones in the order given.
+
+    Parameters
+    ----------
+    constraints : Constraint or iterable of them
+        May be empty.
+
+    Raises
+    ------
+    ConstraintError
+        If one is not a constraint, or its declaration is wrong; the message names it.
+    """
+
+    def __init__(self, constraints: Constraint | Iterable[Constraint] = ()) -> None:
+        if isinstance(constraints, Constraint):
+            constraints = (constraints,)
+        self.constraints: tuple[Constraint, ...] = tuple(constraints)
+        for constraint in self.constraints:
+            if not isinstance(constraint, Constraint):
+                hint = "; call it: Blade()" if isinstance(constraint, type) else ""
+                raise ConstraintError(
+                    f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
+                )
+        t, p, q, v, w = state = _state_symbols()
+        columns = [evaluate(constraint, *state) for constraint in self.constraints]
+        self.rows: tuple[int, ...] = tuple(column.shape[0] for column in columns)
+        self.function = ca.Function("residual", [t, p, q, v, w], [ca.vertcat(ca.SX(0, 1), *columns)])
+
+    @property
+    def size(self) -> int:
+        """Number of rows, all constraints together."""
+        return sum(self.rows)
+
+    @cached_property
+    def row_is_velocity(self) -> NDArray[np.bool_]:
+        """For each row, whether it stems from a velocity-level constraint."""
+        return np.repeat([c.level == "velocity" for c in self.constraints], self.rows).astype(bool)
+
+    @cached_property
+    def row_names(self) -> list[str]:
+        """For each row, the constraint's name, numbered where a constraint has several rows."""
+        return [
+            constraint.name if rows == 1 else f"{constraint.name} [{row}]"
+            for constraint, rows in zip(self.constraints, self.rows, strict=True)
+            for row in range(rows)
+        ]
+
+    def residual(self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression) -> Expression:
+        """Stacked residual as an expression of other expressions."""
+        return self.function(t, p, q, v, w)
+
+    def residuals(
+        self,
+        times: ArrayLike,
+        positions: ArrayLike,
+        quaternions: ArrayLike,
+        linear_velocities: ArrayLike,
+        angular_velocities: ArrayLike,
+    ) -> Floats:
+        """Residuals of many instants, shape (N, m); arguments have time first."""
+        count = len(np.atleast_1d(times))
+        if self.size == 0:
+            return np.zeros((count, 0))
+        arguments = (
+            np.asarray(a, dtype=np.float64).reshape(count, -1).T
+            for a in (times, positions, quaternions, linear_velocities, angular_velocities)
+        )
+        return np.array(self.function.map(count)(*arguments)).T.reshape(count, self.size)
+
+    def first_order(self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression) -> Expression:
+        """Rows as conditions on velocities: phi itself, and d psi/dt for position level."""
+        value = self.residual(t, p, q, v, w)
+        rate = _time_derivative(value, t, p, q, v, w)
+        return ca.vertcat(
+            ca.SX(0, 1),
+            *(value[i] if is_velocity else rate[i] for i, is_velocity in enumerate(self.row_is_velocity)),
+        )
+
+    @cached_property
+    def _acceleration_form(self) -> ca.Function:
+        t, p, q, v, w = state = _state_symbols()
+        kappa, zeta = ca.SX.sym("kappa"), ca.SX.sym("zeta")
+        value = self.residual(*state)
+        phi = self.first_order(*state)
+        drift = _time_derivative(phi, *state)
+        A = ca.jacobian(phi, ca.vertcat(v, w))
+        pull = [
+            kappa * value[i]
+            if is_velocity
+            else 2 * zeta * kappa * phi[i] + kappa**2 * value[i]
+            for i, is_velocity in enumerate(self.row_is_velocity)
+        ]
+        b = -drift - ca.vertcat(ca.SX(0, 1), *pull)
+        return ca.Function("acceleration_form", [t, p, q, v, w, kappa, zeta], [ca.densify(A), b])
+
+    def acceleration_form(
+        self,
+        time: float,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        linear_velocity: ArrayLike,
+        angular_velocity: ArrayLike,
+        *,
+        stabilization: float = 0.0,
+        damping_ratio: float = 1.0,
+    ) -> tuple[Floats, Floats]:
+        """A and b of the Udwadia-Kalaba form ``A a = b`` (the paper's eq. 13).
+
+        ``b = -d(phi)/dt at a = 0, - kappa phi`` at velocity level, and
+        ``- 2 zeta kappa d(psi)/dt - kappa^2 psi`` at position level (Baumgarte).
+
+        Parameters
+        ----------
+        stabilization : float
+            kappa (1/s): how fast a violation decays; 0 leaves it.
+        damping_ratio : float
+            zeta, position level only.
+
+        Returns
+        -------
+        A : array, shape (m, 6)
+            Columns: linear, then angular acceleration, world frame.
+        b : array, shape (m,)
+        """
+        A, b = self._acceleration_form(
+            time, position, quaternion, linear_velocity, angular_velocity,
+            stabilization, damping_ratio,
+        )
+        return np.array(A).reshape(self.size, 6), np.array(b).reshape(self.size)
+
+
+def as_system(constraints: ConstraintSystem | Constraint | Sequence[Constraint]) -> ConstraintSystem:
+    """Return the constraints as a system; a system passes through."""
+    if isinstance(constraints, ConstraintSystem):
+        return constraints
+    return ConstraintSystem(constraints)
+
+
+def _state_symbols() -> tuple[Expression, ...]:
+    return (
+        ca.SX.sym("t"), ca.SX.sym("p", 3), ca.SX.sym("q", 4), ca.SX.sym("v", 3), ca.SX.sym("w", 3),
+    )
+
+
+def _time_derivative(
+    value: Expression, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression
+) -> Expression:
+    """d/dt of an expression along the motion, with both accelerations zero."""
+    q_rate = 0.5 * quaternion_product(ca.vertcat(0, w), q)
+    where = ca.vertcat(t, p, q)
+    return ca.jtimes(value, where, ca.vertcat(1, v, q_rate))

@@ -1,0 +1,73 @@
+"""The learned part of a movement primitive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from noslip.errors import InputError
+from noslip.primitives.basis import Basis
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ForcingTerm:
+    """``f(s) = sum psi_i(s) theta_i s / sum psi_i(s)`` (the paper's eq. 3).
+
+    Parameters
+    ----------
+    basis : Basis
+    weights : array, shape (basis.count, d)
+        theta, one column a dimension; metres or radians (time normalised by the duration).
+    """
+
+    basis: Basis
+    weights: Floats
+
+    def __post_init__(self) -> None:
+        weights = np.array(self.weights, dtype=np.float64)
+        if weights.ndim != 2 or weights.shape[0] != self.basis.count:
+            raise InputError(
+                f"forcing term: weights have shape {weights.shape}, expected "
+                f"({self.basis.count}, dimensions)"
+            )
+        if not np.all(np.isfinite(weights)):
+            raise InputError("forcing term: a weight is not finite")
+        weights.flags.writeable = False
+        object.__setattr__(self, "weights", weights)
+
+    def __call__(self, phases: Floats) -> Floats:
+        """Force at each phase, shape (N, d)."""
+        return self.basis.activations(np.atleast_1d(phases)) @ self.weights
+
+    @classmethod
+    def fit(
+        cls,
+        basis: Basis,
+        activations: Sequence[Floats],
+        forces: Sequence[Floats],
+        *,
+        ridge: float = 1e-6,
+    ) -> ForcingTerm:
+        """Fit the weights by ridge regression to one or several demonstrations' forces.
+
+        Parameters
+        ----------
+        activations : sequence of arrays, shape (N_i, basis.count)
+        forces : sequence of arrays, shape (N_i, d)
+        ridge : float
+            Relative to the mean diagonal of the normal matrix, so that it means the same for any
+            number of samples.
+        """
+        normal = np.zeros((basis.count, basis.count))
+        moment = np.zeros((basis.count, forces[0].shape[1]))
+        for a, f in zip(activations, forces, strict=True):
+            normal += a.T @ a
+            moment += a.T @ f
+        normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
+        return cls(basis, cho_solve(cho_factor(normal), moment))

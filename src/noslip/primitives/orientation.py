@@ -1,0 +1,90 @@
+"""Orientation as a movement primitive on SO(3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip.primitives.attractor import Attractor
+from noslip.primitives.basis import Basis
+from noslip.primitives.forcing import ForcingTerm
+from noslip.primitives.winding import Winding
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OrientationDMP:
+    """``tau^2 w' = alpha (beta Log(R_g R^T) - tau w) + f_q(s)`` (the paper's eq. 4).
+
+    Attributes
+    ----------
+    attractor : Attractor
+    forcing : ForcingTerm
+        In radians, time normalised by the duration, world frame.
+    start : Rotation
+    winding : Winding
+        R_g, or what leads to it where the demonstration turns beyond half a turn.
+    start_velocity : array, shape (3,)
+        Angular velocity, radians per duration, world frame.
+    """
+
+    attractor: Attractor
+    forcing: ForcingTerm
+    start: Rotation
+    winding: Winding
+    start_velocity: Floats
+
+    @classmethod
+    def fit(
+        cls,
+        attractor: Attractor,
+        basis: Basis,
+        rotations: Sequence[Rotation],
+        start_velocities: Sequence[Floats],
+        *,
+        ridge: float = 1e-6,
+    ) -> OrientationDMP:
+        """Learn from demonstrations sampled uniformly over the motion.
+
+        Parameters
+        ----------
+        rotations : sequence of Rotation, length N_i
+        start_velocities : sequence of arrays, shape (3,)
+            Radians per duration.
+        """
+        goal = Rotation.concatenate([turning[-1] for turning in rotations]).mean()
+        winding = Winding.around(goal * rotations[0][-1].inv() * rotations[0])
+        activations, forces = [], []
+        for turning in rotations:
+            count = len(turning)
+            fraction = 1.0 / (count - 1)
+            steps = (turning[1:] * turning[:-1].inv()).as_rotvec() / fraction
+            leading = winding.at(np.arange(1, count - 1) * fraction, turning[-1])
+            error = (leading * turning[1:-1].inv()).as_rotvec()
+            # The inverse step wants targets; rotations have them relative to the sample itself.
+            pull = attractor.demonstrated_target(np.zeros((count, 3)), steps, fraction)
+            activations.append(
+                basis.stepping_activations(fraction, count - 2, fraction, attractor.alpha)
+            )
+            forces.append(attractor.stiffness * (pull - error))
+        return cls(
+            attractor,
+            ForcingTerm.fit(basis, activations, forces, ridge=ridge),
+            Rotation.concatenate([turning[0] for turning in rotations]).mean(),
+            winding,
+            np.mean(np.atleast_2d(start_velocities), axis=0),
+        )
+
+    @property
+    def goal(self) -> Rotation:
+        """Where the demonstrations end (mean)."""
+        return self.winding.goal
+
+    def offsets(self, activations: Floats) -> Floats:
+        """``f / (alpha beta)`` in radians, shape (N, 3): what the force adds to the logarithm."""
+        return activations @ (self.forcing.weights / self.attractor.stiffness)

@@ -1,0 +1,28 @@
+"""The clock of a movement primitive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """``tau ds/dt = -alpha_s s`` with tau the duration (the paper's eq. 2).
+
+    The phase runs from 1 to ``exp(-alpha_s)`` over the motion, whatever its duration.
+    """
+
+    alpha_s: float = 1.0
+
+    def at(self, fraction: Floats | float) -> Floats:
+        """Phase at a fraction ``t / duration`` of the motion."""
+        return np.exp(-self.alpha_s * np.asarray(fraction, dtype=np.float64))
+
+    def decay(self, fraction: float) -> float:
+        """Factor by which the phase shrinks over a fraction of the duration; exact."""
+        return float(np.exp(-self.alpha_s * fraction))

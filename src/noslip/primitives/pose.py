@@ -1,0 +1,409 @@
+"""Position and orientation together: the primitive of a tool's pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip.errors import InputError
+from noslip.primitives.attractor import Attractor
+from noslip.primitives.basis import Basis
+from noslip.primitives.orientation import OrientationDMP
+from noslip.primitives.phase import Phase
+from noslip.primitives.position import PositionDMP
+from noslip.primitives.stepping import Stepper, step_table
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+SAMPLES_PER_BASIS_FUNCTION = 5
+"""A demonstration with fewer samples is splined to this many before fitting."""
+FEWEST_STEPS = 200
+"""A rollout takes at least this many steps unless told otherwise."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class State:
+    """Everything that a primitive in motion knows; immutable, each step gives a new one.
+
+    Attributes
+    ----------
+    time : float
+        Since the start (s).
+    phase : float
+        From 1 down to ``exp(-alpha_s)`` at the end.
+    position : array, shape (3,)
+        Metres.
+    rotation : Rotation
+    linear_velocity, angular_velocity : array, shape (3,)
+        Of the step that led here (at the start: of that instant); m/s and rad/s, world frame.
+    previous_step : float
+        Length of that step (s); 0 at the start.
+    duration : float
+        tau (s).
+    goal_position : array, shape (3,)
+    goal_rotation : Rotation
+    constraint_residuals, multipliers : array, shape (m,)
+    constraint_forces : array, shape (6,)
+        What the constraints added to the acceleration of that step (m/s^2, rad/s^2).
+    """
+
+    time: float
+    phase: float
+    position: Floats
+    rotation: Rotation
+    linear_velocity: Floats
+    angular_velocity: Floats
+    previous_step: float
+    duration: float
+    goal_position: Floats
+    goal_rotation: Rotation
+    constraint_residuals: Floats = field(default_factory=lambda: np.zeros(0))
+    multipliers: Floats = field(default_factory=lambda: np.zeros(0))
+    constraint_forces: Floats = field(default_factory=lambda: np.zeros(6))
+
+    def vector(self) -> Floats:
+        """Pose and velocities as the stepper's state vector."""
+        return np.concatenate(
+            [
+                self.position,
+                self.rotation.as_quat(scalar_first=True),
+                self.linear_velocity,
+                self.angular_velocity,
+            ]
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ConstrainedMotion(PoseTrajectory):
+    """A rolled-out motion and what the constraints did to it.
+
+    ``linear_velocities[k]`` and ``angular_velocities[k]`` belong to the step that led to sample k,
+    so that ``positions[k+1] == positions[k] + dt * linear_velocities[k+1]``.
+
+    Attributes
+    ----------
+    constraint_residuals : array, shape (N, m)
+        m/s, or the constraint's own unit; one column a row of the constraints.
+    multipliers : array, shape (N, m)
+        Lagrange multipliers lambda of the accelerations.
+    constraint_forces : array, shape (N, 6)
+        ``a - a_unconstrained``: linear (m/s^2), then angular (rad/s^2), world frame.
+    constraint_names : tuple of str
+        One a column.
+    """
+
+    constraint_residuals: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    constraint_forces: Floats = field(default_factory=lambda: np.zeros((0, 6)))
+    constraint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        rows = len(self.constraint_names)
+        self._freeze("constraint_residuals", self.constraint_residuals, (rows,))
+        self._freeze("multipliers", self.multipliers, (rows,))
+        self._freeze("constraint_forces", self.constraint_forces, (6,))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDMP:
+    """A pose primitive without coupling: position and orientation driven by one phase.
+
+    Attributes
+    ----------
+    position : PositionDMP
+    orientation : OrientationDMP
+    phase : Phase
+    duration : float
+        Demonstrated (mean), seconds: the default tau.
+    steps : int
+        Steps of a rollout by default: the demonstration's own, 200 or more.
+    """
+
+    position: PositionDMP
+    orientation: OrientationDMP
+    phase: Phase
+    duration: float
+    steps: int
+
+    # ---------------------------------------------------------------- learning
+
+    @classmethod
+    def fit(
+        cls,
+        demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+        *,
+        basis_functions: int = 100,
+        alpha: float = 25.0,
+        beta: float = 6.25,
+        alpha_s: float = 1.0,
+        ridge: float = 1e-6,
+    ) -> PoseDMP:
+        """Fit one primitive to one demonstration or several, by ridge regression.
+
+        Each demonstration is taken over its own duration and to its own goal; the primitive gets
+        their mean start, goal and duration.
+
+        Parameters
+        ----------
+        demonstrations : PoseTrajectory or several
+            Any rate and start time; irregular ones are splined to their median rate, short ones
+            to 5 samples a basis function.
+        basis_functions : int
+        alpha, beta, alpha_s : float
+            The paper's constants, 25, 6.25 and 1 by default.
+        ridge : float
+            Regularisation, relative to the basis functions' mean square.
+
+        Raises
+        ------
+        InputError
+            If there is no demonstration or a constant is out of range.
+        """
+        recorded = as_demonstrations(demonstrations)
+        if basis_functions < 1:
+            raise InputError(f"basis_functions must be 1 or more, got {basis_functions}")
+        if not (np.isfinite(ridge) and ridge >= 0):
+            raise InputError(f"ridge must be 0 or more, got {ridge}")
+        if not (np.isfinite(alpha_s) and alpha_s > 0):
+            raise InputError(f"alpha_s must be positive, got {alpha_s}")
+        phase = Phase(alpha_s)
+        basis = Basis(int(basis_functions), phase)
+        attractor = Attractor(alpha, beta)
+        sampled = [evenly_sampled(d, basis_functions) for d in recorded]
+        durations = [d.duration for d in recorded]
+        return cls(
+            PositionDMP.fit(
+                attractor,
+                basis,
+                [d.positions for d in sampled],
+                [d.linear_velocities[0] * d.duration for d in sampled],
+                ridge=ridge,
+            ),
+            OrientationDMP.fit(
+                attractor,
+                basis,
+                [d.rotations for d in sampled],
+                [d.angular_velocities[0] * d.duration for d in sampled],
+                ridge=ridge,
+            ),
+            phase,
+            float(np.mean(durations)),
+            default_steps(recorded[0]),
+        )
+
+    # ---------------------------------------------------------------- motion
+
+    def rollout(
+        self,
+        *,
+        goal_position: ArrayLike | None = None,
+        goal_rotation: Rotation | None = None,
+        start_position: ArrayLike | None = None,
+        start_rotation: Rotation | None = None,
+        duration: float | None = None,
+        time_step: float | None = None,
+    ) -> ConstrainedMotion:
+        """Integrate the primitive from its start to the end of its duration.
+
+        Parameters
+        ----------
+        goal_position, start_position : array, shape (3,), optional
+            Metres; the demonstrated ones by default.
+        goal_rotation, start_rotation : Rotation, optional
+        duration : float, optional
+            tau (s).  The motion keeps its shape; only its speed changes.
+        time_step : float, optional
+            Seconds.  By default the motion has as many samples as the demonstration (200 or more),
+            whatever its duration.  If the duration is no multiple of it, the last sample lies
+            beyond the duration by less than a step.
+
+        Returns
+        -------
+        ConstrainedMotion
+            ``times`` start at 0.
+        """
+        state = self.initial_state(
+            goal_position=goal_position,
+            goal_rotation=goal_rotation,
+            start_position=start_position,
+            start_rotation=start_rotation,
+            duration=duration,
+        )
+        if time_step is None:
+            steps = self.steps
+            time_step = state.duration / steps
+        else:
+            time_step = _positive("time_step", time_step)
+            steps = max(1, int(np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)))
+        states, outputs = self._stepper.run(state.vector(), self._table(state, steps, time_step))
+        rows = self._stepper.rows
+        states = np.concatenate([state.vector()[None], states])
+        first = np.concatenate([state.constraint_residuals, np.zeros(rows + 6)])
+        outputs = np.concatenate([first[None], outputs])
+        # The acceleration of the first sample is that of the step which leaves it.
+        outputs[0, rows:] = outputs[1, rows:]
+        return ConstrainedMotion(
+            times=np.arange(steps + 1) * time_step,
+            positions=states[:, 0:3],
+            rotations=Rotation.from_quat(states[:, 3:7], scalar_first=True),
+            linear_velocities=states[:, 7:10],
+            angular_velocities=states[:, 10:13],
+            constraint_residuals=outputs[:, :rows],
+            multipliers=outputs[:, rows : 2 * rows],
+            constraint_forces=outputs[:, 2 * rows :],
+            constraint_names=self._constraint_names,
+            name="rollout",
+        )
+
+    def initial_state(
+        self,
+        *,
+        goal_position: ArrayLike | None = None,
+        goal_rotation: Rotation | None = None,
+        start_position: ArrayLike | None = None,
+        start_rotation: Rotation | None = None,
+        duration: float | None = None,
+    ) -> State:
+        """Return the state to :meth:`step` from; the arguments are those of :meth:`rollout`."""
+        tau = self.duration if duration is None else _positive("duration", duration)
+        return State(
+            time=0.0,
+            phase=1.0,
+            position=_vector("start_position", start_position, self.position.start),
+            rotation=_rotation("start_rotation", start_rotation, self.orientation.start),
+            linear_velocity=self.position.start_velocity / tau,
+            angular_velocity=self.orientation.start_velocity / tau,
+            previous_step=0.0,
+            duration=tau,
+            goal_position=_vector("goal_position", goal_position, self.position.goal),
+            goal_rotation=_rotation("goal_rotation", goal_rotation, self.orientation.goal),
+        )
+
+    def step(self, state: State, time_step: float) -> State:
+        """Carry a state over one time step (s); the same motion as :meth:`rollout`.
+
+        Steps may differ in length.
+        """
+        time_step = _positive("time_step", time_step)
+        states, outputs = self._stepper.run(state.vector(), self._table(state, 1, time_step))
+        vector, rows = states[0], self._stepper.rows
+        return replace(
+            state,
+            time=state.time + time_step,
+            phase=state.phase * self.phase.decay(time_step / state.duration),
+            position=vector[0:3],
+            rotation=Rotation.from_quat(vector[3:7], scalar_first=True),
+            linear_velocity=vector[7:10],
+            angular_velocity=vector[10:13],
+            previous_step=time_step,
+            constraint_residuals=outputs[0, :rows],
+            multipliers=outputs[0, rows : 2 * rows],
+            constraint_forces=outputs[0, 2 * rows :],
+        )
+
+    # ---------------------------------------------------------------- inside
+
+    @cached_property
+    def _stepper(self) -> Stepper:
+        return _UNCOUPLED
+
+    @property
+    def _constraint_names(self) -> tuple[str, ...]:
+        return ()
+
+    def _table(self, state: State, steps: int, time_step: float) -> Floats:
+        """Everything about the coming steps that depends on the phase alone."""
+        basis, tau = self.position.forcing.basis, state.duration
+        begin = -np.log(state.phase) / self.phase.alpha_s if state.previous_step else 0.0
+        fractions = begin + np.arange(steps) * (time_step / tau)
+        activations = basis.stepping_activations(
+            begin, steps, time_step / tau, self.position.attractor.alpha
+        )
+        kicks = np.full(steps, time_step)
+        kicks[0] = (state.previous_step + time_step) / 2
+        product, gain = self.position.attractor.factors(kicks / tau)
+        table, column = step_table(steps)
+        column["time_step"][:] = time_step
+        column["kick"][:] = kicks
+        column["previous_step"][:] = time_step
+        column["previous_step"][0] = state.previous_step
+        column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
+        column["decay"][:] = product
+        column["gain"][:] = gain / kicks
+        column["position_target"][:] = state.goal_position + self.position.offsets(activations)
+        leading = self.orientation.winding.at(fractions, state.goal_rotation)
+        column["rotation_goal"][:] = leading.as_quat(scalar_first=True)
+        column["rotation_offset"][:] = self.orientation.offsets(activations)
+        return table
+
+
+_UNCOUPLED = Stepper()
+
+
+def as_demonstrations(
+    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+) -> list[PoseTrajectory]:
+    """Return a list of demonstrations, checked."""
+    if isinstance(demonstrations, PoseTrajectory):
+        return [demonstrations]
+    recorded = list(demonstrations)
+    for item in recorded:
+        if not isinstance(item, PoseTrajectory):
+            raise InputError(
+                f"demonstrations are PoseTrajectory objects, got {type(item).__name__}; "
+                "read files with load_demonstrations"
+            )
+    if not recorded:
+        raise InputError("no demonstration given; at least one is needed")
+    return recorded
+
+
+def evenly_sampled(demonstration: PoseTrajectory, basis_functions: int) -> PoseTrajectory:
+    """Return a demonstration with uniform samples, enough of them for the basis functions.
+
+    The first and the last sample stay where they are.
+    """
+    fewest = SAMPLES_PER_BASIS_FUNCTION * basis_functions + 1
+    if demonstration.is_uniform and len(demonstration) >= fewest:
+        return demonstration
+    intervals = round(demonstration.duration / demonstration.period)
+    count = max(intervals + 1, len(demonstration), fewest)
+    times = np.linspace(demonstration.times[0], demonstration.times[-1], count)
+    return demonstration.resampled(times=times)
+
+
+def default_steps(demonstration: PoseTrajectory) -> int:
+    """Return the demonstration's own number of steps, multiplied until there are enough."""
+    own = max(1, round(demonstration.duration / demonstration.period))
+    return own * -(-FEWEST_STEPS // own)
+
+
+def _positive(name: str, value: float) -> float:
+    number = float(value)
+    if not (np.isfinite(number) and number > 0):
+        raise InputError(f"{name} must be a positive number of seconds, got {value}")
+    return number
+
+
+def _vector(name: str, value: ArrayLike | None, default: Floats) -> Floats:
+    if value is None:
+        return default
+    vector = np.array(value, dtype=np.float64)
+    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+        raise InputError(f"{name} must be 3 finite numbers (m), got {value}")
+    return vector
+
+
+def _rotation(name: str, value: Rotation | None, default: Rotation) -> Rotation:
+    if value is None:
+        return default
+    if not isinstance(value, Rotation) or not value.single:
+        raise InputError(f"{name} must be a single scipy Rotation, got {value!r}")
+    return value

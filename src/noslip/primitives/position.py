@@ -1,0 +1,79 @@
+"""Position as a movement primitive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noslip.primitives.attractor import Attractor
+from noslip.primitives.basis import Basis
+from noslip.primitives.forcing import ForcingTerm
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PositionDMP:
+    """``tau^2 p'' = alpha (beta (p_g - p) - tau p') + f_p(s)`` (the paper's eq. 1).
+
+    There is no goal scaling: a new goal shifts the attractor, the learned force stays, so a goal
+    equal to the start is like any other.
+
+    Attributes
+    ----------
+    attractor : Attractor
+    forcing : ForcingTerm
+        In metres, time normalised by the duration.
+    start, goal : array, shape (3,)
+        Demonstrated, metres.
+    start_velocity : array, shape (3,)
+        Metres per duration.
+    """
+
+    attractor: Attractor
+    forcing: ForcingTerm
+    start: Floats
+    goal: Floats
+    start_velocity: Floats
+
+    @classmethod
+    def fit(
+        cls,
+        attractor: Attractor,
+        basis: Basis,
+        positions: Sequence[Floats],
+        start_velocities: Sequence[Floats],
+        *,
+        ridge: float = 1e-6,
+    ) -> PositionDMP:
+        """Learn from demonstrations sampled uniformly over the motion.
+
+        Parameters
+        ----------
+        positions : sequence of arrays, shape (N_i, 3)
+            From the first sample of a demonstration to its last, metres.
+        start_velocities : sequence of arrays, shape (3,)
+            Metres per duration.
+        """
+        activations, forces = [], []
+        for path in positions:
+            fraction = 1.0 / (len(path) - 1)
+            target = attractor.demonstrated_target(path, np.diff(path, axis=0) / fraction, fraction)
+            activations.append(
+                basis.stepping_activations(fraction, len(path) - 2, fraction, attractor.alpha)
+            )
+            forces.append(attractor.stiffness * (target - path[-1]))
+        return cls(
+            attractor,
+            ForcingTerm.fit(basis, activations, forces, ridge=ridge),
+            np.mean([path[0] for path in positions], axis=0),
+            np.mean([path[-1] for path in positions], axis=0),
+            np.mean(np.atleast_2d(start_velocities), axis=0),
+        )
+
+    def offsets(self, activations: Floats) -> Floats:
+        """``f / (alpha beta)`` in metres, shape (N, 3): what the force adds to the goal."""
+        return activations @ (self.forcing.weights / self.attractor.stiffness)

@@ -1,0 +1,84 @@
+"""Rotations beyond half a turn: the goal that the orientation is drawn to, along the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from noslip.errors import InputError
+from noslip.trajectory import continuous_quaternions
+
+Floats = NDArray[np.float64]
+
+FARTHEST_FROM_GOAL = 0.75 * np.pi
+"""Beyond this angle to a fixed goal the logarithm comes near its jump at pi."""
+FARTHEST_FROM_WINDING = 0.4 * np.pi
+_MOST_KNOTS = 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class Winding:
+    """W(t / duration): the rotation that plays the goal's part in ``Log(R_g R^T)``.
+
+    The logarithm of eq. 7 knows only angles up to pi, so an attractor to a fixed goal cannot tell
+    a turn and a half from half a turn back.  A demonstration that stays within 135 degrees of its
+    goal has the fixed goal of the paper (one knot); one that turns farther has a goal that leads
+    it there, a spline through few of its own rotations.  A new goal turns all of it alike.
+
+    Parameters
+    ----------
+    quaternions : array, shape (K, 4)
+        Knots (qw, qx, qy, qz), evenly spaced in time; the last is the goal.
+    """
+
+    quaternions: Floats
+
+    def __post_init__(self) -> None:
+        quaternions = np.array(self.quaternions, dtype=np.float64)
+        if quaternions.ndim != 2 or quaternions.shape[1] != 4 or not np.isfinite(quaternions).all():
+            raise InputError("winding: knots are finite quaternions, shape (K, 4)")
+        quaternions.flags.writeable = False
+        object.__setattr__(self, "quaternions", quaternions)
+
+    @classmethod
+    def around(cls, rotations: Rotation) -> Winding:
+        """Fewest knots, in powers of two, that keep the logarithm away from its jump."""
+        if (rotations[-1] * rotations.inv()).magnitude().max() <= FARTHEST_FROM_GOAL:
+            return cls(continuous_quaternions(rotations[-1:]))
+        fractions = np.linspace(0.0, 1.0, len(rotations))
+        intervals = 2
+        while intervals <= min(_MOST_KNOTS, len(rotations) - 1):
+            knots = rotations[np.round(np.linspace(0, len(rotations) - 1, intervals + 1)).astype(int)]
+            winding = cls(continuous_quaternions(knots))
+            steps = (knots[1:] * knots[:-1].inv()).magnitude()
+            distances = (winding.at(fractions) * rotations.inv()).magnitude()
+            if max(steps.max(), distances.max()) <= FARTHEST_FROM_WINDING:
+                return winding
+            intervals *= 2
+        raise InputError(
+            "the tool turns by more than 70 degrees between samples: too fast to tell which way; "
+            "record at a higher rate"
+        )
+
+    @property
+    def goal(self) -> Rotation:
+        """Where it ends."""
+        return Rotation.from_quat(self.quaternions[-1], scalar_first=True)
+
+    @cached_property
+    def _spline(self) -> RotationSpline:
+        knots = Rotation.from_quat(self.quaternions, scalar_first=True)
+        return RotationSpline(np.linspace(0.0, 1.0, len(self.quaternions)), knots)
+
+    def at(self, fractions: Floats, goal: Rotation | None = None) -> Rotation:
+        """W at fractions of the duration, led to another goal if one is given."""
+        count = len(fractions)
+        if len(self.quaternions) == 1:
+            rotations = Rotation.from_quat(np.repeat(self.quaternions, count, 0), scalar_first=True)
+        else:
+            rotations = self._spline(np.clip(fractions, 0.0, 1.0))
+        return rotations if goal is None else goal * self.goal.inv() * rotations

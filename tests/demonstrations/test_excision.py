@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+
+from noslip.demonstrations import excision
+from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
+from noslip.demonstrations.preparation import apply_tool_frame, prepare
+from noslip.errors import InputError
+
+OUTLIER = 5
+
+
+@pytest.fixture(scope="module")
+def excisions():
+    return synthetic_excisions()
+
+
+@pytest.fixture(scope="module")
+def cuts(excisions):
+    """The blade's motion, prepared as the paper does."""
+    return [
+        prepare(
+            recording,
+            tool_frame=TOOL_FRAME,
+            trim_speed=0.005,
+            rate=120,
+            lowpass=4.8,
+            relative=True,
+        )
+        for recording in excisions
+    ]
+
+
+def body_velocities(cut):
+    # The copy is for SciPy 1.17, whose rotations reject read-only arrays.
+    return cut.rotations.inv().apply(cut.linear_velocities.copy())
+
+
+def test_tool_frame_is_the_papers_in_metres():
+    np.testing.assert_array_equal(TOOL_FRAME[:3, 3], [0.052, 0, 0.013])
+    np.testing.assert_array_equal(TOOL_FRAME[:3, :3], np.eye(3))
+    assert not TOOL_FRAME.flags.writeable
+
+
+def test_recordings_are_labelled_synthetic(excisions):
+    assert [r.name for r in excisions] == [f"synthetic excision {k}" for k in range(1, 9)]
+    assert "Synthetic" in excision.__doc__
+
+
+def test_recordings_look_like_a_trackers(excisions):
+    for recording in excisions:
+        assert recording.is_uniform
+        assert recording.period == pytest.approx(1 / 120)
+        assert recording.times[0] > 1
+        assert 3.6 <= recording.duration <= 7
+        assert np.linalg.norm(recording.positions[0]) > 0.2
+
+
+def test_a_seed_gives_the_same_recordings_whatever_their_number(excisions):
+    for again, recording in zip(synthetic_excisions(count=3), excisions, strict=False):
+        np.testing.assert_array_equal(again.times, recording.times)
+        np.testing.assert_array_equal(again.positions, recording.positions)
+        np.testing.assert_array_equal(again.rotations.as_quat(), recording.rotations.as_quat())
+
+
+def test_another_seed_gives_other_recordings(excisions):
+    other = synthetic_excisions(seed=8, count=1)[0]
+    assert other.times[0] != excisions[0].times[0]
+
+
+def test_values_are_those_of_every_platform(excisions):
+    # Pinned, so that a change of the generator does not go unnoticed.
+    found = [(len(r), *r.positions[100]) for r in (excisions[0], excisions[-1])]
+    np.testing.assert_allclose(found, PINNED, atol=1e-9)
+
+
+PINNED = [
+    (739, 0.295775659885, -0.187981569429, 0.0779805466724),
+    (612, 0.29029543029, -0.183399815043, 0.0732879788131),
+]
+
+
+def test_paths_are_parabolas_of_a_few_centimetres(excisions):
+    for recording in excisions:
+        blade = apply_tool_frame(recording, TOOL_FRAME)
+        chord = blade.positions[-1] - blade.positions[0]
+        assert 0.038 < np.linalg.norm(chord) < 0.052
+        lateral = np.cross([0, 0, 1], chord / np.linalg.norm(chord))
+        assert 0.014 < ((blade.positions - blade.positions[0]) @ lateral).max() < 0.021
+        assert 0.0015 < np.ptp(blade.positions[:, 2]) < 0.0045
+
+
+def test_blade_rests_before_and_after(excisions, cuts):
+    for recording, cut in zip(excisions, cuts, strict=True):
+        assert cut.times[0] - recording.times[0] > 0.3
+        assert recording.times[-1] - cut.times[-1] > 0.3
+        blade = apply_tool_frame(recording, TOOL_FRAME)
+        assert blade.positions[:36].std(axis=0).max() < 2e-4
+        assert blade.positions[-36:].std(axis=0).max() < 2e-4
+
+
+def test_prepared_cuts_move_forward_throughout(cuts):
+    for cut in cuts:
+        speeds = np.linalg.norm(cut.linear_velocities, axis=1)
+        assert body_velocities(cut)[:, 0].min() > 0
+        assert speeds.min() > 0.1 * speeds.max()
+
+
+def test_speed_is_bell_shaped(cuts):
+    for cut in cuts:
+        speeds = np.linalg.norm(cut.linear_velocities, axis=1)
+        assert 0.3 < np.argmax(speeds) / len(cut) < 0.7
+        assert 0.015 < speeds.max() < 0.05
+        calm = np.convolve(speeds, np.ones(36) / 36, mode="valid")
+        peak = np.argmax(calm)
+        assert np.all(np.diff(calm[: peak - 24 : 12]) > 0)
+        assert np.all(np.diff(calm[peak + 24 :: 12]) < 0)
+
+
+def test_blade_slips_along_its_positive_lateral_axis_most_of_all_midway(cuts):
+    for cut in cuts:
+        forward, lateral, _ = body_velocities(cut).T
+        assert np.mean(lateral > 0) > 0.7
+        assert 0.3 < np.argmax(lateral) / len(cut) < 0.7
+        middle = slice(len(cut) // 3, -len(cut) // 3)
+        assert 10 < np.degrees(np.arctan2(lateral, forward))[middle].max() < 45
+
+
+def test_one_of_eight_is_held_differently(cuts):
+    rolls = np.array([np.median(cut.rotations.as_euler("xyz", degrees=True)[:, 0]) for cut in cuts])
+    assert rolls[OUTLIER] > 20
+    assert np.abs(np.delete(rolls, OUTLIER)).max() < 10
+
+
+def test_trials_differ(cuts):
+    assert np.ptp([cut.duration for cut in cuts]) > 0.5
+    assert np.ptp([cut.path_length for cut in cuts]) > 0.003
+
+
+@pytest.mark.parametrize("wrong", [{"count": 0}, {"seed": -1}])
+def test_nonsense_is_refused(wrong):
+    with pytest.raises(InputError, match=r"^synthetic_excisions: "):
+        synthetic_excisions(**wrong)
