@@ -257,7 +257,8 @@ def test_a_constant_screw_motion_has_constant_velocities_on_any_grid(seed: int) 
     trajectory = PoseTrajectory(
         times=times,
         positions=times[:, None] * velocity,
-        rotations=Rotation.from_rotvec(times[:, None] * spin) * Rotation.random(rng=rng),
+        rotations=Rotation.from_rotvec(times[:, None] * spin)
+        * Rotation.from_quat(rng.normal(size=4)),
     )
     np.testing.assert_allclose(trajectory.linear_velocities, np.tile(velocity, (30, 1)), atol=1e-9)
     np.testing.assert_allclose(trajectory.angular_velocities, np.tile(spin, (30, 1)), atol=1e-9)

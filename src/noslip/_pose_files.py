@@ -7,6 +7,7 @@ import io
 import reprlib
 import zipfile
 import zlib
+from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from operator import itemgetter
@@ -75,11 +76,9 @@ def read_csv(path: str | Path, *, rate: float | None = None) -> dict[str, Any]:
     time, layout = _layout(path, line, names, rate)
     columns = (time, *layout)
 
-    body = list(rows)
-    if not body:
+    lines, table = _numbers(path, rows, names, columns)
+    if not lines:
         raise InputError(f"{path}: line {line}: a header and no samples; record something first")
-    lines, cells = map(list, zip(*body, strict=True))
-    table = _numbers(path, lines, cells, names, columns)
 
     of = dict(zip(columns, table.T, strict=True))
     source = _Source(
@@ -189,26 +188,23 @@ def _layout(
 
 def _numbers(
     path: str | Path,
-    lines: list[int],
-    rows: list[list[str]],
+    rows: Iterable[tuple[int, list[str]]],
     names: list[str],
     columns: tuple[str, ...],
-) -> Floats:
-    """Return the named columns of all rows as numbers."""
+) -> tuple[list[int], Floats]:
+    """Return the line of every row, and the numbers in its named columns."""
     pick = itemgetter(*map(names.index, columns))
-    try:
-        if any(len(cells) != len(names) for cells in rows):
-            raise ValueError("rows of different lengths")
-        return np.array([list(map(_number, pick(cells))) for cells in rows])
-    except ValueError:
-        pass
-    # Something may be wrong: go row by row, to point at it.
-    return np.array(
-        [
-            _row_numbers(path, line, cells, names, columns)
-            for line, cells in zip(lines, rows, strict=True)
-        ]
-    )
+    lines: list[int] = []
+    numbers = array("d")
+    for line, cells in rows:
+        try:
+            if len(cells) != len(names):
+                raise ValueError("perhaps only a separator at the end")
+            numbers.extend([_number(cell) for cell in pick(cells)])
+        except ValueError:
+            numbers.extend(_row_numbers(path, line, cells, names, columns))
+        lines.append(line)
+    return lines, np.array(numbers, dtype=np.float64).reshape(-1, len(columns))
 
 
 def _number(cell: str) -> float:
@@ -277,15 +273,15 @@ def _arrays(path: str | Path) -> dict[str, Floats]:
             "needed are times (N,), positions (N, 3) and quaternions (N, 4)"
         )
     samples = stored["times"].size
-    for name, array in stored.items():
+    for name, values in stored.items():
         expected = (samples, *NPZ_WIDTHS[name])
-        if array.shape != expected:
-            raise InputError(f"{path}: array {name} has shape {array.shape}, expected {expected}")
-        if array.dtype.kind not in "iuf":
+        if values.shape != expected:
+            raise InputError(f"{path}: array {name} has shape {values.shape}, expected {expected}")
+        if values.dtype.kind not in "iuf":
             raise InputError(
-                f"{path}: array {name} holds {array.dtype}, not real numbers; store it as float64"
+                f"{path}: array {name} holds {values.dtype}, not real numbers; store it as float64"
             )
-    return {name: array.astype(np.float64) for name, array in stored.items()}
+    return {name: values.astype(np.float64) for name, values in stored.items()}
 
 
 def _stored(path: str | Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
@@ -373,7 +369,7 @@ def _poses(
         )
     _check_gaps(source, times, kept)
     arrays = {"times": times, "positions": positions, **(velocities or {})}
-    return {**{name: array[kept] for name, array in arrays.items()}, "rotations": rotations[kept]}
+    return {**{name: values[kept] for name, values in arrays.items()}, "rotations": rotations[kept]}
 
 
 def _distinct(

@@ -96,6 +96,35 @@ class ConstraintSystem:
         )
 
     @cached_property
+    def _velocity_rows(self) -> ca.Function:
+        t, p, q, v, w = state = _state_symbols()
+        phi = self.first_order(*state)
+        return ca.Function(
+            "velocity_rows", [t, p, q, v, w], [phi, ca.densify(ca.jacobian(phi, ca.vertcat(v, w)))]
+        )
+
+    def velocity_rows(
+        self,
+        time: float,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        linear_velocity: ArrayLike,
+        angular_velocity: ArrayLike,
+    ) -> tuple[Floats, Floats]:
+        """Rows as conditions on velocities (phi, or d psi/dt), and their Jacobian.
+
+        Returns
+        -------
+        phi : array, shape (m,)
+        jacobian : array, shape (m, 6)
+            With respect to linear, then angular velocity.
+        """
+        phi, rows = self._velocity_rows(
+            time, position, quaternion, linear_velocity, angular_velocity
+        )
+        return np.array(phi).reshape(self.size), np.array(rows).reshape(self.size, 6)
+
+    @cached_property
     def _acceleration_form(self) -> ca.Function:
         t, p, q, v, w = state = _state_symbols()
         kappa, zeta = ca.SX.sym("kappa"), ca.SX.sym("zeta")

@@ -232,7 +232,7 @@ def lowpass(
 ) -> PoseTrajectory:
     """Low-pass positions and rotations with a Butterworth filter, without delay.
 
-    The filter H runs forwards and backwards, so a frequency f keeps the share
+    The filter H runs forwards and backwards, so a frequency f keeps about the share
     ``1 / (1 + (f / cutoff)^(2 order))`` of its amplitude (half, at the cut-off).  The ends are
     continued by their point reflection, which leaves the first and last sample where they are.
 

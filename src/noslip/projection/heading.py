@@ -1,0 +1,112 @@
+"""First guess of the trajectory projection: turn the tool until its edge leads along the path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from noslip.constraints.declaration import axis_index
+from noslip.constraints.system import ConstraintSystem
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+REST = 0.05
+"""Fraction of the top speed below which the direction of travel says nothing."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """The guess and what it found out about the demonstration.
+
+    Attributes
+    ----------
+    turns : array, shape (N, 3)
+        Rotation vectors, world frame (rad): ``R_guess = Exp(turns) R``.
+    backing : int
+        Stretches between rests in which the demonstration itself moves backwards; there the edge
+        trails, as it did when recorded.
+    """
+
+    turns: Floats
+    backing: int
+
+
+def turn_edge_into_path(
+    trajectory: PoseTrajectory, system: ConstraintSystem, smoothing: float
+) -> Heading:
+    """Smallest turns that bring each sample's velocity into the blade's plane, edge leading.
+
+    A blade has one edge, so of the two turns that satisfy the constraint the one with
+    ``R x_b . v >= 0`` is taken.  Turns are followed continuously as long as the tool moves.  Where
+    it comes to rest and goes on backwards (``R x_b . v < 0`` on the whole until the next rest), it
+    was moved backwards on purpose and the edge stays behind.  Directions are smoothed with weights
+    that vanish with the speed, so that the noise of a tool at rest turns nothing.
+
+    Constraints that name no edge get no turn.
+    """
+    constraint = next((c for c in system.constraints if c.edge and c.lateral), None)
+    none = Heading(np.zeros((len(trajectory), 3)), 0)
+    if constraint is None or constraint.lateral is None or constraint.edge is None:
+        return none
+    velocities, _ = trajectory.step_velocities()
+    velocities = np.concatenate([velocities[:1], velocities])
+    speed = np.linalg.norm(velocities, axis=1)
+    if speed.max() == 0:
+        return none
+    body = trajectory.rotations.inv().apply(velocities)
+    edge, edge_sign = axis_index(constraint.edge)
+    lateral, _ = axis_index(constraint.lateral)
+    third = 3 - edge - lateral
+    ahead, aside, across = edge_sign * body[:, edge], body[:, lateral], body[:, third]
+    in_plane = np.hypot(ahead, across)
+
+    moving = speed > REST * speed.max()
+    angles = np.zeros(len(speed))
+    axes = np.zeros((len(speed), 3))
+    backing, last = 0, 0.0
+    for stretch in _stretches(moving):
+        facing = 1.0 if ahead[stretch].sum() >= 0 else -1.0
+        backing += facing < 0
+        side = np.where(facing * ahead[stretch] >= 0, 1.0, -1.0)
+        angle = np.unwrap(np.arctan2(facing * aside[stretch], side * in_plane[stretch]))
+        angle += 2 * np.pi * np.round((last - angle[0]) / (2 * np.pi))
+        last = angle[-1]
+        angles[stretch] = angle
+        # The axis is perpendicular to both the lateral axis and the velocity.
+        scale = facing * side / np.maximum(in_plane[stretch], np.finfo(float).tiny)
+        axes[stretch, third] = edge_sign * scale * ahead[stretch]
+        axes[stretch, edge] = -scale * across[stretch]
+    if (edge, lateral) not in ((0, 1), (1, 2), (2, 0)):
+        axes = -axes
+    # An edge along a negative axis turns the other way round.
+    turns = trajectory.rotations.apply(axes * angles[:, None])
+    weights = np.where(moving, speed**2 / np.mean(speed**2), 0.0)
+    return Heading(_smoothed(turns, weights, smoothing), backing)
+
+
+def _stretches(moving: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+    """Runs of consecutive samples that move."""
+    indices = np.flatnonzero(moving)
+    return np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1)
+
+
+def _smoothed(values: Floats, weights: Floats, smoothing: float) -> Floats:
+    """Minimise ``sum w |x - value|^2 + smoothing |x''|^2`` with time normalised."""
+    count = len(values)
+    if count < 4 or not values.any():
+        return values
+    strength = smoothing * (count - 1) ** 4
+    bands = np.zeros((3, count))
+    bands[2] = 6.0
+    bands[2, [0, -1]], bands[2, [1, -2]] = 1.0, 5.0
+    bands[1, 1:] = -4.0
+    bands[1, [1, -1]] = -2.0
+    bands[0, 2:] = 1.0
+    bands *= strength
+    # The floor keeps the system definite for a tool that moves in one or two samples only.
+    bands[2] += weights + 1e-9
+    return np.asarray(solveh_banded(bands, weights[:, None] * values))
