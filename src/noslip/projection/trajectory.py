@@ -1,0 +1,556 @@
+"""Trajectory projection: the feasible trajectory nearest to a given one.
+
+Unknown at each sample are a rotation correction delta (``R = Exp(delta) R_ref``) and, unless held,
+a displacement of the position.  Minimised is, with time normalised by the duration and L the path's
+length,
+
+    ``int w_p |p - p_ref|^2 / L^2 + w_R u |delta|^2 + mu_p |p'' - p_ref''|^2 / L^2 + mu_R |delta''|^2``
+
+subject to the constraints on the discrete motion that the primitive will run, ``(R_k+1,
+(p_k+1 - p_k) / dt, ...)``.  The weight u follows the speed: a turn of the tool costs per path cut,
+so nothing pulls the tool round while it rests.  Only the acceleration of the *correction* costs, so
+a feasible trajectory comes back unchanged.
+
+The paper's "orientation optimised for zero constraint force" is the case with the position held; a
+new goal or start is the case with other boundary values.
+
+Newton steps on the optimality conditions, whose matrix is banded when samples and multipliers are
+interleaved: time and memory grow linearly with the number of samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dgbsv
+from scipy.spatial.transform import Rotation
+
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.errors import ConvergenceError, InputError
+from noslip.projection.heading import turn_edge_into_path
+from noslip.rotations import (
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_product,
+)
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+End = Literal["free", "position", "rotation", "pose"]
+
+POSITION_WEIGHT = 1e5
+POSITION_SMOOTHING = 1e-3
+ROTATION_SMOOTHING = 1e-6
+MAX_ITERATIONS = 40
+
+_REST_WEIGHT = 1e-3
+"""What a turn costs at rest, relative to its cost at mean speed."""
+_TURNED_REFERENCE = 1.2 * np.pi
+"""Beyond this turn, nearest means nearest to the turned demonstration: Exp is singular at 2 pi."""
+_LARGEST_TURN = 0.7
+"""Longest Newton step (rad): the linearisation holds for little more."""
+_GAUSS_NEWTON_STEPS = 2
+_DUAL_REGULARISATION = 1e-12
+_STEP_TOLERANCE = 1e-6
+_RESIDUAL_TOLERANCE = 1e-11
+"""Relative to the path's mean speed (velocity level) or length (position level)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedTrajectory:
+    """Result of a trajectory projection.
+
+    Attributes
+    ----------
+    trajectory : PoseTrajectory
+        Its velocities are those of its steps; those of the first sample repeat the second's.
+    turns : array, shape (N, 3)
+        ``Log(R R_ref^T)``, world frame (rad).
+    converged : bool
+    iterations : int
+    residual : float
+        Largest residual over all samples and rows, in the constraints' own units.
+    residuals : array, shape (N, m)
+    multipliers : array, shape (N, m)
+    backing : int
+        Stretches in which the demonstration moves backwards, left so (see ``heading``).
+    smoothing : float
+        mu_R with which it converged.
+    """
+
+    trajectory: PoseTrajectory
+    turns: Floats
+    converged: bool
+    iterations: int
+    residual: float
+    residuals: Floats
+    multipliers: Floats
+    backing: int
+    smoothing: float
+
+
+def project_trajectory(
+    trajectory: PoseTrajectory,
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint],
+    *,
+    hold_position: bool = False,
+    start: End = "free",
+    end: End = "free",
+    start_position: ArrayLike | None = None,
+    start_rotation: Rotation | None = None,
+    end_position: ArrayLike | None = None,
+    end_rotation: Rotation | None = None,
+    position_weight: float = POSITION_WEIGHT,
+    position_smoothing: float = POSITION_SMOOTHING,
+    rotation_smoothing: float = ROTATION_SMOOTHING,
+    max_iterations: int = MAX_ITERATIONS,
+    on_failure: Literal["raise", "return"] = "raise",
+) -> ProjectedTrajectory:
+    """Find the nearest trajectory that satisfies equality constraints at every step.
+
+    Parameters
+    ----------
+    trajectory : PoseTrajectory
+        Uniformly sampled, 4 samples or more.
+    constraints : ConstraintSystem or constraints
+    hold_position : bool
+        Only the orientation gives way, as in the paper.
+    start, end : "free", "position", "rotation" or "pose"
+        What of the first and last sample stays as it is.
+    start_position, end_position : array, shape (3,), optional
+        Fix the position there to another value (m).
+    start_rotation, end_rotation : Rotation, optional
+        Fix the rotation there to another value.
+    position_weight, position_smoothing, rotation_smoothing : float
+        w_p, mu_p and mu_R of the module's formula; w_R is 1.
+    max_iterations : int
+        Newton steps in one attempt.  If they do not suffice, the projection tries again with the
+        smoothing of the rotation tenfold and hundredfold.
+    on_failure : "raise" or "return"
+
+    Raises
+    ------
+    InputError
+        If the samples are not uniform, or boundary values contradict ``hold_position``.
+    ConvergenceError
+        If no attempt converges (unless ``on_failure="return"``).
+    """
+    system = as_system(constraints)
+    if not trajectory.is_uniform or len(trajectory) < 4:
+        raise InputError(
+            f"{trajectory.name}: a trajectory projection needs 4 or more uniform samples; "
+            "resample it first"
+        )
+    boundaries = {
+        0: _Boundary.of("start", start, start_position, start_rotation),
+        len(trajectory) - 1: _Boundary.of("end", end, end_position, end_rotation),
+    }
+    if hold_position and any(b.position_value is not None for b in boundaries.values()):
+        raise InputError("hold_position=True keeps every position; no end can get another one")
+    if max_iterations < 1:
+        raise InputError(f"max_iterations must be 1 or more, got {max_iterations}")
+    best: ProjectedTrajectory | None = None
+    for factor in (1.0, 10.0, 100.0):
+        problem = _Problem(
+            trajectory,
+            system,
+            hold_position,
+            boundaries,
+            position_weight,
+            position_smoothing,
+            rotation_smoothing * factor,
+        )
+        result = problem.solve(max_iterations)
+        if result.converged:
+            return result
+        if best is None or result.residual < best.residual:
+            best = result
+    assert best is not None
+    if on_failure == "return":
+        return best
+    names = ", ".join(c.name for c in system.constraints)
+    freer = "let the position give way (hold_position=False), " if hold_position else ""
+    raise ConvergenceError(
+        f"{trajectory.name}: no trajectory near it found that satisfies {names} (residual "
+        f"{best.residual:.2g} after {best.iterations} iterations); {freer}low-pass it more, trim "
+        "rests, raise rotation_smoothing, or free its ends"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Boundary:
+    fixes_position: bool
+    fixes_rotation: bool
+    position_value: Floats | None
+    rotation_value: Rotation | None
+
+    @classmethod
+    def of(
+        cls, name: str, fixed: str, position: ArrayLike | None, rotation: Rotation | None
+    ) -> _Boundary:
+        if fixed not in ("free", "position", "rotation", "pose"):
+            raise InputError(f"{name} must be free, position, rotation or pose; got {fixed!r}")
+        value = None
+        if position is not None:
+            value = np.array(position, dtype=np.float64)
+            if value.shape != (3,) or not np.all(np.isfinite(value)):
+                raise InputError(f"{name}_position must be 3 finite numbers (m), got {position}")
+        return cls(
+            fixed in ("position", "pose") or position is not None,
+            fixed in ("rotation", "pose") or rotation is not None,
+            value,
+            rotation,
+        )
+
+
+class _Problem:
+    """One projection as a banded Newton iteration.
+
+    Stage k holds its unknowns z_k (rotation vector, and position displacement over L unless held)
+    and its multipliers lambda_k, one a row of the constraints on the step that ends in k.  At
+    stage 0 only position-level rows exist.
+    """
+
+    def __init__(
+        self,
+        trajectory: PoseTrajectory,
+        system: ConstraintSystem,
+        hold_position: bool,
+        boundaries: dict[int, _Boundary],
+        position_weight: float,
+        position_smoothing: float,
+        rotation_smoothing: float,
+    ) -> None:
+        self.given, self.system, self.smoothing = trajectory, system, rotation_smoothing
+        count, rows = len(trajectory), system.size
+        self.count, self.rows = count, rows
+        self.unknowns = 3 if hold_position else 6
+        self.stage = self.unknowns + rows
+        self.time_step = trajectory.duration / (count - 1)
+        self.length = trajectory.path_length or 1.0
+        speed_scale = self.length / trajectory.duration
+        self.row_scale = np.where(system.row_is_velocity, 1 / speed_scale, 1 / self.length)
+
+        heading = turn_edge_into_path(trajectory, system, rotation_smoothing)
+        self.backing = heading.backing
+        self.z = np.zeros((count, self.unknowns))
+        self.reference = trajectory.rotations
+        if np.linalg.norm(heading.turns, axis=1).max() <= _TURNED_REFERENCE:
+            self.z[:, :3] = heading.turns
+        else:
+            self.reference = Rotation.from_rotvec(heading.turns) * trajectory.rotations
+
+        self.fixed = self._fix(boundaries)
+        self._weigh(position_weight, position_smoothing, rotation_smoothing)
+        self._evaluate = _stage_function(system, hold_position, count)
+        self.parameters = self._stage_parameters()
+        # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
+        decided = system.row_is_velocity.copy()
+        first = boundaries[0]
+        if (first.fixes_position or hold_position) and first.fixes_rotation:
+            decided[:] = True
+        self.active = np.ones((count, rows), dtype=bool)
+        self.active[0] = ~decided
+
+    def _fix(self, boundaries: dict[int, _Boundary]) -> NDArray[np.bool_]:
+        """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
+        fixed = np.zeros_like(self.z, dtype=bool)
+        fraction = np.linspace(0.0, 1.0, self.count)
+        for k, boundary in boundaries.items():
+            # A fifth-order blend leaves velocity and acceleration at both ends as they were.
+            blend = fraction if k else 1 - fraction
+            blend = blend**3 * (10 - 15 * blend + 6 * blend**2)
+            if boundary.fixes_rotation:
+                fixed[k, :3] = True
+                wanted = boundary.rotation_value or self.given.rotations[k]
+                turn = (wanted * self.reference[k].inv()).as_rotvec()
+                self.z[:, :3] += blend[:, None] * (turn - self.z[k, :3])
+                self.z[k, :3] = turn
+            if boundary.fixes_position and self.unknowns == 6:
+                fixed[k, 3:] = True
+                if boundary.position_value is not None:
+                    shift = (boundary.position_value - self.given.positions[k]) / self.length
+                    self.z[:, 3:] += blend[:, None] * shift
+        return fixed
+
+    def _weigh(self, position: float, position_smoothing: float, rotation_smoothing: float) -> None:
+        h = 1 / (self.count - 1)
+        velocities, _ = self.given.step_velocities()
+        speed = np.linalg.norm(velocities, axis=1)
+        speed = np.concatenate([speed[:1], speed])
+        relative = speed / speed.mean() if speed.any() else np.ones(self.count)
+        self.weights = np.full((self.count, self.unknowns), position * h)
+        self.weights[:, :3] = h * (relative[:, None] + _REST_WEIGHT)
+        self.bending = np.full(self.unknowns, position_smoothing / h**3)
+        self.bending[:3] = rotation_smoothing / h**3
+
+    def _stage_parameters(self) -> Floats:
+        quaternions = self.reference.as_quat(scalar_first=True)
+        previous = np.concatenate([[0], np.arange(self.count - 1)])
+        positions = self.given.positions
+        velocities, _ = self.given.step_velocities()
+        velocities = np.concatenate([np.zeros((1, 3)), velocities])
+        times = self.given.times - self.given.times[0]
+        return np.column_stack(
+            [
+                quaternions[previous],
+                quaternions,
+                positions,
+                velocities,
+                times,
+                np.full(self.count, self.time_step),
+                np.full(self.count, self.length),
+            ]
+        )
+
+    # ------------------------------------------------------------ Newton
+
+    def solve(self, max_iterations: int) -> ProjectedTrajectory:
+        multipliers = np.zeros((self.count, self.rows))
+        converged, iteration, step_size = False, 0, np.inf
+        tolerance = max(_RESIDUAL_TOLERANCE, self._rounding())
+        for iteration in range(max_iterations + 1):
+            value, jacobian, curvature = self._evaluate(self.z, self.parameters, multipliers * self.row_scale)
+            value = np.where(self.active, value * self.row_scale, 0.0)
+            residual = np.abs(value).max(initial=0.0)
+            if not np.isfinite(residual):
+                break
+            if residual <= tolerance and step_size <= _STEP_TOLERANCE:
+                converged = True
+                break
+            if iteration == max_iterations:
+                break
+            use_curvature = iteration >= _GAUSS_NEWTON_STEPS
+            step, new = self._newton_step(
+                value, jacobian, curvature if use_curvature else None, multipliers
+            )
+            if not np.all(np.isfinite(step)):
+                break
+            step_size = float(np.abs(step).max(initial=0.0))
+            fraction = min(1.0, _LARGEST_TURN / max(step_size, 1e-300))
+            self.z += fraction * step
+            multipliers += fraction * (new - multipliers)
+        return self._result(converged, iteration, multipliers)
+
+    def _rounding(self) -> float:
+        """Residual that the rounding of the positions alone causes."""
+        largest = np.abs(self.given.positions).max(initial=0.0)
+        speed_scale = self.length / self.given.duration
+        return float(16 * np.finfo(float).eps * largest / self.time_step / speed_scale)
+
+    def _newton_step(
+        self,
+        value: Floats,
+        jacobian: _Entries,
+        curvature: _Entries | None,
+        multipliers: Floats,
+    ) -> tuple[Floats, Floats]:
+        band = _Band(self.count, self.stage)
+        for j in range(self.unknowns):
+            band.add_bending(j, self.bending[j])
+            band.add(0, j, j, self.weights[:, j])
+        scaled_active = self.active * self.row_scale
+        for (row, column), entries in jacobian.items():
+            entries = entries * scaled_active[:, row]
+            previous, unknown = divmod(column, self.unknowns)
+            i = self.unknowns + row
+            # Columns 0 .. n-1 belong to the sample before, n .. 2n-1 to the one itself.
+            shift = 0 if previous else -1
+            band.add(shift, i, unknown, entries)
+            band.add_transposed(shift, i, unknown, entries)
+        for (row, column), entries in (curvature or {}).items():
+            (a, i), (b, j) = divmod(row, self.unknowns), divmod(column, self.unknowns)
+            band.add_between(a - 1, i, b - 1, j, entries)
+        for row in range(self.rows):
+            i = self.unknowns + row
+            band.add(0, i, i, np.where(self.active[:, row], -_DUAL_REGULARISATION, -1.0))
+
+        right = np.zeros((self.count, self.stage))
+        right[:, : self.unknowns] = -self._cost_gradient()
+        right[:, self.unknowns :] = -value - _DUAL_REGULARISATION * multipliers
+        right[:, self.unknowns :][~self.active] = 0.0
+        for k in (0, self.count - 1):
+            for j in np.flatnonzero(self.fixed[k]):
+                band.fix(k, int(j))
+                right[k, j] = 0.0
+        solution = band.solve(right.ravel()).reshape(self.count, self.stage)
+        return solution[:, : self.unknowns], solution[:, self.unknowns :]
+
+    def _cost_gradient(self) -> Floats:
+        gradient = self.weights * self.z
+        bend = self.bending * (self.z[2:] - 2 * self.z[1:-1] + self.z[:-2])
+        gradient[2:] += bend
+        gradient[1:-1] -= 2 * bend
+        gradient[:-2] += bend
+        return gradient
+
+    def _result(self, converged: bool, iterations: int, multipliers: Floats) -> ProjectedTrajectory:
+        rotations = Rotation.from_rotvec(self.z[:, :3]) * self.reference
+        positions = self.given.positions.copy()
+        if self.unknowns == 6:
+            positions += self.length * self.z[:, 3:]
+        pose = PoseTrajectory(
+            times=self.given.times,
+            positions=np.nan_to_num(positions),
+            rotations=rotations,
+            name=self.given.name,
+        )
+        linear, angular = pose.step_velocities()
+        trajectory = PoseTrajectory(
+            times=pose.times,
+            positions=pose.positions,
+            rotations=pose.rotations,
+            linear_velocities=np.concatenate([linear[:1], linear]),
+            angular_velocities=np.concatenate([angular[:1], angular]),
+            name=self.given.name,
+        )
+        residuals = self.system.residuals(
+            trajectory.times - trajectory.times[0],
+            trajectory.positions,
+            trajectory.quaternions,
+            trajectory.linear_velocities,
+            trajectory.angular_velocities,
+        )
+        residuals[0, ~self.active[0]] = 0.0
+        return ProjectedTrajectory(
+            trajectory=trajectory,
+            turns=(rotations * self.given.rotations.inv()).as_rotvec(),
+            converged=converged,
+            iterations=iterations,
+            residual=float(np.abs(residuals).max(initial=0.0)),
+            residuals=residuals,
+            multipliers=multipliers,
+            backing=self.backing,
+            smoothing=self.smoothing,
+        )
+
+
+_Entries = dict[tuple[int, int], Floats]
+"""Structural nonzeros of a stage's matrix: (row, column) -> value at each stage."""
+
+
+def _stage_function(system: ConstraintSystem, hold_position: bool, count: int):  # type: ignore[no-untyped-def]
+    """Residual, Jacobian and curvature of the constraints of one step, for all steps at once."""
+    unknowns = 3 if hold_position else 6
+    before, here = ca.SX.sym("z_before", unknowns), ca.SX.sym("z", unknowns)
+    q_before, q_here = ca.SX.sym("q_before", 4), ca.SX.sym("q", 4)
+    p, v = ca.SX.sym("p", 3), ca.SX.sym("v", 3)
+    time, time_step, length = ca.SX.sym("t"), ca.SX.sym("dt"), ca.SX.sym("L")
+    multipliers = ca.SX.sym("lambda", system.size)
+
+    quaternion_before = quaternion_product(quaternion_exp(before[:3]), q_before)
+    quaternion = quaternion_product(quaternion_exp(here[:3]), q_here)
+    position, velocity = p, v
+    if not hold_position:
+        position = p + length * here[3:]
+        velocity = v + length * (here[3:] - before[3:]) / time_step
+    turn = quaternion_product(quaternion, quaternion_conjugate(quaternion_before))
+    angular = quaternion_log(turn) / time_step
+    phi = system.residual(time, position, quaternion, velocity, angular)
+    z = ca.vertcat(before, here)
+    jacobian = ca.jacobian(phi, z)
+    curvature, _ = ca.hessian(ca.dot(multipliers, phi), z)
+    parameters = ca.vertcat(q_before, q_here, p, v, time, time_step, length)
+    outputs = ca.vertcat(ca.densify(phi), *jacobian.nonzeros(), *curvature.nonzeros())
+    function = ca.Function("stage", [before, here, parameters, multipliers], [outputs])
+    mapped = function.map(count)
+    jacobian_places = _places(jacobian)
+    curvature_places = _places(curvature)
+    rows, width = system.size, outputs.shape[0]
+
+    def evaluate(
+        unknown: Floats, stage_parameters: Floats, weights: Floats
+    ) -> tuple[Floats, _Entries, _Entries]:
+        previous = np.concatenate([unknown[:1], unknown[:-1]])
+        result = np.empty((count, width))
+        arguments = [
+            np.ascontiguousarray(a) for a in (previous, unknown, stage_parameters, weights)
+        ]
+        buffer, run = mapped.buffer()
+        for index, argument in enumerate(arguments):
+            buffer.set_arg(index, memoryview(argument))
+        buffer.set_res(0, memoryview(result))
+        run()
+        columns = np.ascontiguousarray(result.T)
+        split = rows + len(jacobian_places)
+        return (
+            result[:, :rows],
+            dict(zip(jacobian_places, columns[rows:split], strict=True)),
+            dict(zip(curvature_places, columns[split:], strict=True)),
+        )
+
+    return evaluate
+
+
+def _places(matrix: ca.SX) -> list[tuple[int, int]]:
+    rows, columns = matrix.sparsity().get_triplet()
+    return list(zip(rows, columns, strict=True))
+
+
+class _Band:
+    """A banded matrix of stages, in LAPACK's layout.
+
+    Entry (i, j) of stages k and k + s stands at row ``2 w + i - j - s n`` and column
+    ``(k + s) n + j``, with n unknowns a stage and w = 2 n diagonals on either side.
+    """
+
+    def __init__(self, count: int, stage: int) -> None:
+        self.count, self.stage, self.width = count, stage, 2 * stage
+        self.storage = np.zeros((3 * self.width + 1, count * stage), order="F")
+        self.view = self.storage.reshape((-1, stage, count), order="F")
+
+    def add(self, shift: int, i: int, j: int, values: Floats | float) -> None:
+        """Add ``values[k]`` at (stage k, i) x (stage k + shift, j)."""
+        row = 2 * self.width + i - j - shift * self.stage
+        first, last = max(0, -shift), self.count - max(0, shift)
+        entries = values if np.isscalar(values) else np.asarray(values)[first:last]
+        self.view[row, j, first + shift : last + shift] += entries
+
+    def add_transposed(self, shift: int, i: int, j: int, values: Floats) -> None:
+        """Add ``values[k]`` at (stage k + shift, j) x (stage k, i)."""
+        row = 2 * self.width + j - i + shift * self.stage
+        first, last = max(0, -shift), self.count - max(0, shift)
+        self.view[row, i, first:last] += values[first:last]
+
+    def add_between(self, a: int, i: int, b: int, j: int, values: Floats) -> None:
+        """Add ``values[k]`` at (stage k + a, i) x (stage k + b, j), with a and b 0 or -1."""
+        row = 2 * self.width + i - j - (b - a) * self.stage
+        first = 1 if min(a, b) < 0 else 0
+        self.view[row, j, first + b : self.count + b] += values[first:]
+
+    def add_bending(self, j: int, strength: float) -> None:
+        """Add ``strength * D^T D`` of the second differences of unknown j."""
+        diagonal = np.full(self.count, 6.0)
+        diagonal[[0, -1]], diagonal[[1, -2]] = 1.0, 5.0
+        if self.count == 4:
+            diagonal[[1, 2]] = 5.0
+        beside = np.full(self.count, -4.0)
+        beside[[0, -2]] = -2.0
+        self.add(0, j, j, strength * diagonal)
+        self.add(1, j, j, strength * beside)
+        beside_left = np.roll(beside, 1)
+        self.add(-1, j, j, strength * beside_left)
+        self.add(2, j, j, strength)
+        self.add(-2, j, j, strength)
+
+    def fix(self, k: int, j: int) -> None:
+        """Make unknown j of stage k stay as it is."""
+        column = k * self.stage + j
+        low, high = max(0, column - self.width), min(self.count * self.stage, column + self.width + 1)
+        others = np.arange(low, high)
+        self.storage[2 * self.width + column - others, others] = 0.0
+        self.storage[2 * self.width + others - column, column] = 0.0
+        self.storage[2 * self.width, column] = 1.0
+
+    def solve(self, right: Floats) -> Floats:
+        _, _, solution, info = dgbsv(
+            self.width, self.width, self.storage, right, overwrite_ab=True, overwrite_b=True
+        )
+        return solution if info == 0 else np.full_like(right, np.nan)
