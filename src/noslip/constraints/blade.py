@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from noslip.constraints.declaration import Constraint, Level, Motion, axis_index
+from noslip.constraints.declaration import Constraint, Motion, axis_index
 from noslip.errors import ConstraintError
 from noslip.rotations import Expression
 
@@ -28,8 +28,9 @@ class Blade(Constraint):
 
     lateral: str = "y"
     edge: str = "x"
-    name: str = "blade"
-    level: Level = "velocity"
+
+    name = "blade"
+    level = "velocity"
 
     def __post_init__(self) -> None:
         if axis_index(self.lateral)[0] == axis_index(self.edge)[0]:

@@ -315,6 +315,11 @@ class PoseDMP:
         return _UNCOUPLED
 
     @property
+    def _residual_rate(self) -> float:
+        """How fast a residual present at the start decays, per duration."""
+        return 0.0
+
+    @property
     def _constraint_names(self) -> tuple[str, ...]:
         return ()
 
@@ -335,6 +340,7 @@ class PoseDMP:
         column["previous_step"][:] = time_step
         column["previous_step"][0] = state.previous_step
         column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
+        column["residual_decay"][:] = np.exp(-self._residual_rate / tau * time_step)
         column["decay"][:] = product
         column["gain"][:] = gain / kicks
         column["position_target"][:] = state.goal_position + self.position.offsets(activations)

@@ -46,6 +46,8 @@ class StepSymbols:
         Length of the step that led here (s); 0 at the start.
     time : expression
         At the end of the step (s).
+    residual_decay : expression
+        What is left of a residual after the step; 1 keeps it, 0 removes it at once.
     """
 
     position: Expression
@@ -56,6 +58,7 @@ class StepSymbols:
     kick: Expression
     previous_step: Expression
     time: Expression
+    residual_decay: Expression
 
     def advance(self, linear: Expression, angular: Expression) -> tuple[Expression, Expression]:
         """Pose after the step at given velocities: ``p + dt v``, ``Exp(dt w) R``."""
@@ -73,6 +76,7 @@ STEP_FIELDS = {
     "kick": 1,
     "previous_step": 1,
     "time": 1,
+    "residual_decay": 1,
     "decay": 1,
     "gain": 1,
     "position_target": 3,
@@ -153,6 +157,7 @@ def _step_function(coupling: Coupling | None) -> Any:
         kick=field["kick"],
         previous_step=field["previous_step"],
         time=field["time"],
+        residual_decay=field["residual_decay"],
     )
     decay, gain = field["decay"], field["gain"]
     turn = quaternion_log(

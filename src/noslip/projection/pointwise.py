@@ -66,20 +66,18 @@ def coupling(
     constraints: ConstraintSystem | Constraint | Sequence[Constraint],
     *,
     inverse_metric: Sequence[float] = POSITION_ONLY,
-    stabilization: float | Expression = 0.0,
 ) -> Coupling:
     """Build the coupling term that holds constraints at each step.
+
+    A violation present before a step shrinks by the step's ``residual_decay``: like
+    ``exp(-kappa t)`` at velocity level, like a critically damped oscillator of that rate at
+    position level.
 
     Parameters
     ----------
     constraints : ConstraintSystem or constraints
     inverse_metric : 6 numbers
         Diagonal of M^-1; position only by default, as in the paper.
-    stabilization : float
-        kappa (1/s).  A violation present at the start decays like ``exp(-kappa t)`` at velocity
-        level, like a critically damped oscillator of that rate at position level; 0 keeps it
-        constant.
-
     Returns
     -------
     Coupling
@@ -93,7 +91,7 @@ def coupling(
     def couple(
         s: StepSymbols, linear: Expression, angular: Expression
     ) -> tuple[Expression, Expression, Expression, Expression]:
-        target = _decayed_residual(system, s, stabilization)
+        target = _decayed_residual(system, s)
         unconstrained = ca.vertcat(linear, angular)
         unknown = ca.SX.sym("nu", 6)
         # What the metric holds stays a known value: it then drops out of the derivatives.
@@ -122,9 +120,7 @@ def coupling(
     return couple
 
 
-def _decayed_residual(
-    system: ConstraintSystem, s: StepSymbols, stabilization: float | Expression
-) -> Expression:
+def _decayed_residual(system: ConstraintSystem, s: StepSymbols) -> Expression:
     """What the residual may be after the step: zero, once it was zero.
 
     At position level the previous sample is needed too.  It is where the discrete motion came from,
@@ -134,7 +130,7 @@ def _decayed_residual(
     now = system.residual(
         before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity
     )
-    decay = ca.exp(-stabilization * s.time_step)
+    decay = s.residual_decay
     back = quaternion_exp(-s.previous_step * s.angular_velocity)
     earlier = system.residual(
         before - s.previous_step,

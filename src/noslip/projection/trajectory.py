@@ -57,6 +57,11 @@ _TURNED_REFERENCE = 1.2 * np.pi
 _LARGEST_TURN = 0.7
 """Longest Newton step (rad): the linearisation holds for little more."""
 _GAUSS_NEWTON_STEPS = 2
+"""Steps without the constraints' curvature, before multipliers are worth trusting."""
+_NEAR = 0.05
+"""A careful attempt uses the curvature only once its steps are shorter than this (rad)."""
+_ATTEMPTS = ((1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (1000.0, False, 1))
+"""Factor on the rotation's smoothing, whether careful, factor on the iterations allowed."""
 _DUAL_REGULARISATION = 1e-12
 _STEP_TOLERANCE = 1e-6
 _RESIDUAL_TOLERANCE = 1e-11
@@ -131,8 +136,9 @@ def project_trajectory(
     position_weight, position_smoothing, rotation_smoothing : float
         w_p, mu_p and mu_R of the module's formula; w_R is 1.
     max_iterations : int
-        Newton steps in one attempt.  If they do not suffice, the projection tries again with the
-        smoothing of the rotation tenfold and hundredfold.
+        Newton steps in the first attempt.  If they do not suffice, it tries again with more
+        smoothing of the rotation, up to a thousandfold, and with steps that converge from farther;
+        the result says with how much.
     on_failure : "raise" or "return"
 
     Raises
@@ -157,7 +163,7 @@ def project_trajectory(
     if max_iterations < 1:
         raise InputError(f"max_iterations must be 1 or more, got {max_iterations}")
     best: ProjectedTrajectory | None = None
-    for factor in (1.0, 10.0, 100.0):
+    for factor, careful, patience in _ATTEMPTS:
         problem = _Problem(
             trajectory,
             system,
@@ -167,7 +173,7 @@ def project_trajectory(
             position_smoothing,
             rotation_smoothing * factor,
         )
-        result = problem.solve(max_iterations)
+        result = problem.solve(patience * max_iterations, careful)
         if result.converged:
             return result
         if best is None or result.residual < best.residual:
@@ -312,7 +318,8 @@ class _Problem:
 
     # ------------------------------------------------------------ Newton
 
-    def solve(self, max_iterations: int) -> ProjectedTrajectory:
+    def solve(self, max_iterations: int, careful: bool) -> ProjectedTrajectory:
+        """Iterate from the first guess; ``careful`` converges from farther, and more slowly."""
         multipliers = np.zeros((self.count, self.rows))
         converged, iteration, step_size = False, 0, np.inf
         tolerance = max(_RESIDUAL_TOLERANCE, self._rounding())
@@ -327,7 +334,9 @@ class _Problem:
                 break
             if iteration == max_iterations:
                 break
-            use_curvature = iteration >= _GAUSS_NEWTON_STEPS
+            use_curvature = (
+                step_size < _NEAR if careful else iteration >= _GAUSS_NEWTON_STEPS
+            )
             step, new = self._newton_step(
                 value, jacobian, curvature if use_curvature else None, multipliers
             )

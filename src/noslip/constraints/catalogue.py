@@ -1,0 +1,172 @@
+"""Constraints by name: for the command line and for saved primitives."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from noslip.constraints.blade import Blade
+from noslip.constraints.declaration import Constraint, Level, Motion
+from noslip.errors import ConstraintError
+from noslip.rotations import Expression
+
+CATALOGUE: dict[str, type[Constraint]] = {"blade": Blade}
+
+
+def parse_constraint(text: str) -> Constraint:
+    """Return the constraint that a text names; no code in the text is evaluated.
+
+    Parameters
+    ----------
+    text : str
+        A catalogue name (``blade``), a call with literal arguments (``blade(lateral='z')``), or a
+        constraint of the user's own as ``file.py:name``; that file is imported.
+
+    Raises
+    ------
+    ConstraintError
+        Naming what was found and what is known.
+    """
+    text = text.strip()
+    path, colon, name = text.rpartition(":")
+    if colon and path.endswith(".py"):
+        return _from_file(Path(path), name)
+    try:
+        tree = ast.parse(text.replace("-", "_", text.partition("(")[0].count("-")), mode="eval").body
+    except SyntaxError:
+        tree = None
+    if isinstance(tree, ast.Name):
+        return build(tree.id, {})
+    if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name):
+        return build(tree.func.id, _literal_arguments(text, tree))
+    raise ConstraintError(
+        f"constraint {text!r} is not understood; give a name ({_known()}), a call such as "
+        "\"blade(lateral='z')\", or file.py:name"
+    )
+
+
+def build(name: str, arguments: dict[str, Any]) -> Constraint:
+    """Return a catalogue constraint with the given arguments."""
+    factory = CATALOGUE.get(name.replace("_", "-"))
+    if factory is None:
+        raise ConstraintError(f"no constraint is called {name!r}; known are {_known()}")
+    known = [f.name for f in dataclasses.fields(factory) if f.init]  # type: ignore[arg-type]
+    unknown = sorted(set(arguments) - set(known))
+    if unknown:
+        raise ConstraintError(f"{name} has no argument {unknown[0]!r}; it has {', '.join(known)}")
+    return factory(**arguments)
+
+
+def specification(constraint: Constraint) -> dict[str, Any]:
+    """Return plain data from which :func:`restore` makes the same constraint again."""
+    for name, factory in CATALOGUE.items():
+        if type(constraint) is factory:
+            fields = dataclasses.fields(constraint)  # type: ignore[arg-type]
+            arguments = {f.name: getattr(constraint, f.name) for f in fields if f.init}
+            return {"type": name, "arguments": arguments}
+    return {
+        "type": "declared",
+        "name": constraint.name,
+        "level": constraint.level,
+        "lateral": constraint.lateral,
+        "edge": constraint.edge,
+        "expression": _as_function(constraint).serialize(),
+    }
+
+
+def restore(data: dict[str, Any]) -> Constraint:
+    """Return the constraint that :func:`specification` described."""
+    if data["type"] != "declared":
+        return build(data["type"], dict(data["arguments"]))
+    return _RestoredConstraint(
+        data["name"], data["level"], data["lateral"], data["edge"], data["expression"]
+    )
+
+
+class _RestoredConstraint(Constraint):
+    """A user's constraint read back from its expression graph; the user's code is not needed."""
+
+    def __init__(
+        self, name: str, level: Level, lateral: str | None, edge: str | None, expression: str
+    ) -> None:
+        self.name, self.level, self.lateral, self.edge = name, level, lateral, edge
+        try:
+            self._function = ca.Function.deserialize(expression)
+        except Exception as error:
+            raise ConstraintError(
+                f"constraint {name!r} was saved with an incompatible CasADi; learn it again"
+            ) from error
+
+    def residual(self, motion: Motion) -> Expression:
+        return self._function(
+            motion.time,
+            motion.position,
+            motion.rotation,
+            motion.linear_velocity,
+            motion.angular_velocity,
+        )
+
+    def __repr__(self) -> str:
+        return f"<{self.level} constraint {self.name!r}>"
+
+
+def _as_function(constraint: Constraint) -> Any:
+    motion = Motion(
+        ca.SX.sym("t"),
+        ca.SX.sym("p", 3),
+        ca.SX.sym("R", 3, 3),
+        ca.SX.sym("v", 3),
+        ca.SX.sym("w", 3),
+    )
+    value = constraint.residual(motion)
+    if isinstance(value, (list, tuple)):
+        value = ca.vertcat(*value)
+    return ca.Function("constraint", [*vars(motion).values()], [ca.densify(ca.SX(value))])
+
+
+def _literal_arguments(text: str, call: ast.Call) -> dict[str, Any]:
+    if call.args or any(keyword.arg is None for keyword in call.keywords):
+        raise ConstraintError(f"constraint {text!r}: name each argument, as in lateral='z'")
+    arguments = {}
+    for keyword in call.keywords:
+        try:
+            arguments[str(keyword.arg)] = ast.literal_eval(keyword.value)
+        except ValueError:
+            raise ConstraintError(
+                f"constraint {text!r}: {keyword.arg} must be a literal (text, number, list), "
+                "nothing is evaluated"
+            ) from None
+    return arguments
+
+
+def _from_file(path: Path, name: str) -> Constraint:
+    if not path.is_file():
+        raise ConstraintError(f"{path}: no such file; a constraint of your own is file.py:name")
+    spec = importlib.util.spec_from_file_location(f"noslip_user_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ConstraintError(
+            f"{path}: importing it failed: {type(error).__name__}: {error}"
+        ) from error
+    found = getattr(module, name, None)
+    if isinstance(found, type) and issubclass(found, Constraint):
+        found = found()
+    if not isinstance(found, Constraint):
+        own = [key for key, value in vars(module).items() if isinstance(value, Constraint)]
+        listing = f"it declares {', '.join(own)}" if own else "it declares no constraint"
+        raise ConstraintError(f"{path}: {name!r} is not a constraint; {listing}")
+    return found
+
+
+def _known() -> str:
+    return ", ".join(sorted(CATALOGUE))

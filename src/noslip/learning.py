@@ -1,0 +1,271 @@
+"""Demonstrations and constraints -> a primitive that cannot break them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.errors import InputError
+from noslip.primitives.pose import PoseDMP, State, as_demonstrations, default_steps, evenly_sampled
+from noslip.primitives.stepping import Stepper
+from noslip.projection.pointwise import POSITION_ONLY, coupling, project_velocities
+from noslip.projection.trajectory import (
+    POSITION_SMOOTHING,
+    POSITION_WEIGHT,
+    ROTATION_SMOOTHING,
+    End,
+    ProjectedTrajectory,
+    project_trajectory,
+)
+from noslip.trajectory import PoseTrajectory
+
+STABILIZATION = 20.0
+"""How fast a violation at the start decays, per duration."""
+
+
+@dataclass(frozen=True)
+class LearningRecord:
+    """What the projection made of one demonstration.
+
+    Attributes
+    ----------
+    demonstration : str
+    samples, iterations, backing : int
+        ``backing`` counts stretches in which the demonstration moves backwards (left so).
+    residual : float
+        Largest residual of the projected trajectory, in the constraints' units.
+    position_change, rotation_change : float
+        Rms over the samples, metres and radians.
+    smoothing : float
+        Rotation smoothing with which it converged.
+    """
+
+    demonstration: str
+    samples: int
+    iterations: int
+    backing: int
+    residual: float
+    position_change: float
+    rotation_change: float
+    smoothing: float
+
+    @classmethod
+    def of(cls, demonstration: PoseTrajectory, projected: ProjectedTrajectory) -> LearningRecord:
+        moved = projected.trajectory.positions - demonstration.positions
+        return cls(
+            demonstration.name,
+            len(demonstration),
+            projected.iterations,
+            projected.backing,
+            projected.residual,
+            float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
+            float(np.sqrt(np.mean(np.sum(projected.turns**2, axis=1)))),
+            projected.smoothing,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ConstrainedDMP(PoseDMP):
+    """A pose primitive with the Udwadia-Kalaba coupling term (the paper's eq. 19).
+
+    Its rollouts satisfy the constraints at every step; with the orientation learned from the
+    projected demonstrations, the coupling term has next to nothing to do.
+
+    Attributes
+    ----------
+    constraints : tuple of Constraint
+    regular : PoseDMP
+        The paper's first comparison: fitted to the demonstrations as they are, no coupling.
+    inverse_metric : tuple of 6 floats
+        Diagonal of M^-1: who gives way at run time; position only by default, as in the paper.
+    stabilization : float
+        Rate at which a violation present at the start decays, per duration.
+    record : tuple of LearningRecord
+    """
+
+    constraints: tuple[Constraint, ...]
+    regular: PoseDMP
+    inverse_metric: tuple[float, ...] = POSITION_ONLY
+    stabilization: float = STABILIZATION
+    record: tuple[LearningRecord, ...] = ()
+
+    @cached_property
+    def system(self) -> ConstraintSystem:
+        """The constraints, stacked."""
+        return ConstraintSystem(self.constraints)
+
+    @cached_property
+    def constrained(self) -> ConstrainedDMP:
+        """The paper's second comparison: coupled, with the orientation as demonstrated."""
+        return replace(
+            self, position=self.regular.position, orientation=self.regular.orientation
+        )
+
+    def initial_state(
+        self,
+        *,
+        goal_position: ArrayLike | None = None,
+        goal_rotation: Rotation | None = None,
+        start_position: ArrayLike | None = None,
+        start_rotation: Rotation | None = None,
+        duration: float | None = None,
+    ) -> State:
+        """Return the state to :meth:`step` from, its velocities projected onto the constraints."""
+        state = super().initial_state(
+            goal_position=goal_position,
+            goal_rotation=goal_rotation,
+            start_position=start_position,
+            start_rotation=start_rotation,
+            duration=duration,
+        )
+        pose = (state.position, state.rotation.as_quat(scalar_first=True))
+        linear, angular = project_velocities(
+            self.system,
+            0.0,
+            *pose,
+            state.linear_velocity,
+            state.angular_velocity,
+            inverse_metric=self.inverse_metric,
+        )
+        residual = self.system.residuals([0.0], *([x] for x in (*pose, linear, angular)))
+        return replace(
+            state,
+            linear_velocity=linear,
+            angular_velocity=angular,
+            constraint_residuals=residual[0],
+            multipliers=np.zeros(self.system.size),
+        )
+
+    def save(self, path: str | Path) -> Path:
+        """Write the primitive as JSON; :func:`noslip.load_primitive` reads it back.
+
+        The motion of what is read back is the same to the last bit.
+        """
+        from noslip.saving import save_primitive
+
+        return save_primitive(self, path)
+
+    @cached_property
+    def _stepper(self) -> Stepper:
+        if not self.system.size:
+            return super()._stepper
+        return Stepper(
+            coupling(self.system, inverse_metric=self.inverse_metric), self.system.size
+        )
+
+    @property
+    def _residual_rate(self) -> float:
+        return self.stabilization
+
+    @property
+    def _constraint_names(self) -> tuple[str, ...]:
+        return tuple(self.system.row_names)
+
+
+def learn(
+    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint] = (),
+    *,
+    basis_functions: int = 100,
+    alpha: float = 25.0,
+    beta: float = 6.25,
+    alpha_s: float = 1.0,
+    ridge: float = 1e-6,
+    hold_position: bool = False,
+    start: End = "free",
+    end: End = "free",
+    position_weight: float = POSITION_WEIGHT,
+    position_smoothing: float = POSITION_SMOOTHING,
+    rotation_smoothing: float = ROTATION_SMOOTHING,
+    inverse_metric: Sequence[float] = POSITION_ONLY,
+    stabilization: float = STABILIZATION,
+    progress: Callable[[int, int], None] | None = None,
+) -> ConstrainedDMP:
+    """Learn a primitive from demonstrations that holds constraints exactly.
+
+    Each demonstration is projected onto the constraints (the nearest trajectory that satisfies
+    them), one primitive is fitted to all projected ones, and the Udwadia-Kalaba coupling term keeps
+    its motion on the constraints at every step.
+
+    Parameters
+    ----------
+    demonstrations : PoseTrajectory or several
+        Any rate, any start time.
+    constraints : Constraint or several
+        Each zero along the motion; none gives an ordinary pose primitive.
+    basis_functions, alpha, beta, alpha_s, ridge
+        As for :meth:`PoseDMP.fit`.
+    hold_position : bool
+        Project by the orientation alone, as in the paper.  By default the position gives way too,
+        by a fraction of a thousandth of the path, which spares the tool sharp turns.
+    start, end : "free", "position", "rotation" or "pose"
+        What of the demonstrations' first and last sample the projection must keep.
+    position_weight, position_smoothing, rotation_smoothing : float
+        See :func:`noslip.project_trajectory`.
+    inverse_metric : 6 numbers
+        Diagonal of M^-1: who gives way at run time; position only by default.
+    stabilization : float
+        Rate at which a violation present at the start decays, per duration.
+    progress : callable, optional
+        Called with (demonstrations done, all) after each projection.
+
+    Raises
+    ------
+    InputError, ConstraintError
+        If demonstrations or constraints are not what they must be.
+    ConvergenceError
+        If a projection does not converge; the message says what to change.
+    """
+    recorded = as_demonstrations(demonstrations)
+    system = as_system(constraints)
+    metric = tuple(float(x) for x in inverse_metric)
+    if len(metric) != 6 or not all(np.isfinite(x) and x >= 0 for x in metric) or not any(metric):
+        raise InputError(f"inverse_metric is 6 numbers >= 0, not all 0; got {inverse_metric}")
+    if not (np.isfinite(stabilization) and stabilization >= 0):
+        raise InputError(f"stabilization must be 0 or more, got {stabilization}")
+    projected, record = [], []
+    sampled = [evenly_sampled(d, basis_functions) for d in recorded]
+    for index, demonstration in enumerate(sampled):
+        if system.size:
+            result = project_trajectory(
+                demonstration,
+                system,
+                hold_position=hold_position,
+                start=start,
+                end=end,
+                position_weight=position_weight,
+                position_smoothing=position_smoothing,
+                rotation_smoothing=rotation_smoothing,
+            )
+            record.append(LearningRecord.of(demonstration, result))
+            projected.append(result.trajectory)
+        if progress is not None:
+            progress(index + 1, len(recorded))
+    constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
+    regular = replace(
+        PoseDMP.fit(sampled, basis_functions=basis_functions, **constants),
+        steps=default_steps(recorded[0]),
+    )
+    fitted = regular
+    if projected:
+        fitted = PoseDMP.fit(projected, basis_functions=basis_functions, **constants)
+    return ConstrainedDMP(
+        position=fitted.position,
+        orientation=fitted.orientation,
+        phase=regular.phase,
+        duration=regular.duration,
+        steps=regular.steps,
+        constraints=system.constraints,
+        regular=regular,
+        inverse_metric=metric,
+        stabilization=float(stabilization),
+        record=tuple(record),
+    )
