@@ -135,12 +135,12 @@ class ConstrainedDMP(PoseDMP):
             state.angular_velocity,
             inverse_metric=self.inverse_metric,
         )
-        residual = self.system.residuals([0.0], *([x] for x in (*pose, linear, angular)))
+        residual, _, _ = self.system.instant(0.0, *pose, linear, angular)
         return replace(
             state,
             linear_velocity=linear,
             angular_velocity=angular,
-            constraint_residuals=residual[0],
+            constraint_residuals=residual,
             multipliers=np.zeros(self.system.size),
         )
 

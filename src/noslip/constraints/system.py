@@ -96,33 +96,38 @@ class ConstraintSystem:
         )
 
     @cached_property
-    def _velocity_rows(self) -> ca.Function:
+    def _instant(self) -> ca.Function:
         t, p, q, v, w = state = _state_symbols()
         phi = self.first_order(*state)
-        return ca.Function(
-            "velocity_rows", [t, p, q, v, w], [phi, ca.densify(ca.jacobian(phi, ca.vertcat(v, w)))]
-        )
+        rows = ca.jacobian(phi, ca.vertcat(v, w))
+        outputs = [self.residual(*state), phi, ca.densify(rows)]
+        return ca.Function("instant", [t, p, q, v, w], ca.cse(outputs))
 
-    def velocity_rows(
+    def instant(
         self,
         time: float,
         position: ArrayLike,
         quaternion: ArrayLike,
         linear_velocity: ArrayLike,
         angular_velocity: ArrayLike,
-    ) -> tuple[Floats, Floats]:
-        """Rows as conditions on velocities (phi, or d psi/dt), and their Jacobian.
+    ) -> tuple[Floats, Floats, Floats]:
+        """Residual, its rows as conditions on velocities (phi, or d psi/dt), and their Jacobian.
 
         Returns
         -------
-        phi : array, shape (m,)
+        residual, phi : array, shape (m,)
         jacobian : array, shape (m, 6)
-            With respect to linear, then angular velocity.
+            Of phi with respect to linear, then angular velocity.
         """
-        phi, rows = self._velocity_rows(
+        residual, phi, rows = self._instant(
             time, position, quaternion, linear_velocity, angular_velocity
         )
-        return np.array(phi).reshape(self.size), np.array(rows).reshape(self.size, 6)
+        size = self.size
+        return (
+            np.array(residual).reshape(size),
+            np.array(phi).reshape(size),
+            np.array(rows).reshape(size, 6),
+        )
 
     @cached_property
     def _acceleration_form(self) -> ca.Function:

@@ -84,7 +84,3 @@ class OrientationDMP:
     def goal(self) -> Rotation:
         """Where the demonstrations end (mean)."""
         return self.winding.goal
-
-    def offsets(self, activations: Floats) -> Floats:
-        """``f / (alpha beta)`` in radians, shape (N, 3): what the force adds to the logarithm."""
-        return activations @ (self.forcing.weights / self.attractor.stiffness)

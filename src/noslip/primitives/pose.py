@@ -314,6 +314,12 @@ class PoseDMP:
     def _stepper(self) -> Stepper:
         return _UNCOUPLED
 
+    @cached_property
+    def _offset_weights(self) -> Floats:
+        """Weights of both forces over ``alpha beta``: what they add to the goals."""
+        parts = (self.position, self.orientation)
+        return np.hstack([p.forcing.weights / p.attractor.stiffness for p in parts])
+
     @property
     def _residual_rate(self) -> float:
         """How fast a residual present at the start decays, per duration."""
@@ -327,7 +333,6 @@ class PoseDMP:
         """Everything about the coming steps that depends on the phase alone."""
         basis, tau = self.position.forcing.basis, state.duration
         begin = -np.log(state.phase) / self.phase.alpha_s if state.previous_step else 0.0
-        fractions = begin + np.arange(steps) * (time_step / tau)
         activations = basis.stepping_activations(
             begin, steps, time_step / tau, self.position.attractor.alpha
         )
@@ -343,10 +348,12 @@ class PoseDMP:
         column["residual_decay"][:] = np.exp(-self._residual_rate / tau * time_step)
         column["decay"][:] = product
         column["gain"][:] = gain / kicks
-        column["position_target"][:] = state.goal_position + self.position.offsets(activations)
-        leading = self.orientation.winding.at(fractions, state.goal_rotation)
-        column["rotation_goal"][:] = leading.as_quat(scalar_first=True)
-        column["rotation_offset"][:] = self.orientation.offsets(activations)
+        offsets = activations @ self._offset_weights
+        column["position_target"][:] = state.goal_position + offsets[:, :3]
+        column["rotation_goal"][:] = self.orientation.winding.along(
+            begin, steps, time_step / tau, state.goal_rotation
+        )
+        column["rotation_offset"][:] = offsets[:, 3:]
         return table
 
 

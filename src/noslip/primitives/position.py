@@ -73,7 +73,3 @@ class PositionDMP:
             np.mean([path[-1] for path in positions], axis=0),
             np.mean(np.atleast_2d(start_velocities), axis=0),
         )
-
-    def offsets(self, activations: Floats) -> Floats:
-        """``f / (alpha beta)`` in metres, shape (N, 3): what the force adds to the goal."""
-        return activations @ (self.forcing.weights / self.attractor.stiffness)

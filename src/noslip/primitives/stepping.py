@@ -175,11 +175,7 @@ def _step_function(coupling: Coupling | None) -> Any:
         linear, angular = held_linear, held_angular
     position, quaternion = symbols.advance(linear, angular)
     quaternion = quaternion / ca.norm_2(quaternion)
-    return ca.Function(
-        "step",
-        [state, step],
-        [
-            ca.densify(ca.vertcat(position, quaternion, linear, angular)),
-            ca.densify(ca.vertcat(residuals, multipliers, force)),
-        ],
-    )
+    after = ca.densify(ca.vertcat(position, quaternion, linear, angular))
+    output = ca.densify(ca.vertcat(residuals, multipliers, force))
+    # The coupling term evaluates poses and residuals more than once; each is computed once.
+    return ca.Function("step", [state, step], ca.cse([after, output]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,9 +76,32 @@ class Winding:
 
     def at(self, fractions: Floats, goal: Rotation | None = None) -> Rotation:
         """W at fractions of the duration, led to another goal if one is given."""
-        count = len(fractions)
         if len(self.quaternions) == 1:
-            rotations = Rotation.from_quat(np.repeat(self.quaternions, count, 0), scalar_first=True)
+            knot = np.repeat(self.quaternions, len(fractions), axis=0)
+            rotations = Rotation.from_quat(knot, scalar_first=True)
         else:
             rotations = self._spline(np.clip(fractions, 0.0, 1.0))
         return rotations if goal is None else goal * self.goal.inv() * rotations
+
+    def along(self, begin: float, steps: int, step_fraction: float, goal: Rotation) -> Floats:
+        """Quaternions of W, led to a goal, where each of the coming steps begins.
+
+        Returns
+        -------
+        array, shape (steps, 4)
+        """
+        leading = _along(self, begin, steps, step_fraction)
+        turn = goal * self.goal.inv()
+        if turn.magnitude() == 0.0:
+            return leading
+        turned = turn * Rotation.from_quat(leading, scalar_first=True)
+        return np.asarray(turned.as_quat(scalar_first=True))
+
+
+# As for the basis functions: rollouts of one primitive repeat.
+@lru_cache(maxsize=4)
+def _along(winding: Winding, begin: float, steps: int, step_fraction: float) -> Floats:
+    rotations = winding.at(begin + np.arange(steps) * step_fraction)
+    quaternions = np.asarray(rotations.as_quat(scalar_first=True))
+    quaternions.flags.writeable = False
+    return quaternions

@@ -35,7 +35,6 @@ POSITION_ONLY: tuple[float, ...] = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 RELATIVE_TIKHONOV = 1e-12
 """Added to ``A M^-1 A^T`` relative to its trace: makes repeated and dependent rows harmless."""
 _SMALLEST_PIVOT = 1e-200
-_ITERATIONS_LINEAR = 2
 _ITERATIONS = 4
 
 
@@ -100,7 +99,10 @@ def coupling(
         position, quaternion = s.advance(free[:3], free[3:])
         phi = system.residual(s.time, position, quaternion, free[:3], free[3:])
         jacobian = ca.jacobian(phi, unknown)
-        iterations = _ITERATIONS if ca.depends_on(jacobian, unknown) else _ITERATIONS_LINEAR
+        iterations = _ITERATIONS
+        if not ca.depends_on(jacobian, unknown):
+            # One row is divided by exactly; several are regularised, which a second pass undoes.
+            iterations = 1 if system.size == 1 else 2
         velocities, impulse = unconstrained, ca.SX(system.size, 1)
         for _ in range(iterations):
             value, rows = ca.substitute([phi, jacobian], [unknown], [velocities])
@@ -149,10 +151,10 @@ def _decayed_residual(system: ConstraintSystem, s: StepSymbols) -> Expression:
 def _solve_regularised(matrix: Expression, right: Expression) -> Expression:
     """Solve a positive semi-definite system; dependent and vanished rows do no harm."""
     size = matrix.shape[0]
+    if size == 1:
+        return right / (matrix + _SMALLEST_PIVOT)
     shift = RELATIVE_TIKHONOV * ca.trace(matrix) + _SMALLEST_PIVOT
     regular = ca.densify(matrix) + shift * ca.SX.eye(size)
-    if size == 1:
-        return right / regular
     return ca.ldl_solve(right, *ca.ldl(regular))
 
 
@@ -182,7 +184,9 @@ def project_velocities(
     weights = np.asarray(inverse_metric, dtype=np.float64)
     found = given
     for _ in range(_ITERATIONS):
-        phi, rows = system.velocity_rows(time, position, quaternion, found[:3], found[3:])
+        _, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
+        if np.abs(phi).max() <= 1e-15 * max(1.0, np.abs(given).max()):
+            break
         weighted = weights[:, None] * rows.T
         gap = rows @ (found - given) - phi
         found = given + weighted @ (np.linalg.pinv(rows @ weighted, hermitian=True) @ gap)

@@ -468,7 +468,7 @@ def _stage_function(system: ConstraintSystem, hold_position: bool, count: int): 
     curvature, _ = ca.hessian(ca.dot(multipliers, phi), z)
     parameters = ca.vertcat(q_before, q_here, p, v, time, time_step, length)
     outputs = ca.vertcat(ca.densify(phi), *jacobian.nonzeros(), *curvature.nonzeros())
-    function = ca.Function("stage", [before, here, parameters, multipliers], [outputs])
+    function = ca.Function("stage", [before, here, parameters, multipliers], [ca.cse(outputs)])
     mapped = function.map(count)
     jacobian_places = _places(jacobian)
     curvature_places = _places(curvature)
