@@ -22,6 +22,7 @@ from noslip.learning import ConstrainedDMP, learn
 from noslip.primitives import ConstrainedMotion, OrientationDMP, PoseDMP, PositionDMP, State
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import project_trajectory
+from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "check",
     "learn",
     "load_demonstrations",
+    "load_primitive",
     "position_constraint",
     "prepare",
     "project_initial_velocity",

@@ -105,9 +105,7 @@ class ConstrainedDMP(PoseDMP):
     @cached_property
     def constrained(self) -> ConstrainedDMP:
         """The paper's second comparison: coupled, with the orientation as demonstrated."""
-        return replace(
-            self, position=self.regular.position, orientation=self.regular.orientation
-        )
+        return replace(self, position=self.regular.position, orientation=self.regular.orientation)
 
     def initial_state(
         self,
@@ -127,7 +125,7 @@ class ConstrainedDMP(PoseDMP):
             duration=duration,
         )
         pose = (state.position, state.rotation.as_quat(scalar_first=True))
-        linear, angular = project_velocities(
+        linear, angular, residual = project_velocities(
             self.system,
             0.0,
             *pose,
@@ -135,7 +133,6 @@ class ConstrainedDMP(PoseDMP):
             state.angular_velocity,
             inverse_metric=self.inverse_metric,
         )
-        residual, _, _ = self.system.instant(0.0, *pose, linear, angular)
         return replace(
             state,
             linear_velocity=linear,
@@ -157,9 +154,7 @@ class ConstrainedDMP(PoseDMP):
     def _stepper(self) -> Stepper:
         if not self.system.size:
             return super()._stepper
-        return Stepper(
-            coupling(self.system, inverse_metric=self.inverse_metric), self.system.size
-        )
+        return Stepper(coupling(self.system, inverse_metric=self.inverse_metric), self.system.size)
 
     @property
     def _residual_rate(self) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 
 from noslip.constraints.blade import Blade
-from noslip.constraints.declaration import Constraint, Level, Motion
+from noslip.constraints.declaration import Constraint, Level, Motion, constraint_function
 from noslip.errors import ConstraintError
 from noslip.rotations import Expression
 
@@ -38,7 +38,9 @@ def parse_constraint(text: str) -> Constraint:
     if colon and path.endswith(".py"):
         return _from_file(Path(path), name)
     try:
-        tree = ast.parse(text.replace("-", "_", text.partition("(")[0].count("-")), mode="eval").body
+        tree = ast.parse(
+            text.replace("-", "_", text.partition("(")[0].count("-")), mode="eval"
+        ).body
     except SyntaxError:
         tree = None
     if isinstance(tree, ast.Name):
@@ -76,7 +78,7 @@ def specification(constraint: Constraint) -> dict[str, Any]:
         "level": constraint.level,
         "lateral": constraint.lateral,
         "edge": constraint.edge,
-        "expression": _as_function(constraint).serialize(),
+        "expression": constraint_function(constraint).serialize(),
     }
 
 
@@ -114,20 +116,6 @@ class _RestoredConstraint(Constraint):
 
     def __repr__(self) -> str:
         return f"<{self.level} constraint {self.name!r}>"
-
-
-def _as_function(constraint: Constraint) -> Any:
-    motion = Motion(
-        ca.SX.sym("t"),
-        ca.SX.sym("p", 3),
-        ca.SX.sym("R", 3, 3),
-        ca.SX.sym("v", 3),
-        ca.SX.sym("w", 3),
-    )
-    value = constraint.residual(motion)
-    if isinstance(value, (list, tuple)):
-        value = ca.vertcat(*value)
-    return ca.Function("constraint", [*vars(motion).values()], [ca.densify(ca.SX(value))])
 
 
 def _literal_arguments(text: str, call: ast.Call) -> dict[str, Any]:

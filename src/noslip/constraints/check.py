@@ -120,7 +120,9 @@ class CheckReport:
             "path_length": self.path_length,
             "satisfied": self.satisfied,
             "verdict": self.verdict,
-            "constraints": [asdict(check) | {"verdict": check.verdict} for check in self.constraints],
+            "constraints": [
+                asdict(check) | {"verdict": check.verdict} for check in self.constraints
+            ],
         }
 
     def __str__(self) -> str:
@@ -147,8 +149,8 @@ def check(
     """Report how well a motion satisfies constraints.
 
     The residual is that of the discrete motion: of each step from one sample to the next, with the
-    pose where the step ends.  That is what a controller which plays the samples executes; nothing is
-    filtered or differentiated further, so low-pass noisy recordings first.
+    pose where the step ends.  That is what a controller which plays the samples executes; nothing
+    is filtered or differentiated further, so low-pass noisy recordings first.
 
     Parameters
     ----------
@@ -187,9 +189,7 @@ def check(
                 satisfied=bool(size[worst] <= tolerance),
             )
         )
-    return CheckReport(
-        trajectory.name, trajectory.duration, trajectory.path_length, tuple(results)
-    )
+    return CheckReport(trajectory.name, trajectory.duration, trajectory.path_length, tuple(results))
 
 
 def step_residuals(

@@ -16,7 +16,7 @@ from typing import Any, Literal, overload
 import casadi as ca
 
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression, rotation_matrix
+from noslip.rotations import Expression
 
 Level = Literal["velocity", "position"]
 AXES = ("x", "y", "z")
@@ -144,15 +144,8 @@ def position_constraint(
     return _DeclaredConstraint(function, "position", name)
 
 
-def evaluate(
-    constraint: Constraint,
-    time: Expression,
-    position: Expression,
-    quaternion: Expression,
-    linear_velocity: Expression,
-    angular_velocity: Expression,
-) -> Expression:
-    """Residual of a constraint as a column of SX expressions, checked for what it must be.
+def constraint_function(constraint: Constraint) -> Any:
+    """CasADi function (t, p, R, v, w) -> residual column, checked for what it must be.
 
     Raises
     ------
@@ -162,7 +155,11 @@ def evaluate(
         although declared at velocity level).
     """
     motion = Motion(
-        time, position, rotation_matrix(quaternion), linear_velocity, angular_velocity
+        ca.SX.sym("t"),
+        ca.SX.sym("p", 3),
+        ca.SX.sym("R", 3, 3),
+        ca.SX.sym("v", 3),
+        ca.SX.sym("w", 3),
     )
     try:
         value = constraint.residual(motion)
@@ -183,8 +180,8 @@ def evaluate(
             "column of numbers, all zero when it holds"
         )
     column = ca.densify(column)
-    velocities = ca.vertcat(linear_velocity, angular_velocity)
-    pose = ca.vertcat(position, quaternion)
+    velocities = ca.vertcat(motion.linear_velocity, motion.angular_velocity)
+    pose = ca.vertcat(motion.position, ca.vec(motion.rotation))
     if not ca.depends_on(column, ca.vertcat(pose, velocities)):
         raise ConstraintError(
             f"constraint {constraint.name!r} does not depend on the motion: it is {value}"
@@ -200,7 +197,7 @@ def evaluate(
             f"constraint {constraint.name!r} depends on a velocity; declare it with "
             "velocity_constraint"
         )
-    return column
+    return ca.Function("constraint", [*vars(motion).values()], [column])
 
 
 def axis_index(axis: str) -> tuple[int, float]:

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from noslip.constraints.declaration import Constraint, evaluate
+from noslip.constraints.declaration import Constraint, constraint_function
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression, quaternion_product
+from noslip.rotations import Expression, quaternion_product, rotation_matrix
 
 Floats = NDArray[np.float64]
 
@@ -40,10 +40,11 @@ class ConstraintSystem:
                 raise ConstraintError(
                     f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
                 )
-        t, p, q, v, w = state = _state_symbols()
-        columns = [evaluate(constraint, *state) for constraint in self.constraints]
+        t, p, q, v, w = _state_symbols()
+        columns = [constraint_function(c)(t, p, rotation_matrix(q), v, w) for c in self.constraints]
         self.rows: tuple[int, ...] = tuple(column.shape[0] for column in columns)
-        self.function = ca.Function("residual", [t, p, q, v, w], [ca.vertcat(ca.SX(0, 1), *columns)])
+        stacked = ca.vertcat(ca.SX(0, 1), *columns)
+        self.function = ca.Function("residual", [t, p, q, v, w], [stacked])
 
     @property
     def size(self) -> int:
@@ -64,7 +65,9 @@ class ConstraintSystem:
             for row in range(rows)
         ]
 
-    def residual(self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression) -> Expression:
+    def residual(
+        self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression
+    ) -> Expression:
         """Stacked residual as an expression of other expressions."""
         return self.function(t, p, q, v, w)
 
@@ -86,13 +89,18 @@ class ConstraintSystem:
         )
         return np.array(self.function.map(count)(*arguments)).T.reshape(count, self.size)
 
-    def first_order(self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression) -> Expression:
+    def first_order(
+        self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression
+    ) -> Expression:
         """Rows as conditions on velocities: phi itself, and d psi/dt for position level."""
         value = self.residual(t, p, q, v, w)
         rate = _time_derivative(value, t, p, q, v, w)
         return ca.vertcat(
             ca.SX(0, 1),
-            *(value[i] if is_velocity else rate[i] for i, is_velocity in enumerate(self.row_is_velocity)),
+            *(
+                value[i] if is_velocity else rate[i]
+                for i, is_velocity in enumerate(self.row_is_velocity)
+            ),
         )
 
     @cached_property
@@ -138,9 +146,7 @@ class ConstraintSystem:
         drift = _time_derivative(phi, *state)
         A = ca.jacobian(phi, ca.vertcat(v, w))
         pull = [
-            kappa * value[i]
-            if is_velocity
-            else 2 * zeta * kappa * phi[i] + kappa**2 * value[i]
+            kappa * value[i] if is_velocity else 2 * zeta * kappa * phi[i] + kappa**2 * value[i]
             for i, is_velocity in enumerate(self.row_is_velocity)
         ]
         b = -drift - ca.vertcat(ca.SX(0, 1), *pull)
@@ -176,13 +182,20 @@ class ConstraintSystem:
         b : array, shape (m,)
         """
         A, b = self._acceleration_form(
-            time, position, quaternion, linear_velocity, angular_velocity,
-            stabilization, damping_ratio,
+            time,
+            position,
+            quaternion,
+            linear_velocity,
+            angular_velocity,
+            stabilization,
+            damping_ratio,
         )
         return np.array(A).reshape(self.size, 6), np.array(b).reshape(self.size)
 
 
-def as_system(constraints: ConstraintSystem | Constraint | Sequence[Constraint]) -> ConstraintSystem:
+def as_system(
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint],
+) -> ConstraintSystem:
     """Return the constraints as a system; a system passes through."""
     if isinstance(constraints, ConstraintSystem):
         return constraints
@@ -191,7 +204,11 @@ def as_system(constraints: ConstraintSystem | Constraint | Sequence[Constraint])
 
 def _state_symbols() -> tuple[Expression, ...]:
     return (
-        ca.SX.sym("t"), ca.SX.sym("p", 3), ca.SX.sym("q", 4), ca.SX.sym("v", 3), ca.SX.sym("w", 3),
+        ca.SX.sym("t"),
+        ca.SX.sym("p", 3),
+        ca.SX.sym("q", 4),
+        ca.SX.sym("v", 3),
+        ca.SX.sym("w", 3),
     )
 
 

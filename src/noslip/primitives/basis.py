@@ -70,9 +70,7 @@ class Basis:
 
 # Rollouts of one primitive repeat: most of their time would go into the same exponentials.
 @lru_cache(maxsize=4)
-def _stepping_activations(
-    basis: Basis, begin: float, steps: int, h: float, alpha: float
-) -> Floats:
+def _stepping_activations(basis: Basis, begin: float, steps: int, h: float, alpha: float) -> Floats:
     around = basis.activations(basis.phase.at(begin + np.arange(-1, steps + 1) * h))
     before, now, after = around[:-2], around[1:-1], around[2:]
     activations = now + (after - 2 * now + before + alpha * h / 2 * (after - before)) / 12

@@ -26,7 +26,9 @@ class OrientationDMP:
     attractor : Attractor
     forcing : ForcingTerm
         In radians, time normalised by the duration, world frame.
-    start : Rotation
+    start_quaternion : array, shape (4,)
+        (qw, qx, qy, qz).  Kept as numbers, since SciPy's rotations change their last bits when
+        they are written and read.
     winding : Winding
         R_g, or what leads to it where the demonstration turns beyond half a turn.
     start_velocity : array, shape (3,)
@@ -35,7 +37,7 @@ class OrientationDMP:
 
     attractor: Attractor
     forcing: ForcingTerm
-    start: Rotation
+    start_quaternion: Floats
     winding: Winding
     start_velocity: Floats
 
@@ -72,13 +74,19 @@ class OrientationDMP:
                 basis.stepping_activations(fraction, count - 2, fraction, attractor.alpha)
             )
             forces.append(attractor.stiffness * (pull - error))
+        start = Rotation.concatenate([turning[0] for turning in rotations]).mean()
         return cls(
             attractor,
             ForcingTerm.fit(basis, activations, forces, ridge=ridge),
-            Rotation.concatenate([turning[0] for turning in rotations]).mean(),
+            start.as_quat(scalar_first=True),
             winding,
             np.mean(np.atleast_2d(start_velocities), axis=0),
         )
+
+    @property
+    def start(self) -> Rotation:
+        """Where the demonstrations begin (mean)."""
+        return Rotation.from_quat(self.start_quaternion, scalar_first=True)
 
     @property
     def goal(self) -> Rotation:

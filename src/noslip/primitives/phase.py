@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ class Phase:
 
     alpha_s: float = 1.0
 
-    def at(self, fraction: Floats | float) -> Floats:
+    def at(self, fraction: ArrayLike) -> Floats:
         """Phase at a fraction ``t / duration`` of the motion."""
         return np.exp(-self.alpha_s * np.asarray(fraction, dtype=np.float64))
 

@@ -250,7 +250,7 @@ class PoseDMP:
         # The acceleration of the first sample is that of the step which leaves it.
         outputs[0, rows:] = outputs[1, rows:]
         return ConstrainedMotion(
-            times=np.arange(steps + 1) * time_step,
+            times=np.arange(steps + 1, dtype=np.float64) * time_step,
             positions=states[:, 0:3],
             rotations=Rotation.from_quat(states[:, 3:7], scalar_first=True),
             linear_velocities=states[:, 7:10],

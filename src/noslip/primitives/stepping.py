@@ -133,10 +133,10 @@ class Stepper:
         start = np.ascontiguousarray(state, dtype=np.float64)
         steps = np.ascontiguousarray(table, dtype=np.float64)
         buffer, evaluate = self._accumulated(count).buffer()
-        buffer.set_arg(0, memoryview(start))
-        buffer.set_arg(1, memoryview(steps))
-        buffer.set_res(0, memoryview(states))
-        buffer.set_res(1, memoryview(outputs))
+        buffer.set_arg(0, start.data)
+        buffer.set_arg(1, steps.data)
+        buffer.set_res(0, states.data)
+        buffer.set_res(1, outputs.data)
         evaluate()
         return states, outputs
 
@@ -163,9 +163,7 @@ def _step_function(coupling: Coupling | None) -> Any:
     turn = quaternion_log(
         quaternion_product(field["rotation_goal"], quaternion_conjugate(symbols.quaternion))
     )
-    linear = decay * symbols.linear_velocity + gain * (
-        field["position_target"] - symbols.position
-    )
+    linear = decay * symbols.linear_velocity + gain * (field["position_target"] - symbols.position)
     angular = decay * symbols.angular_velocity + gain * (turn + field["rotation_offset"])
     residuals = multipliers = ca.SX(0, 1)
     force = ca.SX(6, 1)

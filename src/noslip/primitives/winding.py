@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip.errors import InputError
@@ -52,7 +52,9 @@ class Winding:
         fractions = np.linspace(0.0, 1.0, len(rotations))
         intervals = 2
         while intervals <= min(_MOST_KNOTS, len(rotations) - 1):
-            knots = rotations[np.round(np.linspace(0, len(rotations) - 1, intervals + 1)).astype(int)]
+            knots = rotations[
+                np.round(np.linspace(0, len(rotations) - 1, intervals + 1)).astype(int)
+            ]
             winding = cls(continuous_quaternions(knots))
             steps = (knots[1:] * knots[:-1].inv()).magnitude()
             distances = (winding.at(fractions) * rotations.inv()).magnitude()
@@ -74,10 +76,10 @@ class Winding:
         knots = Rotation.from_quat(self.quaternions, scalar_first=True)
         return RotationSpline(np.linspace(0.0, 1.0, len(self.quaternions)), knots)
 
-    def at(self, fractions: Floats, goal: Rotation | None = None) -> Rotation:
+    def at(self, fractions: ArrayLike, goal: Rotation | None = None) -> Rotation:
         """W at fractions of the duration, led to another goal if one is given."""
         if len(self.quaternions) == 1:
-            knot = np.repeat(self.quaternions, len(fractions), axis=0)
+            knot = np.repeat(self.quaternions, np.size(fractions), axis=0)
             rotations = Rotation.from_quat(knot, scalar_first=True)
         else:
             rotations = self._spline(np.clip(fractions, 0.0, 1.0))

@@ -77,6 +77,7 @@ def coupling(
     constraints : ConstraintSystem or constraints
     inverse_metric : 6 numbers
         Diagonal of M^-1; position only by default, as in the paper.
+
     Returns
     -------
     Coupling
@@ -129,9 +130,7 @@ def _decayed_residual(system: ConstraintSystem, s: StepSymbols) -> Expression:
     so a motion on the constraint stays on it to rounding.
     """
     before = s.time - s.time_step
-    now = system.residual(
-        before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity
-    )
+    now = system.residual(before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
     decay = s.residual_decay
     back = quaternion_exp(-s.previous_step * s.angular_velocity)
     earlier = system.residual(
@@ -167,7 +166,7 @@ def project_velocities(
     angular_velocity: ArrayLike,
     *,
     inverse_metric: Sequence[float] = POSITION_ONLY,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """Nearest velocities, in the metric, that the constraints allow at a pose.
 
     For the blade and the paper's metric this is the paper's projection of the initial velocity onto
@@ -176,21 +175,21 @@ def project_velocities(
     Returns
     -------
     linear_velocity, angular_velocity : array, shape (3,)
+    residual : array, shape (m,)
+        Of the constraints at this pose and the projected velocities.
     """
     system = as_system(constraints)
     given = np.concatenate([np.ravel(linear_velocity), np.ravel(angular_velocity)]).astype(float)
-    if system.size == 0:
-        return given[:3], given[3:]
     weights = np.asarray(inverse_metric, dtype=np.float64)
-    found = given
-    for _ in range(_ITERATIONS):
-        _, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
+    found, residual = given, np.zeros(0)
+    for _ in range(_ITERATIONS + 1 if system.size else 0):
+        residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
         if np.abs(phi).max() <= 1e-15 * max(1.0, np.abs(given).max()):
             break
         weighted = weights[:, None] * rows.T
         gap = rows @ (found - given) - phi
         found = given + weighted @ (np.linalg.pinv(rows @ weighted, hermitian=True) @ gap)
-    return found[:3], found[3:]
+    return found[:3], found[3:], residual
 
 
 def project_initial_velocity(
@@ -201,7 +200,7 @@ def project_initial_velocity(
     The last step of the paper's preparation (its section IV-B): the Udwadia-Kalaba method assumes
     that the motion starts on the constraint.  Poses stay as they are.
     """
-    linear, angular = project_velocities(
+    linear, angular, _ = project_velocities(
         constraints,
         0.0,
         trajectory.positions[0],

@@ -4,7 +4,7 @@ Unknown at each sample are a rotation correction delta (``R = Exp(delta) R_ref``
 a displacement of the position.  Minimised is, with time normalised by the duration and L the path's
 length,
 
-    ``int w_p |p - p_ref|^2 / L^2 + w_R u |delta|^2 + mu_p |p'' - p_ref''|^2 / L^2 + mu_R |delta''|^2``
+    ``int (w_p |p - p_ref|^2 + mu_p |p'' - p_ref''|^2) / L^2 + w_R u |delta|^2 + mu_R |delta''|^2``
 
 subject to the constraints on the discrete motion that the primitive will run, ``(R_k+1,
 (p_k+1 - p_k) / dt, ...)``.  The weight u follows the speed: a turn of the tool costs per path cut,
@@ -324,7 +324,9 @@ class _Problem:
         converged, iteration, step_size = False, 0, np.inf
         tolerance = max(_RESIDUAL_TOLERANCE, self._rounding())
         for iteration in range(max_iterations + 1):
-            value, jacobian, curvature = self._evaluate(self.z, self.parameters, multipliers * self.row_scale)
+            value, jacobian, curvature = self._evaluate(
+                self.z, self.parameters, multipliers * self.row_scale
+            )
             value = np.where(self.active, value * self.row_scale, 0.0)
             residual = np.abs(value).max(initial=0.0)
             if not np.isfinite(residual):
@@ -334,9 +336,7 @@ class _Problem:
                 break
             if iteration == max_iterations:
                 break
-            use_curvature = (
-                step_size < _NEAR if careful else iteration >= _GAUSS_NEWTON_STEPS
-            )
+            use_curvature = step_size < _NEAR if careful else iteration >= _GAUSS_NEWTON_STEPS
             step, new = self._newton_step(
                 value, jacobian, curvature if use_curvature else None, multipliers
             )
@@ -386,8 +386,8 @@ class _Problem:
         right[:, self.unknowns :] = -value - _DUAL_REGULARISATION * multipliers
         right[:, self.unknowns :][~self.active] = 0.0
         for k in (0, self.count - 1):
-            for j in np.flatnonzero(self.fixed[k]):
-                band.fix(k, int(j))
+            for j in np.flatnonzero(self.fixed[k]).tolist():
+                band.fix(k, j)
                 right[k, j] = 0.0
         solution = band.solve(right.ravel()).reshape(self.count, self.stage)
         return solution[:, : self.unknowns], solution[:, self.unknowns :]
@@ -484,8 +484,8 @@ def _stage_function(system: ConstraintSystem, hold_position: bool, count: int): 
         ]
         buffer, run = mapped.buffer()
         for index, argument in enumerate(arguments):
-            buffer.set_arg(index, memoryview(argument))
-        buffer.set_res(0, memoryview(result))
+            buffer.set_arg(index, argument.data)
+        buffer.set_res(0, result.data)
         run()
         columns = np.ascontiguousarray(result.T)
         split = rows + len(jacobian_places)
@@ -515,12 +515,11 @@ class _Band:
         self.storage = np.zeros((3 * self.width + 1, count * stage), order="F")
         self.view = self.storage.reshape((-1, stage, count), order="F")
 
-    def add(self, shift: int, i: int, j: int, values: Floats | float) -> None:
+    def add(self, shift: int, i: int, j: int, values: Floats) -> None:
         """Add ``values[k]`` at (stage k, i) x (stage k + shift, j)."""
         row = 2 * self.width + i - j - shift * self.stage
         first, last = max(0, -shift), self.count - max(0, shift)
-        entries = values if np.isscalar(values) else np.asarray(values)[first:last]
-        self.view[row, j, first + shift : last + shift] += entries
+        self.view[row, j, first + shift : last + shift] += values[first:last]
 
     def add_transposed(self, shift: int, i: int, j: int, values: Floats) -> None:
         """Add ``values[k]`` at (stage k + shift, j) x (stage k, i)."""
@@ -536,23 +535,23 @@ class _Band:
 
     def add_bending(self, j: int, strength: float) -> None:
         """Add ``strength * D^T D`` of the second differences of unknown j."""
-        diagonal = np.full(self.count, 6.0)
+        diagonal, beside = np.full(self.count, 6.0), np.full(self.count, -4.0)
         diagonal[[0, -1]], diagonal[[1, -2]] = 1.0, 5.0
-        if self.count == 4:
-            diagonal[[1, 2]] = 5.0
-        beside = np.full(self.count, -4.0)
         beside[[0, -2]] = -2.0
         self.add(0, j, j, strength * diagonal)
         self.add(1, j, j, strength * beside)
-        beside_left = np.roll(beside, 1)
-        self.add(-1, j, j, strength * beside_left)
-        self.add(2, j, j, strength)
-        self.add(-2, j, j, strength)
+        self.add_transposed(1, j, j, strength * beside)
+        apart = np.full(self.count, strength)
+        self.add(2, j, j, apart)
+        self.add(-2, j, j, apart)
 
     def fix(self, k: int, j: int) -> None:
         """Make unknown j of stage k stay as it is."""
         column = k * self.stage + j
-        low, high = max(0, column - self.width), min(self.count * self.stage, column + self.width + 1)
+        low, high = (
+            max(0, column - self.width),
+            min(self.count * self.stage, column + self.width + 1),
+        )
         others = np.arange(low, high)
         self.storage[2 * self.width + column - others, others] = 0.0
         self.storage[2 * self.width + others - column, column] = 0.0

@@ -1,0 +1,203 @@
+"""Primitives in files: JSON with a version and a checksum."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noslip._files import write_beside
+from noslip._version import __version__
+from noslip.constraints.catalogue import restore, specification
+from noslip.errors import InputError, NoslipError
+from noslip.learning import ConstrainedDMP, LearningRecord
+from noslip.primitives.attractor import Attractor
+from noslip.primitives.basis import Basis
+from noslip.primitives.forcing import ForcingTerm
+from noslip.primitives.orientation import OrientationDMP
+from noslip.primitives.phase import Phase
+from noslip.primitives.pose import PoseDMP
+from noslip.primitives.position import PositionDMP
+from noslip.primitives.winding import Winding
+
+Floats = NDArray[np.float64]
+T = TypeVar("T")
+
+FORMAT = "noslip-primitive"
+VERSION = 1
+
+
+def save_primitive(dmp: ConstrainedDMP, path: str | Path) -> Path:
+    """Write a primitive as JSON; every float is written such that it is read back the same."""
+    content = {
+        "phase": {"alpha_s": dmp.phase.alpha_s},
+        "attractor": asdict(dmp.position.attractor),
+        "basis_functions": dmp.position.forcing.basis.count,
+        "duration": dmp.duration,
+        "steps": dmp.steps,
+        "constraints": [specification(constraint) for constraint in dmp.constraints],
+        "inverse_metric": list(dmp.inverse_metric),
+        "stabilization": dmp.stabilization,
+        "primitive": _parts(dmp),
+        "regular": _parts(dmp.regular),
+        "learned_from": [asdict(record) for record in dmp.record],
+    }
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "noslip": __version__,
+        "checksum": _checksum(content),
+        "content": content,
+    }
+    return write_beside(path, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def load_primitive(path: str | Path) -> ConstrainedDMP:
+    """Read a primitive that :meth:`ConstrainedDMP.save` wrote; its motion is the same to the bit.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is not a noslip primitive, was written by a later version, was
+        changed since, or lacks a field; the message names the file and the field.
+    """
+    path = Path(path)
+    try:
+        document = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: not a noslip primitive (not JSON: {error})") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(f"{path}: not a noslip primitive (no format {FORMAT!r})")
+    version = document.get("version")
+    if version != VERSION:
+        raise InputError(
+            f"{path}: field version is {version!r}, this noslip reads {VERSION}; "
+            "update noslip or learn the primitive again"
+        )
+    content = document.get("content")
+    if not isinstance(content, dict) or document.get("checksum") != _checksum(content):
+        raise InputError(
+            f"{path}: changed or damaged since it was saved (field checksum does not match); "
+            "save it again from noslip"
+        )
+    read = _Reader(path)
+    with_basis = read.field(content, "basis_functions", int)
+    phase = Phase(read.number(content["phase"], "alpha_s"))
+    attractor = read.build(Attractor, content, "attractor")
+    basis = Basis(with_basis, phase)
+    duration, steps = read.number(content, "duration"), read.field(content, "steps", int)
+    regular = PoseDMP(*read.parts(content, "regular", attractor, basis), phase, duration, steps)
+    position, orientation = read.parts(content, "primitive", attractor, basis)
+    try:
+        constraints = tuple(restore(entry) for entry in content["constraints"])
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path}: field constraints is incomplete: {error}") from error
+    except NoslipError as error:
+        raise InputError(f"{path}: {error}") from error
+    return ConstrainedDMP(
+        position=position,
+        orientation=orientation,
+        phase=phase,
+        duration=duration,
+        steps=steps,
+        constraints=constraints,
+        regular=regular,
+        inverse_metric=tuple(read.array(content, "inverse_metric", (6,)).tolist()),
+        stabilization=read.number(content, "stabilization"),
+        record=tuple(read.records(content)),
+    )
+
+
+def _parts(dmp: PoseDMP) -> dict[str, Any]:
+    return {
+        "position": {
+            "weights": dmp.position.forcing.weights.tolist(),
+            "start": dmp.position.start.tolist(),
+            "goal": dmp.position.goal.tolist(),
+            "start_velocity": dmp.position.start_velocity.tolist(),
+        },
+        "orientation": {
+            "weights": dmp.orientation.forcing.weights.tolist(),
+            "start": dmp.orientation.start_quaternion.tolist(),
+            "winding": dmp.orientation.winding.quaternions.tolist(),
+            "start_velocity": dmp.orientation.start_velocity.tolist(),
+        },
+    }
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return "sha256:" + hashlib.sha256(canonical.encode()).hexdigest()
+
+
+class _Reader:
+    """Takes fields out of a document; an error names the file and the field."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def field(self, data: dict[str, Any], name: str, kind: Callable[[Any], T]) -> T:
+        try:
+            return kind(data[name])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{self.path}: field {name} is missing or wrong: {error}") from error
+
+    def number(self, data: dict[str, Any], name: str) -> float:
+        value = self.field(data, name, float)
+        if not np.isfinite(value):
+            raise InputError(f"{self.path}: field {name} is not finite")
+        return value
+
+    def array(self, data: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> Floats:
+        value = self.field(data, name, lambda x: np.array(x, dtype=np.float64))
+        matches = len(shape) == value.ndim and all(
+            want in (None, have) for want, have in zip(shape, value.shape, strict=True)
+        )
+        if not matches or not np.all(np.isfinite(value)):
+            raise InputError(
+                f"{self.path}: field {name} has shape {value.shape}, expected finite {shape}"
+            )
+        return value
+
+    def build(self, kind: Callable[..., T], data: dict[str, Any], name: str) -> T:
+        try:
+            return kind(**data[name])
+        except (KeyError, TypeError) as error:
+            raise InputError(f"{self.path}: field {name} is missing or wrong: {error}") from error
+
+    def parts(
+        self, content: dict[str, Any], name: str, attractor: Attractor, basis: Basis
+    ) -> tuple[PositionDMP, OrientationDMP]:
+        parts = self.field(content, name, dict)
+        position = self.field(parts, "position", dict)
+        orientation = self.field(parts, "orientation", dict)
+        weights = (basis.count, 3)
+        return (
+            PositionDMP(
+                attractor,
+                ForcingTerm(basis, self.array(position, "weights", weights)),
+                self.array(position, "start", (3,)),
+                self.array(position, "goal", (3,)),
+                self.array(position, "start_velocity", (3,)),
+            ),
+            OrientationDMP(
+                attractor,
+                ForcingTerm(basis, self.array(orientation, "weights", weights)),
+                self.array(orientation, "start", (4,)),
+                Winding(self.array(orientation, "winding", (None, 4))),
+                self.array(orientation, "start_velocity", (3,)),
+            ),
+        )
+
+    def records(self, content: dict[str, Any]) -> list[LearningRecord]:
+        names = {f.name for f in fields(LearningRecord)}
+        entries = self.field(content, "learned_from", list)
+        return [LearningRecord(**{k: v for k, v in e.items() if k in names}) for e in entries]
