@@ -228,14 +228,15 @@ class PoseTrajectory:
 
     # ---------------------------------------------------------------- files
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write ``t,x,y,z,qw,qx,qy,qz``; a float read back is the float written."""
+    def csv_text(self) -> str:
+        """Return ``t,x,y,z,qw,qx,qy,qz`` as text; a float read back is the float written."""
         table = np.column_stack([self.times, self.positions, self.quaternions])
-        text = io.StringIO()
-        text.write(",".join(CSV_COLUMNS) + "\n")
-        for row in table.tolist():
-            text.write(",".join(map(repr, row)) + "\n")
-        return write_beside(path, text.getvalue().encode())
+        rows = (",".join(map(repr, row)) for row in table.tolist())
+        return "\n".join([",".join(CSV_COLUMNS), *rows, ""])
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write :meth:`csv_text` to a file."""
+        return write_beside(path, self.csv_text().encode())
 
     @classmethod
     def from_csv(cls, path: str | Path, *, rate: float | None = None) -> Self:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 from noslip.primitives.phase import Phase
 
 Floats = NDArray[np.float64]
+
+BLOCK = 2048
+"""Steps whose activations are held in memory at once."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +52,8 @@ class Basis:
 
     def stepping_activations(
         self, begin: float, steps: int, step_fraction: float, alpha: float
-    ) -> Floats:
-        """Activations as the steps of an :class:`Attractor` want them, shape (steps, count).
+    ) -> Iterator[tuple[slice, Floats]]:
+        """Activations as the steps of an :class:`Attractor` want them, in blocks.
 
         A step treats its target as constant.  What that leaves out is, to fourth order,
         ``h^2 / 12 (x*'' + alpha x*')`` (and ``h / 3 x*'`` in the first half kick from the start),
@@ -64,8 +68,29 @@ class Basis:
             ``dt / tau``.
         alpha : float
             Of the attractor.
+
+        Yields
+        ------
+        slice
+            The steps of this block.
+        array, shape (steps in the block, count)
         """
-        return _stepping_activations(self, begin, steps, step_fraction, alpha)
+        for first in range(0, steps, BLOCK):
+            size = min(BLOCK, steps - first)
+            at = begin + first * step_fraction
+            yield (
+                slice(first, first + size),
+                _stepping_activations(self, at, size, step_fraction, alpha),
+            )
+
+    def stepping_forces(
+        self, begin: float, steps: int, step_fraction: float, alpha: float, weights: Floats
+    ) -> Floats:
+        """Product of :meth:`stepping_activations` with weights, shape (steps, d)."""
+        forces = np.empty((steps, weights.shape[1]))
+        for rows, activations in self.stepping_activations(begin, steps, step_fraction, alpha):
+            np.matmul(activations, weights, out=forces[rows])
+        return forces
 
 
 # Rollouts of one primitive repeat: most of their time would go into the same exponentials.

@@ -47,27 +47,27 @@ class ForcingTerm:
 
     @classmethod
     def fit(
-        cls,
-        basis: Basis,
-        activations: Sequence[Floats],
-        forces: Sequence[Floats],
-        *,
-        ridge: float = 1e-6,
+        cls, basis: Basis, alpha: float, forces: Sequence[Floats], *, ridge: float = 1e-6
     ) -> ForcingTerm:
         """Fit the weights by ridge regression to one or several demonstrations' forces.
 
         Parameters
         ----------
-        activations : sequence of arrays, shape (N_i, basis.count)
+        alpha : float
+            Of the attractor.
         forces : sequence of arrays, shape (N_i, d)
+            At the inner samples of each demonstration, whose N_i + 2 samples are evenly spaced over
+            the motion.
         ridge : float
             Relative to the mean diagonal of the normal matrix, so that it means the same for any
             number of samples.
         """
         normal = np.zeros((basis.count, basis.count))
         moment = np.zeros((basis.count, forces[0].shape[1]))
-        for a, f in zip(activations, forces, strict=True):
-            normal += a.T @ a
-            moment += a.T @ f
+        for force in forces:
+            h = 1.0 / (len(force) + 1)
+            for rows, activations in basis.stepping_activations(h, len(force), h, alpha):
+                normal += activations.T @ activations
+                moment += activations.T @ force[rows]
         normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
         return cls(basis, cho_solve(cho_factor(normal), moment))

@@ -61,7 +61,7 @@ class OrientationDMP:
         """
         goal = Rotation.concatenate([turning[-1] for turning in rotations]).mean()
         winding = Winding.around(goal * rotations[0][-1].inv() * rotations[0])
-        activations, forces = [], []
+        forces = []
         for turning in rotations:
             count = len(turning)
             fraction = 1.0 / (count - 1)
@@ -70,14 +70,11 @@ class OrientationDMP:
             error = (leading * turning[1:-1].inv()).as_rotvec()
             # The inverse step wants targets; rotations have them relative to the sample itself.
             pull = attractor.demonstrated_target(np.zeros((count, 3)), steps, fraction)
-            activations.append(
-                basis.stepping_activations(fraction, count - 2, fraction, attractor.alpha)
-            )
             forces.append(attractor.stiffness * (pull - error))
         start = Rotation.concatenate([turning[0] for turning in rotations]).mean()
         return cls(
             attractor,
-            ForcingTerm.fit(basis, activations, forces, ridge=ridge),
+            ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge),
             start.as_quat(scalar_first=True),
             winding,
             np.mean(np.atleast_2d(start_velocities), axis=0),

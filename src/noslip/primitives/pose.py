@@ -333,8 +333,12 @@ class PoseDMP:
         """Everything about the coming steps that depends on the phase alone."""
         basis, tau = self.position.forcing.basis, state.duration
         begin = -np.log(state.phase) / self.phase.alpha_s if state.previous_step else 0.0
-        activations = basis.stepping_activations(
-            begin, steps, time_step / tau, self.position.attractor.alpha
+        offsets = basis.stepping_forces(
+            begin,
+            steps,
+            time_step / tau,
+            self.position.attractor.alpha,
+            self._offset_weights,
         )
         kicks = np.full(steps, time_step)
         kicks[0] = (state.previous_step + time_step) / 2
@@ -348,7 +352,6 @@ class PoseDMP:
         column["residual_decay"][:] = np.exp(-self._residual_rate / tau * time_step)
         column["decay"][:] = product
         column["gain"][:] = gain / kicks
-        offsets = activations @ self._offset_weights
         column["position_target"][:] = state.goal_position + offsets[:, :3]
         column["rotation_goal"][:] = self.orientation.winding.along(
             begin, steps, time_step / tau, state.goal_rotation

@@ -58,17 +58,14 @@ class PositionDMP:
         start_velocities : sequence of arrays, shape (3,)
             Metres per duration.
         """
-        activations, forces = [], []
+        forces = []
         for path in positions:
             fraction = 1.0 / (len(path) - 1)
             target = attractor.demonstrated_target(path, np.diff(path, axis=0) / fraction, fraction)
-            activations.append(
-                basis.stepping_activations(fraction, len(path) - 2, fraction, attractor.alpha)
-            )
             forces.append(attractor.stiffness * (target - path[-1]))
         return cls(
             attractor,
-            ForcingTerm.fit(basis, activations, forces, ridge=ridge),
+            ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge),
             np.mean([path[0] for path in positions], axis=0),
             np.mean([path[-1] for path in positions], axis=0),
             np.mean(np.atleast_2d(start_velocities), axis=0),

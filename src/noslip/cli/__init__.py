@@ -1,0 +1,65 @@
+"""The ``noslip`` command: recordings in, constrained primitives and their motion out."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from noslip._version import __version__
+from noslip.cli import check, demo, learn, plot, rollout
+from noslip.errors import ConvergenceError, NoslipError
+
+EXIT_VIOLATED = 1
+EXIT_USAGE = 2
+
+app = typer.Typer(
+    name="noslip",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+for command in (demo, check, learn, rollout, plot):
+    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.run)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"noslip {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _noslip(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
+    """Movement primitives for tools that must not slip sideways.
+
+    Learn a primitive from recordings, hold a constraint exactly while it runs, check and draw the
+    motion.  Start with [bold]noslip demo[/bold].
+
+    Exit codes: 0 fine, 1 a constraint is violated or a projection did not converge, 2 bad usage or
+    input.
+    """
+
+
+def main() -> None:
+    """Run the command line; errors become one line and an exit code."""
+    try:
+        app()
+    except NoslipError as error:
+        print(f"noslip: error: {error}", file=sys.stderr)
+        sys.exit(EXIT_VIOLATED if isinstance(error, ConvergenceError) else EXIT_USAGE)
+    except BrokenPipeError:
+        # The reader of a pipe has gone: that is its right, and no error of ours.
+        sys.stderr.close()
+        sys.exit(0)
+    except KeyboardInterrupt:
+        print("noslip: interrupted", file=sys.stderr)
+        sys.exit(130)

@@ -1,0 +1,67 @@
+"""``noslip check``: does a motion slip?"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from noslip.cli import options, output
+from noslip.constraints.check import TOLERANCE, check
+from noslip.constraints.system import ConstraintSystem
+from noslip.errors import InputError
+
+NAME = "check"
+EXAMPLES = """
+Examples:
+
+  noslip check recording.csv --constraint blade
+
+  noslip check runs/*.csv --constraint blade --trim-speed 0.05 --rate 120 --lowpass 4.8
+
+  noslip check motion.csv --constraint my_rules.py:stay_flat --tolerance 1e-9 --json
+"""
+
+
+def run(
+    recordings: options.Recordings,
+    constraint: options.Constraints,
+    tolerance: Annotated[
+        float,
+        typer.Option(metavar="X", help="Largest residual that holds (m/s; m at position level)."),
+    ] = TOLERANCE,
+    as_json: options.AsJson = False,
+    sample_rate: options.SampleRate = None,
+    tool_frame: options.ToolFrame = None,
+    trim_time: options.TrimTime = None,
+    trim_speed: options.TrimSpeed = None,
+    rate: options.Rate = None,
+    lowpass: options.Lowpass = None,
+    relative: options.Relative = False,
+) -> None:
+    """Check recorded or rolled-out motions against constraints.
+
+    Reports, for each constraint, the peak and rms residual, the distance slipped, the worst moment,
+    the share of the time above the tolerance, and the verdict.  Exits with 1 if any is violated.
+    """
+    system = ConstraintSystem(options.constraints(constraint))
+    if not system.constraints:
+        raise InputError("check needs at least one --constraint")
+    motions = options.load(
+        recordings,
+        sample_rate=sample_rate,
+        tool_frame=tool_frame,
+        trim_time=trim_time,
+        trim_speed=trim_speed,
+        rate=rate,
+        lowpass=lowpass,
+        relative=relative,
+    )
+    reports = [check(motion, system, tolerance=tolerance) for motion in motions]
+    if as_json:
+        output.print_json([report.to_dict() for report in reports])
+    else:
+        for report in reports:
+            typer.echo(str(report))
+    if not all(report.satisfied for report in reports):
+        raise typer.Exit(1)

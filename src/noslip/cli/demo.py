@@ -1,0 +1,160 @@
+"""``noslip demo``: the paper's two experiments, from input to figures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from noslip._files import write_beside
+from noslip._version import __version__
+from noslip.cli import options, output
+from noslip.comparison import Comparison
+from noslip.errors import InputError
+from noslip.experiments.excision import CONSTRAINT as EXCISION_CONSTRAINT
+from noslip.experiments.excision import Excision, run_excisions
+from noslip.experiments.numerical_example import CONSTRAINT, NumericalExample
+from noslip.figures import (
+    blade_snapshots,
+    compare_motions,
+    demonstration_spread,
+    orientation_adjustments,
+    save_figure,
+)
+
+NAME = "demo"
+EXAMPLES = """
+Examples:
+
+  noslip demo
+
+  noslip demo --out results/ --json
+"""
+STAGES = 8 + 1 + 5
+
+
+def run(
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")
+    ] = Path("noslip-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Of the synthetic excisions.")] = 7,
+    as_json: options.AsJson = False,
+) -> None:
+    """Reproduce the paper's experiments: motions, primitives, figures and a summary.
+
+    The numerical example compares the demonstration, a regular primitive, one constrained at run
+    time only, and one with the orientation optimised as well.  The elliptical excision runs the
+    whole preparation chain on eight synthetic sensor recordings.
+    """
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out: {out} is a file; give a folder")
+    with output.progress("demo", STAGES) as progress:
+        example = NumericalExample.run()
+        progress(1, STAGES)
+        excisions = run_excisions(seed=seed, progress=lambda done, _: progress(1 + done, STAGES))
+        _write_motions(out, example, excisions)
+        figures = _write_figures(out, example, excisions, progress)
+    summary = _summary(example, excisions, seed)
+    write_beside(out / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
+    if as_json:
+        output.print_json(summary)
+        return
+    screen = output.console()
+    screen.print(_example_table(example))
+    screen.print(_excision_table(excisions))
+    screen.print(f"Figures:    {', '.join(str(path) for path in figures if path.suffix == '.png')}")
+    screen.print(f"Motions:    {out / 'numerical_example'}/*.csv, {out / 'excision'}/*.csv")
+    screen.print(f"Primitives: {out / 'numerical_example'}/*.json, {out / 'excision'}/*.json")
+    screen.print(f"Numbers:    {out / 'summary.json'}")
+
+
+def _write_motions(out: Path, example: NumericalExample, excisions: list[Excision]) -> None:
+    folder = out / "numerical_example"
+    for name, motion in example.motions.items():
+        motion.to_csv(folder / f"{name}.csv")
+    example.primitive.save(folder / "primitive.json")
+    folder = out / "excision"
+    for number, excision in enumerate(excisions, start=1):
+        excision.recording.to_csv(folder / f"recording_{number}.csv")
+        excision.demonstration.to_csv(folder / f"demonstration_{number}.csv")
+        excision.trained.to_csv(folder / f"trained_{number}.csv")
+        excision.primitive.save(folder / f"primitive_{number}.json")
+
+
+def _write_figures(
+    out: Path, example: NumericalExample, excisions: list[Excision], progress: Any
+) -> list[Path]:
+    motions = {name.replace("optimized", "optimised"): m for name, m in example.motions.items()}
+    demonstrations = [excision.demonstration for excision in excisions]
+    trained = [excision.trained for excision in excisions]
+    snapshots = {name: motions[name] for name in ("demonstration", "constrained", "optimised")}
+    figures = {
+        "numerical_example/motions": lambda: compare_motions(motions, [CONSTRAINT]),
+        "numerical_example/snapshots": lambda: blade_snapshots(
+            snapshots, desired=example.demonstration
+        ),
+        "excision/A_demonstrations": lambda: demonstration_spread(
+            demonstrations, [EXCISION_CONSTRAINT]
+        ),
+        "excision/B_trained": lambda: demonstration_spread(trained, [EXCISION_CONSTRAINT]),
+        "excision/C_adjustments": lambda: orientation_adjustments(demonstrations, trained),
+    }
+    written = []
+    for done, (name, draw) in enumerate(figures.items(), start=STAGES - len(figures) + 1):
+        written += save_figure(draw(), out / name)
+        progress(done, STAGES)
+    return written
+
+
+def _summary(example: NumericalExample, excisions: list[Excision], seed: int) -> dict[str, Any]:
+    return {
+        "noslip": __version__,
+        "units": "SI: m, s, rad; residuals in m/s",
+        "numerical_example": {name: c.to_dict() for name, c in example.comparisons.items()},
+        "excision": {
+            "synthetic": True,
+            "seed": seed,
+            "trials": [
+                {
+                    "recording": excision.recording.name,
+                    "samples": len(excision.trained),
+                    "duration": excision.trained.duration,
+                    **excision.comparison.to_dict(),
+                }
+                for excision in excisions
+            ],
+        },
+    }
+
+
+_COLUMNS: list[tuple[str, Any]] = [
+    ("slips at most [m/s]", lambda c: f"{c.residual_peak:.1e}"),
+    ("position rms [mm]", lambda c: f"{c.position_rms * 1e3:.3f}"),
+    ("end [mm]", lambda c: f"{c.position_end * 1e3:.3f}"),
+    ("rotation rms [deg]", lambda c: f"{np.degrees(c.rotation_rms):.1f}"),
+    ("peak ang. speed [rad/s]", lambda c: f"{c.angular_speed_peak:.1f}"),
+    ("peak ang. accel. [rad/s²]", lambda c: f"{c.angular_acceleration_peak:.0f}"),
+]
+
+
+def _example_table(example: NumericalExample) -> Table:
+    return _table("Numerical example (against the demonstration)", example.comparisons)
+
+
+def _excision_table(excisions: list[Excision]) -> Table:
+    rows = {str(number): e.comparison for number, e in enumerate(excisions, start=1)}
+    return _table("Elliptical excision, synthetic (trained against prepared)", rows)
+
+
+def _table(title: str, rows: dict[str, Comparison]) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold")
+    table.add_column("")
+    for heading, _ in _COLUMNS:
+        table.add_column(heading, justify="right")
+    for name, comparison in rows.items():
+        table.add_row(name, *(form(comparison) for _, form in _COLUMNS))
+    return table

@@ -1,0 +1,125 @@
+"""``noslip learn``: recordings and constraints in, a primitive out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from noslip.cli import options, output
+from noslip.comparison import compare
+from noslip.learning import learn
+from noslip.projection.pointwise import project_initial_velocity
+from noslip.projection.trajectory import ROTATION_SMOOTHING
+
+NAME = "learn"
+EXAMPLES = """
+Examples:
+
+  noslip learn recordings/*.csv --constraint blade --out excision.json
+
+  noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat --out cut.json
+
+  noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
+  --relative --constraint blade --out cut.json
+"""
+
+
+def run(
+    recordings: options.Recordings,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="Where to write the primitive (JSON).")
+    ],
+    constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
+    basis_functions: Annotated[int, typer.Option(metavar="N", min=1)] = 100,
+    hold_position: Annotated[
+        bool,
+        typer.Option(
+            "--hold-position",
+            help="Let the orientation alone give way, as in the paper; by default the position "
+            "gives way a little too, which spares the tool sharp turns.",
+        ),
+    ] = False,
+    smoothing: Annotated[
+        float,
+        typer.Option(metavar="X", min=0.0, help="Weight of the rotation's smoothness."),
+    ] = ROTATION_SMOOTHING,
+    as_json: options.AsJson = False,
+    sample_rate: options.SampleRate = None,
+    tool_frame: options.ToolFrame = None,
+    trim_time: options.TrimTime = None,
+    trim_speed: options.TrimSpeed = None,
+    rate: options.Rate = None,
+    lowpass: options.Lowpass = None,
+    relative: options.Relative = False,
+    project_start: Annotated[
+        bool,
+        typer.Option(
+            "--project-start",
+            help="Project the initial velocity onto the constraints.",
+            rich_help_panel="Preparation (in this order)",
+        ),
+    ] = False,
+) -> None:
+    """Learn one primitive from one recording or several; it holds the constraints exactly.
+
+    Each recording is projected onto the constraints (the nearest motion that satisfies them), one
+    primitive is fitted to all of them, and the coupling term of the Udwadia-Kalaba method holds the
+    constraints at every step of its motion.  Exits with 1 if a projection does not converge.
+    """
+    options.output(out)
+    held = options.constraints(constraint)
+    demonstrations = options.load(
+        recordings,
+        sample_rate=sample_rate,
+        tool_frame=tool_frame,
+        trim_time=trim_time,
+        trim_speed=trim_speed,
+        rate=rate,
+        lowpass=lowpass,
+        relative=relative,
+    )
+    if project_start:
+        demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
+    with output.progress("learning", len(demonstrations)) as progress:
+        primitive = learn(
+            demonstrations,
+            held,
+            basis_functions=basis_functions,
+            hold_position=hold_position,
+            rotation_smoothing=smoothing,
+            progress=progress,
+        )
+    primitive.save(out)
+    motion = primitive.rollout()
+    result: dict[str, Any] = {
+        "primitive": str(out),
+        "constraints": [c.name for c in held],
+        "duration": primitive.duration,
+        "residual_peak": compare(motion, demonstrations[0], held).residual_peak,
+        "demonstrations": [
+            {"name": d.name, **compare(motion, d, held).to_dict()} for d in demonstrations
+        ],
+        "projection": [vars(record) for record in primitive.record],
+    }
+    if as_json:
+        output.print_json(result)
+        return
+    for demonstration, figures in zip(demonstrations, result["demonstrations"], strict=True):
+        typer.echo(
+            f"{demonstration.name}: {len(demonstration)} samples, "
+            f"{demonstration.duration:.3g} s; the primitive stays within "
+            f"{figures['position_rms'] * 1e3:.3g} mm and "
+            f"{np.degrees(figures['rotation_rms']):.3g} degrees of it (rms)"
+        )
+    for record in primitive.record:
+        if record.backing:
+            typer.echo(
+                f"{record.demonstration}: moves backwards in {record.backing} stretch(es); there "
+                "the edge trails, as recorded"
+            )
+    if held:
+        typer.echo(f"residual of its motion: {result['residual_peak']:.2g} (peak)")
+    typer.echo(f"wrote {out}")

@@ -1,0 +1,157 @@
+"""Options that several commands share, and what they become."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from noslip.constraints.catalogue import CATALOGUE, parse_constraint
+from noslip.constraints.declaration import Constraint
+from noslip.demonstrations.loading import load_demonstrations
+from noslip.demonstrations.preparation import prepare
+from noslip.errors import InputError
+from noslip.trajectory import PoseTrajectory
+
+_PREPARATION = "Preparation (in this order)"
+
+Recordings = Annotated[
+    list[str],
+    typer.Argument(
+        help="Recordings: CSV (t,x,y,z,qw,qx,qy,qz or t,x,y,theta) or npz; globs are expanded.",
+        show_default=False,
+    ),
+]
+Constraints = Annotated[
+    list[str],
+    typer.Option(
+        "--constraint",
+        metavar="NAME",
+        help=f"What must hold; repeatable.  A name ({', '.join(sorted(CATALOGUE))}), a call such "
+        "as \"blade(lateral='z')\", or your own as file.py:name.",
+        show_default=False,
+    ),
+]
+SampleRate = Annotated[
+    float | None,
+    typer.Option(
+        metavar="HZ",
+        help="Rate at which files were recorded that number their samples (column i) instead of "
+        "timing them.",
+        show_default=False,
+    ),
+]
+ToolFrame = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z[,QW,QX,QY,QZ]",
+        help="Tool frame in the sensor's frame (m): T_sb, so that T_wb = T_ws T_sb.",
+        rich_help_panel=_PREPARATION,
+        show_default=False,
+    ),
+]
+TrimTime = Annotated[
+    str | None,
+    typer.Option(
+        metavar="START:END",
+        help="Keep this time (s); either side may be empty.",
+        rich_help_panel=_PREPARATION,
+        show_default=False,
+    ),
+]
+TrimSpeed = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M/S",
+        help="Keep from the first to the last sample that moves faster.",
+        rich_help_panel=_PREPARATION,
+        show_default=False,
+    ),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option(
+        metavar="HZ",
+        help="Resample uniformly by splines.",
+        rich_help_panel=_PREPARATION,
+        show_default=False,
+    ),
+]
+Lowpass = Annotated[
+    float | None,
+    typer.Option(
+        metavar="HZ",
+        help="Zero-phase Butterworth filter of third order (the paper: 4.8).",
+        rich_help_panel=_PREPARATION,
+        show_default=False,
+    ),
+]
+Relative = Annotated[
+    bool,
+    typer.Option(
+        "--relative",
+        help="Positions relative to the first sample.",
+        rich_help_panel=_PREPARATION,
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+def load(
+    recordings: list[str],
+    *,
+    sample_rate: float | None,
+    tool_frame: str | None,
+    trim_time: str | None,
+    trim_speed: float | None,
+    rate: float | None,
+    lowpass: float | None,
+    relative: bool,
+) -> list[PoseTrajectory]:
+    """Read recordings and prepare them as the options ask."""
+    steps: dict[str, Any] = {
+        "tool_frame": None if tool_frame is None else numbers("--tool-frame", tool_frame, (3, 7)),
+        "trim_time": None if trim_time is None else _interval(trim_time),
+        "trim_speed": trim_speed,
+        "rate": rate,
+        "lowpass": lowpass,
+        "relative": relative,
+    }
+    return [prepare(d, **steps) for d in load_demonstrations(recordings, rate=sample_rate)]
+
+
+def constraints(texts: list[str]) -> list[Constraint]:
+    """Return the constraints that ``--constraint`` names."""
+    return [parse_constraint(text) for text in texts]
+
+
+def numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
+    """Numbers separated by commas; an error names the option."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in counts:
+        wanted = " or ".join(map(str, counts))
+        raise InputError(f"{option}: expected {wanted} numbers separated by commas, got {text!r}")
+    return values
+
+
+def output(path: Path | None, option: str = "--out") -> Path | None:
+    """Refuse a folder where a file is to be written."""
+    if path is not None and path.is_dir():
+        raise InputError(f"{option}: {path} is a folder; give the name of a file")
+    return path
+
+
+def _interval(text: str) -> tuple[float | None, float | None]:
+    start, colon, end = text.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        return (float(start) if start.strip() else None, float(end) if end.strip() else None)
+    except ValueError:
+        raise InputError(
+            f"--trim-time: expected START:END in seconds, either side may be empty; got {text!r}"
+        ) from None

@@ -1,0 +1,149 @@
+"""``noslip rollout``: a primitive in, its motion out."""
+
+from __future__ import annotations
+
+import enum
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from scipy.spatial.transform import Rotation
+
+from noslip.cli import options, output
+from noslip.constraints.check import check
+from noslip.errors import InputError
+from noslip.saving import load_primitive
+from noslip.trajectory import PoseTrajectory
+
+NAME = "rollout"
+EXAMPLES = """
+Examples:
+
+  noslip rollout excision.json --out motion.csv
+
+  noslip rollout excision.json --duration 8 --time-step 0.001 --out slow.csv
+
+  noslip rollout excision.json --goal-position 0.05,0.01,0 --out elsewhere.csv
+
+  noslip rollout excision.json | head
+"""
+
+
+class Variant(enum.StrEnum):
+    """Which of the paper's three primitives to run."""
+
+    OPTIMIZED = "optimized"
+    CONSTRAINED = "constrained"
+    REGULAR = "regular"
+
+
+def run(
+    primitive: Annotated[
+        Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="CSV or npz to write; without it the CSV goes to standard output.",
+            show_default=False,
+        ),
+    ] = None,
+    goal_position: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="Metres.", show_default=False)
+    ] = None,
+    goal_rotation: Annotated[
+        str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
+    ] = None,
+    start_position: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="Metres.", show_default=False)
+    ] = None,
+    start_rotation: Annotated[
+        str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Seconds.", show_default=False)
+    ] = None,
+    time_step: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Seconds; by default as many samples as demonstrated.",
+            show_default=False,
+        ),
+    ] = None,
+    variant: Annotated[
+        Variant,
+        typer.Option(
+            help="optimized: all of it; constrained: orientation as demonstrated; regular: no "
+            "constraint (the paper's comparisons)."
+        ),
+    ] = Variant.OPTIMIZED,
+    as_json: options.AsJson = False,
+) -> None:
+    """Roll a primitive out and write its motion (t,x,y,z,qw,qx,qy,qz).
+
+    Consecutive rows are the primitive's own steps.  Exits with 1 if the motion violates a
+    constraint that it should hold.
+    """
+    options.output(out)
+    if as_json and out is None:
+        raise InputError("--json needs --out: standard output cannot carry both")
+    dmp = load_primitive(primitive)
+    chosen = {
+        Variant.OPTIMIZED: dmp,
+        Variant.CONSTRAINED: dmp.constrained,
+        Variant.REGULAR: dmp.regular,
+    }[variant]
+    goal = _vector("--goal-position", goal_position)
+    motion = chosen.rollout(
+        goal_position=goal,
+        goal_rotation=_rotation("--goal-rotation", goal_rotation),
+        start_position=_vector("--start-position", start_position),
+        start_rotation=_rotation("--start-rotation", start_rotation),
+        duration=duration,
+        time_step=time_step,
+    )
+    if out is None:
+        sys.stdout.write(motion.csv_text())
+    else:
+        _write(motion, out)
+    report = check(motion, dmp.constraints) if dmp.constraints else None
+    wanted = chosen.position.goal if goal is None else np.array(goal)
+    goal_error = float(np.linalg.norm(motion.positions[-1] - wanted))
+    if as_json:
+        result = {"motion": str(out), "samples": len(motion), "goal_error": goal_error}
+        output.print_json(result | {"check": report.to_dict() if report else None})
+    elif out is not None:
+        typer.echo(
+            f"wrote {out}: {len(motion)} samples, {motion.duration:.4g} s; ends "
+            f"{goal_error * 1e3:.3g} mm from the goal"
+        )
+        if report:
+            typer.echo(str(report))
+    if variant is not Variant.REGULAR and report and not report.satisfied:
+        raise typer.Exit(1)
+
+
+def _write(motion: PoseTrajectory, out: Path) -> None:
+    if out.suffix == ".npz":
+        motion.to_npz(out)
+    elif out.suffix == ".csv":
+        motion.to_csv(out)
+    else:
+        raise InputError(f"--out: {out} must end in .csv or .npz")
+
+
+def _vector(option: str, text: str | None) -> list[float] | None:
+    return None if text is None else options.numbers(option, text, (3,))
+
+
+def _rotation(option: str, text: str | None) -> Rotation | None:
+    if text is None:
+        return None
+    quaternion = np.array(options.numbers(option, text, (4,)))
+    if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:
+        raise InputError(f"{option}: {text} is not a unit quaternion (qw,qx,qy,qz)")
+    return Rotation.from_quat(quaternion, scalar_first=True)

@@ -1,0 +1,95 @@
+"""How a motion differs from the demonstration it came from: the figures of merit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from noslip.constraints.check import step_residuals
+from noslip.constraints.declaration import Constraint, axis_index
+from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.trajectory import PoseTrajectory
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Figures of merit of a motion against its demonstration.
+
+    Attributes
+    ----------
+    residual_peak, residual_rms : float
+        Over all steps and rows, in the constraints' units.
+    position_rms, position_end : float
+        Distance from the demonstration at the same fraction of the motion (m).
+    rotation_rms, rotation_peak : float
+        Angle to the demonstrated rotation (rad).
+    angular_speed_peak : float
+        rad/s.
+    angular_acceleration_peak : float
+        rad/s^2.
+    slowest_edge_speed : float or None
+        Least speed along the constraint's edge (m/s); negative where the tool moves backwards.
+    """
+
+    residual_peak: float
+    residual_rms: float
+    position_rms: float
+    position_end: float
+    rotation_rms: float
+    rotation_peak: float
+    angular_speed_peak: float
+    angular_acceleration_peak: float
+    slowest_edge_speed: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return asdict(self)
+
+
+def compare(
+    motion: PoseTrajectory,
+    demonstration: PoseTrajectory,
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint],
+) -> Comparison:
+    """Compare a motion with its demonstration, over the fraction of their durations.
+
+    All figures are computed from poses alone, so that they are the same for a motion read back from
+    a file.
+    """
+    system = as_system(constraints)
+    fractions = (motion.times - motion.times[0]) / motion.duration
+    instants = demonstration.times[0] + fractions * demonstration.duration
+    if len(motion) == len(demonstration) and np.allclose(instants, demonstration.times, 1e-9):
+        reference = demonstration
+    else:
+        reference = demonstration.resampled(times=instants)
+    distance = np.linalg.norm(motion.positions - reference.positions, axis=1)
+    angle = (motion.rotations * reference.rotations.inv()).magnitude()
+    linear, angular = motion.step_velocities()
+    periods = np.diff(motion.times)
+    acceleration = np.diff(angular, axis=0) / periods[1:, None]
+    residual = np.abs(step_residuals(motion, system)).max(axis=1, initial=0.0)
+    edge = next((c.edge for c in system.constraints if c.edge), None)
+    edge_speed = None
+    if edge is not None:
+        index, sign = axis_index(edge)
+        ahead = sign * motion.rotations[1:].as_matrix()[:, :, index]
+        edge_speed = float(np.einsum("ij,ij->i", ahead, linear).min())
+    return Comparison(
+        residual_peak=float(residual.max()),
+        residual_rms=_rms(residual),
+        position_rms=_rms(distance),
+        position_end=float(distance[-1]),
+        rotation_rms=_rms(angle),
+        rotation_peak=float(angle.max()),
+        angular_speed_peak=float(np.linalg.norm(angular, axis=1).max()),
+        angular_acceleration_peak=float(np.linalg.norm(acceleration, axis=1).max(initial=0.0)),
+        slowest_edge_speed=edge_speed,
+    )
+
+
+def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,70 @@
+"""The paper's excision experiment (its section IV-B), on synthetic recordings.
+
+The paper's own recordings are not public.  Eight recordings of a tracked scalpel are generated
+(see :mod:`noslip.demonstrations.excision`) and go through the paper's whole preparation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from noslip.comparison import Comparison, compare
+from noslip.constraints.blade import Blade
+from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
+from noslip.demonstrations.preparation import prepare
+from noslip.learning import ConstrainedDMP, learn
+from noslip.projection.pointwise import project_initial_velocity
+from noslip.trajectory import PoseTrajectory
+
+CONSTRAINT = Blade()
+RATE = 120.0
+CUTOFF = 4.8
+TRIM_SPEED = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Excision:
+    """One excision: what the sensor recorded, the demonstration made of it, the primitive."""
+
+    recording: PoseTrajectory
+    demonstration: PoseTrajectory
+    primitive: ConstrainedDMP
+
+    @classmethod
+    def run(cls, recording: PoseTrajectory) -> Excision:
+        """Prepare a sensor recording as the paper does, and learn from it."""
+        demonstration = prepare(
+            recording,
+            tool_frame=TOOL_FRAME,
+            trim_speed=TRIM_SPEED,
+            rate=RATE,
+            lowpass=CUTOFF,
+            relative=True,
+        )
+        demonstration = project_initial_velocity(demonstration, [CONSTRAINT])
+        return cls(recording, demonstration, learn(demonstration, [CONSTRAINT]))
+
+    @cached_property
+    def trained(self) -> PoseTrajectory:
+        """The primitive's motion."""
+        return self.primitive.rollout()
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The primitive's motion against the demonstration."""
+        return compare(self.trained, self.demonstration, [CONSTRAINT])
+
+
+def run_excisions(
+    *, seed: int = 7, progress: Callable[[int, int], None] | None = None
+) -> list[Excision]:
+    """Prepare and learn eight synthetic excisions."""
+    recordings = synthetic_excisions(seed=seed)
+    excisions = []
+    for index, recording in enumerate(recordings):
+        excisions.append(Excision.run(recording))
+        if progress is not None:
+            progress(index + 1, len(recordings))
+    return excisions
