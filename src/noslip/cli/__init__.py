@@ -36,7 +36,9 @@ def _print_version(wanted: bool) -> None:
 def _noslip(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
 ) -> None:
     """Movement primitives for tools that must not slip sideways.

@@ -20,7 +20,8 @@ Examples:
 
   noslip learn recordings/*.csv --constraint blade --out excision.json
 
-  noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat --out cut.json
+  noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat
+  --out cut.json
 
   noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
   --relative --constraint blade --out cut.json
@@ -29,9 +30,7 @@ Examples:
 
 def run(
     recordings: options.Recordings,
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="Where to write the primitive (JSON).")
-    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write the primitive (JSON).")],
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
     basis_functions: Annotated[int, typer.Option(metavar="N", min=1)] = 100,
     hold_position: Annotated[

@@ -22,7 +22,7 @@ Examples:
 
   noslip plot demonstration.csv excision.json --constraint blade --out comparison.svg
 
-  noslip plot runs/*.csv --constraint blade --trim-speed 0.05 --rate 120 --lowpass 4.8 --out runs.pdf
+  noslip plot runs/*.csv --constraint blade --rate 120 --lowpass 4.8 --out runs.pdf
 """
 
 

@@ -25,7 +25,7 @@ def demonstration() -> PoseTrajectory:
     ``atan2(y, x)`` (extrinsic xyz), 1000 samples of 1 ms.  The paper prints the arguments of atan2
     the other way round, which contradicts its figure.
     """
-    t = np.arange(SAMPLES) * TIME_STEP
+    t = np.arange(SAMPLES, dtype=np.float64) * TIME_STEP
     x, y = np.sin(np.pi * t) ** 2, np.sin(np.pi * t / 2) ** 3
     angles = np.column_stack([0 * t, np.full_like(t, np.pi / 4), np.arctan2(y, x)])
     return PoseTrajectory(

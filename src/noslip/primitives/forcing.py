@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,8 +67,19 @@ class ForcingTerm:
         moment = np.zeros((basis.count, forces[0].shape[1]))
         for force in forces:
             h = 1.0 / (len(force) + 1)
+            normal += _normal_matrix(basis, len(force), alpha)
             for rows, activations in basis.stepping_activations(h, len(force), h, alpha):
-                normal += activations.T @ activations
                 moment += activations.T @ force[rows]
         normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
         return cls(basis, cho_solve(cho_factor(normal), moment))
+
+
+# Position and orientation, projected or not, are all fitted on the same samples.
+@lru_cache(maxsize=32)
+def _normal_matrix(basis: Basis, steps: int, alpha: float) -> Floats:
+    h = 1.0 / (steps + 1)
+    normal = np.zeros((basis.count, basis.count))
+    for _, activations in basis.stepping_activations(h, steps, h, alpha):
+        normal += activations.T @ activations
+    normal.flags.writeable = False
+    return normal

@@ -21,14 +21,15 @@ interleaved: time and memory grow linearly with the number of samples.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 from scipy.linalg.lapack import dgbsv
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
@@ -66,6 +67,9 @@ _DUAL_REGULARISATION = 1e-12
 _STEP_TOLERANCE = 1e-6
 _RESIDUAL_TOLERANCE = 1e-11
 """Relative to the path's mean speed (velocity level) or length (position level)."""
+_MOST_SAMPLES = 4000
+"""Beyond this, the fourth power of the count in the smoothing terms eats up the precision."""
+_COARSE_SAMPLES = 1001
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,31 +159,16 @@ def project_trajectory(
             "resample it first"
         )
     boundaries = {
-        0: _Boundary.of("start", start, start_position, start_rotation),
-        len(trajectory) - 1: _Boundary.of("end", end, end_position, end_rotation),
+        "start": _Boundary.of("start", start, start_position, start_rotation),
+        "end": _Boundary.of("end", end, end_position, end_rotation),
     }
-    if hold_position and any(b.position_value is not None for b in boundaries.values()):
+    if hold_position and any(b.position is not None for b in boundaries.values()):
         raise InputError("hold_position=True keeps every position; no end can get another one")
     if max_iterations < 1:
         raise InputError(f"max_iterations must be 1 or more, got {max_iterations}")
-    best: ProjectedTrajectory | None = None
-    for factor, careful, patience in _ATTEMPTS:
-        problem = _Problem(
-            trajectory,
-            system,
-            hold_position,
-            boundaries,
-            position_weight,
-            position_smoothing,
-            rotation_smoothing * factor,
-        )
-        result = problem.solve(patience * max_iterations, careful)
-        if result.converged:
-            return result
-        if best is None or result.residual < best.residual:
-            best = result
-    assert best is not None
-    if on_failure == "return":
+    weights = (position_weight, position_smoothing, rotation_smoothing)
+    best = _project(trajectory, system, hold_position, boundaries, weights, max_iterations)
+    if best.converged or on_failure == "return":
         return best
     names = ", ".join(c.name for c in system.constraints)
     freer = "let the position give way (hold_position=False), " if hold_position else ""
@@ -190,12 +179,78 @@ def project_trajectory(
     )
 
 
+def _project(
+    trajectory: PoseTrajectory,
+    system: ConstraintSystem,
+    hold_position: bool,
+    boundaries: _Boundaries,
+    weights: tuple[float, float, float],
+    max_iterations: int,
+) -> ProjectedTrajectory:
+    """Attempt after attempt; the best result if none converges."""
+    if len(trajectory) > _MOST_SAMPLES:
+        return _project_from_coarse(
+            trajectory, system, hold_position, boundaries, weights, max_iterations
+        )
+    best: ProjectedTrajectory | None = None
+    for factor, careful, patience in _ATTEMPTS:
+        attempted = (*weights[:2], weights[2] * factor)
+        heading = turn_edge_into_path(trajectory, system, attempted[2])
+        problem = _Problem(trajectory, system, hold_position, boundaries, attempted, heading.turns)
+        result = replace(problem.solve(patience * max_iterations, careful), backing=heading.backing)
+        if result.converged:
+            return result
+        if best is None or result.residual < best.residual:
+            best = result
+    assert best is not None
+    return best
+
+
+def _project_from_coarse(
+    trajectory: PoseTrajectory,
+    system: ConstraintSystem,
+    hold_position: bool,
+    boundaries: _Boundaries,
+    weights: tuple[float, float, float],
+    max_iterations: int,
+) -> ProjectedTrajectory:
+    """Project fewer samples, carry the correction over by splines, and make it exact.
+
+    On the fine grid only what interpolation left is corrected, so its many samples cost neither
+    iterations nor precision.
+    """
+    times = np.linspace(trajectory.times[0], trajectory.times[-1], _COARSE_SAMPLES)
+    few = trajectory.resampled(times=times)
+    coarse = _project(few, system, hold_position, boundaries, weights, max_iterations)
+    turned = coarse.trajectory.rotations * few.rotations.inv()
+    moved = coarse.trajectory.positions - few.positions
+    inside = np.clip(trajectory.times, times[0], times[-1])
+    guess = PoseTrajectory(
+        times=trajectory.times,
+        positions=trajectory.positions + CubicSpline(times, moved)(inside),
+        rotations=RotationSpline(times, turned)(inside) * trajectory.rotations,
+        name=trajectory.name,
+    )
+    kept = {end: replace(b, position=None, rotation=None) for end, b in boundaries.items()}
+    weights = (*weights[:2], coarse.smoothing)
+    problem = _Problem(guess, system, hold_position, kept, weights, np.zeros((len(guess), 3)))
+    fine = problem.solve(max_iterations, careful=False)
+    return replace(
+        fine,
+        turns=(fine.trajectory.rotations * trajectory.rotations.inv()).as_rotvec(),
+        iterations=coarse.iterations + fine.iterations,
+        backing=coarse.backing,
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _Boundary:
+    """What an end must keep, or become."""
+
     fixes_position: bool
     fixes_rotation: bool
-    position_value: Floats | None
-    rotation_value: Rotation | None
+    position: Floats | None
+    rotation: Rotation | None
 
     @classmethod
     def of(
@@ -216,6 +271,9 @@ class _Boundary:
         )
 
 
+_Boundaries = dict[str, _Boundary]
+
+
 class _Problem:
     """One projection as a banded Newton iteration.
 
@@ -229,12 +287,11 @@ class _Problem:
         trajectory: PoseTrajectory,
         system: ConstraintSystem,
         hold_position: bool,
-        boundaries: dict[int, _Boundary],
-        position_weight: float,
-        position_smoothing: float,
-        rotation_smoothing: float,
+        boundaries: _Boundaries,
+        weights: tuple[float, float, float],
+        turns: Floats,
     ) -> None:
-        self.given, self.system, self.smoothing = trajectory, system, rotation_smoothing
+        self.given, self.system, self.smoothing = trajectory, system, weights[2]
         count, rows = len(trajectory), system.size
         self.count, self.rows = count, rows
         self.unknowns = 3 if hold_position else 6
@@ -244,45 +301,44 @@ class _Problem:
         speed_scale = self.length / trajectory.duration
         self.row_scale = np.where(system.row_is_velocity, 1 / speed_scale, 1 / self.length)
 
-        heading = turn_edge_into_path(trajectory, system, rotation_smoothing)
-        self.backing = heading.backing
         self.z = np.zeros((count, self.unknowns))
         self.reference = trajectory.rotations
-        if np.linalg.norm(heading.turns, axis=1).max() <= _TURNED_REFERENCE:
-            self.z[:, :3] = heading.turns
+        if np.linalg.norm(turns, axis=1).max() <= _TURNED_REFERENCE:
+            self.z[:, :3] = turns
         else:
-            self.reference = Rotation.from_rotvec(heading.turns) * trajectory.rotations
+            self.reference = Rotation.from_rotvec(turns) * trajectory.rotations
 
         self.fixed = self._fix(boundaries)
-        self._weigh(position_weight, position_smoothing, rotation_smoothing)
+        self._weigh(*weights)
         self._evaluate = _stage_function(system, hold_position, count)
         self.parameters = self._stage_parameters()
         # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
         decided = system.row_is_velocity.copy()
-        first = boundaries[0]
+        first = boundaries["start"]
         if (first.fixes_position or hold_position) and first.fixes_rotation:
             decided[:] = True
         self.active = np.ones((count, rows), dtype=bool)
         self.active[0] = ~decided
 
-    def _fix(self, boundaries: dict[int, _Boundary]) -> NDArray[np.bool_]:
+    def _fix(self, boundaries: _Boundaries) -> NDArray[np.bool_]:
         """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
         fixed = np.zeros_like(self.z, dtype=bool)
         fraction = np.linspace(0.0, 1.0, self.count)
-        for k, boundary in boundaries.items():
+        for end, boundary in boundaries.items():
+            k = 0 if end == "start" else self.count - 1
             # A fifth-order blend leaves velocity and acceleration at both ends as they were.
             blend = fraction if k else 1 - fraction
             blend = blend**3 * (10 - 15 * blend + 6 * blend**2)
             if boundary.fixes_rotation:
                 fixed[k, :3] = True
-                wanted = boundary.rotation_value or self.given.rotations[k]
+                wanted = boundary.rotation or self.given.rotations[k]
                 turn = (wanted * self.reference[k].inv()).as_rotvec()
                 self.z[:, :3] += blend[:, None] * (turn - self.z[k, :3])
                 self.z[k, :3] = turn
             if boundary.fixes_position and self.unknowns == 6:
                 fixed[k, 3:] = True
-                if boundary.position_value is not None:
-                    shift = (boundary.position_value - self.given.positions[k]) / self.length
+                if boundary.position is not None:
+                    shift = (boundary.position - self.given.positions[k]) / self.length
                     self.z[:, 3:] += blend[:, None] * shift
         return fixed
 
@@ -436,7 +492,7 @@ class _Problem:
             residual=float(np.abs(residuals).max(initial=0.0)),
             residuals=residuals,
             multipliers=multipliers,
-            backing=self.backing,
+            backing=0,
             smoothing=self.smoothing,
         )
 
