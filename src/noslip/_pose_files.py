@@ -179,7 +179,7 @@ def _layout(
         if rate is None:
             raise InputError(
                 f"{path}: line {line}: column i counts samples and no column t gives their "
-                "time; pass rate=... (samples per second)"
+                "time; pass rate=... (samples per second; on the command line --sample-rate)"
             )
         if not (np.isfinite(rate) and rate > 0):
             raise InputError(f"{path}: rate must be positive (samples per second), got {rate:g}")

@@ -50,21 +50,18 @@ class Winding:
         if (rotations[-1] * rotations.inv()).magnitude().max() <= FARTHEST_FROM_GOAL:
             return cls(continuous_quaternions(rotations[-1:]))
         fractions = np.linspace(0.0, 1.0, len(rotations))
-        intervals = 2
+        intervals, nearest, winding = 2, np.inf, None
         while intervals <= min(_MOST_KNOTS, len(rotations) - 1):
-            knots = rotations[
-                np.round(np.linspace(0, len(rotations) - 1, intervals + 1)).astype(int)
-            ]
-            winding = cls(continuous_quaternions(knots))
-            steps = (knots[1:] * knots[:-1].inv()).magnitude()
-            distances = (winding.at(fractions) * rotations.inv()).magnitude()
-            if max(steps.max(), distances.max()) <= FARTHEST_FROM_WINDING:
-                return winding
+            samples = np.round(np.linspace(0, len(rotations) - 1, intervals + 1)).astype(int)
+            candidate = cls(continuous_quaternions(rotations[samples]))
+            distance = (candidate.at(fractions) * rotations.inv()).magnitude().max()
+            if distance < nearest:
+                nearest, winding = distance, candidate
+            if distance <= FARTHEST_FROM_WINDING:
+                break
             intervals *= 2
-        raise InputError(
-            "the tool turns by more than 70 degrees between samples: too fast to tell which way; "
-            "record at a higher rate"
-        )
+        assert winding is not None
+        return winding
 
     @property
     def goal(self) -> Rotation:

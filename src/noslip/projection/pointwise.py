@@ -102,8 +102,8 @@ def coupling(
         jacobian = ca.jacobian(phi, unknown)
         iterations = _ITERATIONS
         if not ca.depends_on(jacobian, unknown):
-            # One row is divided by exactly; several are regularised, which a second pass undoes.
-            iterations = 1 if system.size == 1 else 2
+            # One row is divided by exactly; several are regularised, which further passes undo.
+            iterations = 1 if system.size == 1 else 3
         velocities, impulse = unconstrained, ca.SX(system.size, 1)
         for _ in range(iterations):
             value, rows = ca.substitute([phi, jacobian], [unknown], [velocities])

@@ -1,0 +1,311 @@
+"""One motion or several over time: position, orientation, path, constraint and its force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from noslip.errors import InputError
+from noslip.figures.quantities import (
+    ANGLES,
+    Constraints,
+    Motions,
+    ResidualRow,
+    extent,
+    finding,
+    length_unit,
+    named,
+    residual_rows,
+    roll_pitch_yaw,
+)
+from noslip.figures.style import (
+    TWO_COLUMNS,
+    capitalised,
+    dress,
+    line_styles,
+    name_lines,
+    new_figure,
+    number,
+    short_name,
+    write_title,
+)
+from noslip.primitives.pose import ConstrainedMotion
+from noslip.trajectory import Floats, PoseTrajectory
+
+Plane = Literal["XY", "XZ", "YZ"]
+Scale = Literal["linear", "log"]
+Part = Literal["linear", "angular"]
+
+TIME = "time since start (s)"
+LEAST_TURN = 4.0
+"""Degrees that an angle's axis spans at least."""
+LEAST_SHARE = 0.04
+"""Share of the path's extent that a coordinate's axis spans at least: rounding stays flat."""
+SMALLEST = 1e-18
+"""Where a logarithmic axis of residuals begins at the lowest."""
+
+
+def compare_motions(
+    motions: Motions, constraints: Constraints = (), *, title: str | None = None
+) -> Figure:
+    """Show motions of one task together: where they go, how they turn, and how they slip.
+
+    Panels: x, y and z; roll, pitch and yaw; the path seen along a coordinate axis; for each row of
+    the constraints its residual, and once more on a logarithmic axis where a motion's is too small
+    to be seen; the acceleration that the constraints added, where a rollout tells it.
+
+    Parameters
+    ----------
+    motions : PoseTrajectory or mapping of them by name
+        Their clocks need not agree: each is drawn over the time since its start.  The names
+        "demonstration", "regular", "constrained" and "optimised" have the paper's line styles.
+    constraints : Constraint or several
+        None leaves their panels out.
+    title : str, optional
+        By default the finding: the largest residual of the last motion, and of the first.
+
+    Returns
+    -------
+    Figure
+        Without a window; :func:`save_figure` writes it.
+
+    Raises
+    ------
+    InputError
+        If there is no motion, or one is no PoseTrajectory.
+    """
+    shown = named(motions)
+    rows = residual_rows(shown, constraints)
+    forces = _force_parts(shown) if rows else []
+
+    lower = len(rows) + (len(rows) > 1 and bool(forces))
+    figure = new_figure(TWO_COLUMNS, 4.1 + 1.55 * lower)
+    heights = [1.0] * 3 + [1.35] * lower
+    grid = figure.add_gridspec(3 + lower, 1, height_ratios=heights)
+    upper = grid[:3].subgridspec(3, 3, width_ratios=(1, 1, 1.25))
+
+    for column, (plot, quantities) in enumerate(
+        [(plot_positions, ("x", "y", "z")), (plot_orientation, ANGLES)]
+    ):
+        stack = [figure.add_subplot(upper[row, column]) for row in range(3)]
+        for ax, quantity in zip(stack, quantities, strict=True):
+            plot(ax, shown, quantity)
+        for ax in stack[:2]:
+            ax.sharex(stack[2])
+            ax.set_xlabel("")
+            ax.tick_params(labelbottom=False)
+        figure.align_ylabels(stack)
+    plot_path(figure.add_subplot(upper[:, 2]), shown)
+
+    for index, residual in enumerate(rows):
+        scales: list[Scale] = ["linear"]
+        if any(residual.hides(name) for name in shown):
+            scales = ["linear", "log"] if len(shown) > 1 else ["log"]
+        parts = forces if len(rows) == 1 else []
+        panels = grid[3 + index].subgridspec(1, len(scales) + len(parts))
+        for column, scale in enumerate(scales):
+            draw_residuals(figure.add_subplot(panels[column]), residual, scale)
+        for column, part in enumerate(parts, start=len(scales)):
+            plot_forces(figure.add_subplot(panels[column]), shown, part)
+    if len(rows) > 1 and forces:
+        panels = grid[-1].subgridspec(1, len(forces))
+        for column, part in enumerate(forces):
+            plot_forces(figure.add_subplot(panels[column]), shown, part)
+
+    if len(shown) > 1:
+        name_lines(figure, shown)
+    write_title(figure, title or (finding(rows) if rows else _overview(shown)))
+    return figure
+
+
+def plot_positions(ax: Axes, motions: Motions, coordinate: str = "x") -> list[Line2D]:
+    """Draw one world coordinate, ``"x"``, ``"y"`` or ``"z"``, over time (s); m or mm."""
+    shown = named(motions)
+    index = _index(coordinate, ("x", "y", "z"), "coordinate")
+    scale, unit = length_unit(shown.values())
+    curves = {name: scale * motion.positions[:, index] for name, motion in shown.items()}
+    lines = _over_time(ax, shown, curves)
+    _span_at_least(ax, curves.values(), scale * LEAST_SHARE * max(map(extent, shown.values())))
+    dress(ax, TIME, f"{coordinate} ({unit})")
+    return lines
+
+
+def plot_orientation(ax: Axes, motions: Motions, angle: str = "yaw") -> list[Line2D]:
+    """Draw ``"roll"``, ``"pitch"`` or ``"yaw"`` (extrinsic xyz, degrees) over time (s).
+
+    The angles do not jump; all motions begin as near as possible to the first one's.
+    """
+    shown = named(motions)
+    index = _index(angle, ANGLES, "angle")
+    curves: dict[str, Floats] = {}
+    near = None
+    for name, motion in shown.items():
+        angles = roll_pitch_yaw(motion.rotations, near)
+        near = angles[0] if near is None else near
+        curves[name] = angles[:, index]
+    lines = _over_time(ax, shown, curves)
+    _span_at_least(ax, curves.values(), LEAST_TURN)
+    dress(ax, TIME, f"{angle} (°)")
+    return lines
+
+
+def plot_path(ax: Axes, motions: Motions, *, plane: Plane | None = None) -> list[Line2D]:
+    """Draw the path in a world plane, to scale; a ring at each start, a square at each end.
+
+    By default XY, seen from above, unless the motions reach further along z than along x or y;
+    then the coordinate along which they reach least is left out.
+    """
+    shown = named(motions)
+    chosen = plane or _largest_plane(shown)
+    a, b = _index(chosen[0], "XYZ", "plane"), _index(chosen[1], "XYZ", "plane")
+    scale, unit = length_unit(shown.values())
+    styles = line_styles(shown)
+    lines = []
+    for name, motion in shown.items():
+        across, up = scale * motion.positions[:, a], scale * motion.positions[:, b]
+        lines += ax.plot(across, up, label=short_name(name), **styles[name])
+        color, layer = styles[name]["color"], styles[name].get("zorder", 2) + 0.5
+        ax.plot(across[:1], up[:1], "o", mfc="white", mec=color, ms=5, zorder=layer)
+        ax.plot(across[-1:], up[-1:], "s", mfc=color, mec=color, ms=3.5, zorder=layer)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.08)
+    seen = "path from above" if chosen == "XY" else f"path in the {chosen} plane"
+    labels = [f"{axis.lower()} ({unit})" for axis in chosen]
+    dress(ax, *labels, title=f"{seen} (○ start, ■ end)")
+    return lines
+
+
+def plot_residuals(
+    ax: Axes, motions: Motions, constraints: Constraints, *, row: int = 0, scale: Scale = "linear"
+) -> list[Line2D]:
+    """Draw one row of the constraints' residuals over time (s), where each step ends.
+
+    The linear axis spans at least a tenth of the top speed (of the path's extent, at position
+    level) to either side: what looks like zero is small against the motion.  The logarithmic one
+    shows sizes.
+    """
+    rows = residual_rows(named(motions), constraints)
+    if not 0 <= row < len(rows):
+        raise InputError(f"the constraints have {len(rows)} rows, counted from 0; got row {row}")
+    return draw_residuals(ax, rows[row], scale)
+
+
+def draw_residuals(ax: Axes, residual: ResidualRow, scale: Scale) -> list[Line2D]:
+    """Draw residuals already computed; see :func:`plot_residuals`."""
+    styles = line_styles(residual.values)
+    lines: list[Line2D] = []
+    for name, values in residual.values.items():
+        shown = np.abs(values) if scale == "log" else values
+        style = styles[name] | {"label": short_name(name)}
+        lines += ax.plot(residual.times[name], shown, **style)
+    if scale == "log":
+        log_axis(ax, [np.abs(values) for values in residual.values.values()], residual.span)
+        dress(ax, TIME, f"|{residual.name}| ({residual.unit})")
+    else:
+        _span_at_least(ax, residual.values.values(), 2 * residual.span)
+        dress(ax, TIME, residual.label)
+    return lines
+
+
+def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2D]:
+    """Draw the size of the acceleration that the constraints added, over time (s).
+
+    Of rollouts alone; other motions are left out.  Several motions share a logarithmic axis.
+
+    Parameters
+    ----------
+    ax : Axes
+    motions : PoseTrajectory or mapping of them by name
+    part : "linear" or "angular"
+        In m/s^2 or rad/s^2.
+    """
+    shown = named(motions)
+    styles = line_styles(shown)
+    lines: list[Line2D] = []
+    sizes = {name: _force_sizes(motion, part) for name, motion in shown.items() if _coupled(motion)}
+    for name, size in sizes.items():
+        time = shown[name].times - shown[name].times[0]
+        lines += ax.plot(time, size, label=short_name(name), **styles[name])
+    if len(sizes) > 1:
+        log_axis(ax, sizes.values(), 1.0)
+    else:
+        ax.set_ylim(bottom=0)
+    unit = "m/s²" if part == "linear" else "rad/s²"
+    dress(ax, TIME, f"constraint's {part}\nacceleration ({unit})")
+    return lines
+
+
+# ---------------------------------------------------------------- inside
+
+
+def log_axis(ax: Axes, sizes: Iterable[Floats], least_top: float) -> None:
+    """Make the y axis logarithmic over the decades of sizes; zeros lie below its end."""
+    positive = np.concatenate([size[size > 0] for size in sizes])
+    low, high = (positive.min(), positive.max()) if len(positive) else (1e-17, 1e-15)
+    ax.set_yscale("log")
+    ax.set_ylim(max(low / 3, SMALLEST), max(high * 3, least_top))
+
+
+def _over_time(
+    ax: Axes, motions: Mapping[str, PoseTrajectory], curves: Mapping[str, Floats]
+) -> list[Line2D]:
+    styles = line_styles(motions)
+    lines: list[Line2D] = []
+    for name, motion in motions.items():
+        style = styles[name] | {"label": short_name(name)}
+        lines += ax.plot(motion.times - motion.times[0], curves[name], **style)
+    return lines
+
+
+def _span_at_least(ax: Axes, curves: Iterable[Floats], least: float) -> None:
+    """Keep rounding errors from filling an axis."""
+    curves = list(curves)
+    low, high = min(c.min() for c in curves), max(c.max() for c in curves)
+    missing = max(0.0, (least or 1.0) - (high - low)) / 2
+    margin = 0.06 * max(high - low, least or 1.0)
+    ax.set_ylim(low - missing - margin, high + missing + margin)
+
+
+def _largest_plane(motions: Mapping[str, PoseTrajectory]) -> Plane:
+    reach = np.max([np.ptp(motion.positions, axis=0) for motion in motions.values()], axis=0)
+    x, y, z = reach
+    if z <= min(x, y):
+        return "XY"
+    return "XZ" if y <= x else "YZ"
+
+
+def _index(name: str, names: Sequence[str], what: str) -> int:
+    if name not in names:
+        raise InputError(f"{what} is one of {', '.join(names)}; got {name!r}")
+    return list(names).index(name)
+
+
+def _coupled(motion: PoseTrajectory) -> bool:
+    return isinstance(motion, ConstrainedMotion) and bool(motion.constraint_names)
+
+
+def _force_sizes(motion: PoseTrajectory, part: Part) -> Floats:
+    assert isinstance(motion, ConstrainedMotion)
+    columns = slice(0, 3) if part == "linear" else slice(3, 6)
+    return np.asarray(np.linalg.norm(motion.constraint_forces[:, columns], axis=1))
+
+
+def _force_parts(motions: Mapping[str, PoseTrajectory]) -> list[Part]:
+    """Which forces there are to show: the linear ones, and the angular ones unless all are zero."""
+    coupled = [motion for motion in motions.values() if _coupled(motion)]
+    parts: list[Part] = ["linear"] if coupled else []
+    if any(_force_sizes(motion, "angular").any() for motion in coupled):
+        parts.append("angular")
+    return parts
+
+
+def _overview(motions: Mapping[str, PoseTrajectory]) -> str:
+    name, motion = next(iter(motions.items()))
+    text = f"path of {number(motion.path_length)} m in {number(motion.duration)} s"
+    others = f", and {len(motions) - 1} more" if len(motions) > 1 else ""
+    return f"{capitalised(short_name(name))}: {text}{others}"

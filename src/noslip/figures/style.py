@@ -1,0 +1,194 @@
+"""What all figures share: colours, line styles, sizes, and saving."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterable, Mapping
+from itertools import cycle
+from pathlib import Path
+from textwrap import fill
+from threading import Lock
+from typing import Any, Literal
+
+import matplotlib as mpl
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from noslip._files import write_beside
+
+PALETTE = {
+    "blue": "#0072B2",
+    "vermillion": "#D55E00",
+    "green": "#009E73",
+    "purple": "#CC79A7",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "black": "#000000",
+    "grey": "#999999",
+}
+"""Okabe and Ito's colours, which the colour-blind can tell apart; grey for their yellow, which
+is too pale for a line on white."""
+
+ONE_COLUMN, TWO_COLUMNS = 3.5, 7.16
+"""Width of a figure over one column and over two columns of a page (inches)."""
+FONT_SIZE, SMALL_FONT_SIZE = 8.0, 7.0
+"""Of titles, and of everything else (points)."""
+DPI = 200
+LONGEST_NAME = 40
+"""Characters of a motion's name that a legend shows, the last ones."""
+
+_REFERENCE = {"color": PALETTE["grey"], "linestyle": "-", "linewidth": 3.2, "zorder": 1.9}
+_NAMED: dict[str, dict[str, Any]] = {
+    "demonstration": _REFERENCE,
+    "regular": {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1},
+    "constrained": {"color": PALETTE["vermillion"], "linestyle": (0, (5, 2)), "linewidth": 1.4},
+    "optimised": {"color": PALETTE["black"], "linestyle": (0, (1, 1.8)), "linewidth": 1.7},
+}
+_DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.8)), (0, (5, 1.5, 1, 1.5)))
+_SAVING = Lock()
+
+
+def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return colour, dashes and width of the line of each motion.
+
+    The motions of the paper have styles of their own: the demonstration is broad and grey and
+    lies underneath, the regular primitive is solid, the constrained one dashed, the optimised one
+    dotted, so that lines which coincide are all seen.  Others take the remaining colours in turn.
+    """
+    styles: dict[str, dict[str, Any]] = {}
+    free = zip(cycle(c for c in PALETTE.values() if c != PALETTE["grey"]), cycle(_DASHES))
+    names = list(names)
+    taken = {_NAMED[name]["color"] for name in names if name in _NAMED}
+    for name in names:
+        if name in _NAMED:
+            styles[name] = dict(_NAMED[name])
+            continue
+        color, dashes = next(free)
+        while color in taken and len(names) < len(PALETTE):
+            color, dashes = next(free)
+        styles[name] = {"color": color, "linestyle": dashes, "linewidth": 1.2}
+    return styles
+
+
+def trial_styles(count: int) -> list[dict[str, Any]]:
+    """Return one thin line's style a trial: a colour each, then the same colours dashed."""
+    colors = list(PALETTE.values())
+    return [
+        {
+            "color": colors[i % len(colors)],
+            "linestyle": _DASHES[i // len(colors) % len(_DASHES)],
+            "linewidth": 1.1,
+        }
+        for i in range(count)
+    ]
+
+
+def new_figure(
+    width: float, height: float, *, layout: Literal["constrained"] | None = "constrained"
+) -> Figure:
+    """Return an empty figure (inches), of no window and of no global state."""
+    figure = Figure(figsize=(width, height), dpi=DPI, layout=layout, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def write_title(figure: Figure, title: str) -> None:
+    """Put the finding above a figure, in as many lines as its width asks for."""
+    characters = int(figure.get_figwidth() * 72 / (0.64 * FONT_SIZE))
+    figure.suptitle(fill(title, characters), fontsize=FONT_SIZE, fontweight="bold")
+
+
+def name_lines(figure: Figure, names: Iterable[str]) -> None:
+    """Put the legend of the motions' lines below a figure, in as many columns as fit."""
+    styles = line_styles(names)
+    put_legend(figure, {name: Line2D([], [], **style) for name, style in styles.items()})
+
+
+def put_legend(figure: Figure, handles: Mapping[str, Artist]) -> None:
+    """Put a legend below a figure, in as many columns as fit."""
+    labels = [short_name(name) for name in handles]
+    # An entry is its handle, as wide as 8 characters, its label and some space.
+    characters = figure.get_figwidth() * 72 / (0.52 * SMALL_FONT_SIZE)
+    columns = int(characters / (max(map(len, labels)) + 9))
+    figure.legend(
+        list(handles.values()),
+        labels,
+        loc="outside lower center" if figure.get_layout_engine() else "lower center",
+        ncols=max(1, min(columns, len(labels))),
+        fontsize=SMALL_FONT_SIZE,
+        frameon=False,
+        handlelength=3.5,
+    )
+
+
+def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> None:
+    """Give axes their labels, readable sizes and a faint grid."""
+    ax.set_xlabel(xlabel, fontsize=SMALL_FONT_SIZE)
+    ax.set_ylabel(ylabel, fontsize=SMALL_FONT_SIZE)
+    if title is not None:
+        ax.set_title(title, fontsize=SMALL_FONT_SIZE)
+    ax.tick_params(labelsize=SMALL_FONT_SIZE)
+    ax.xaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
+    ax.yaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
+    ax.grid(True, color="0.9", linewidth=0.6)
+    ax.set_axisbelow(True)
+
+
+def short_name(name: str) -> str:
+    """Return a name that fits a legend: of a long path the file, of a long name the end."""
+    if len(name) > LONGEST_NAME:
+        name = re.split(r"[/\\]", name)[-1]
+    return name if len(name) <= LONGEST_NAME else "…" + name[1 - LONGEST_NAME :]
+
+
+def capitalised(name: str) -> str:
+    """Return a name as a sentence begins with it; a file's name stays as it is."""
+    return name if set(name) & set("./\\") else name[:1].upper() + name[1:]
+
+
+def number(value: float) -> str:
+    """Return a number with two or three digits, with an exponent where it needs one."""
+    if value == 0 or 1e-3 <= abs(value) < 1e3:
+        return f"{value:.3g}"
+    return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+
+
+def save_figure(figure: Figure, path_without_suffix: str | Path) -> list[Path]:
+    """Write a figure as PNG (200 dpi) and SVG; return their paths.
+
+    The same figure gives the same bytes.  Neither file is ever there by half.
+
+    Parameters
+    ----------
+    figure : Figure
+    path_without_suffix : path
+        ``results/comparison`` gives ``results/comparison.png`` and ``results/comparison.svg``.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    stem = Path(path_without_suffix)
+    contents = {
+        ".png": _rendered(figure, "png", {"Software": None}),
+        ".svg": _rendered(figure, "svg", {"Date": None, "Creator": None}),
+    }
+    return [write_beside(f"{stem}{suffix}", content) for suffix, content in contents.items()]
+
+
+def _rendered(figure: Figure, file_format: str, metadata: dict[str, Any]) -> bytes:
+    buffer = io.BytesIO()
+    # The salt of an SVG's identifiers is a global setting of matplotlib's, random by default.
+    with _SAVING:
+        salt = mpl.rcParams["svg.hashsalt"]
+        mpl.rcParams["svg.hashsalt"] = "noslip"
+        try:
+            figure.savefig(buffer, format=file_format, dpi=DPI, metadata=metadata)
+        finally:
+            mpl.rcParams["svg.hashsalt"] = salt
+    return buffer.getvalue()

@@ -1,0 +1,224 @@
+"""The command line: what it writes, what it says, and with which code it exits."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from noslip.cli import main
+
+
+class Result(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def noslip(monkeypatch, capsys):
+    """Run the command in this process, as main() would from a shell."""
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["noslip", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+            raise SystemExit(0)
+        captured = capsys.readouterr()
+        return Result(int(stop.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def slipping(tmp_path) -> Path:
+    """A planar cut whose blade is 20 degrees off its path."""
+    t = np.linspace(0.0, 2.0, 241)
+    heading = 0.6 * np.sin(np.pi * t / 2)
+    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
+    positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
+    yaw = heading + np.radians(20)
+    trajectory = ns.PoseTrajectory(
+        times=t, positions=positions, rotations=Rotation.from_euler("z", yaw)
+    )
+    return trajectory.to_csv(tmp_path / "slipping.csv")
+
+
+@pytest.fixture
+def primitive(noslip, slipping, tmp_path) -> Path:
+    path = tmp_path / "cut.json"
+    assert noslip("learn", slipping, "--constraint", "blade", "--out", path).code == 0
+    return path
+
+
+def test_version_and_help_are_short_and_exit_with_zero(noslip):
+    assert noslip("--version") == (0, f"noslip {ns.__version__}\n", "")
+    for command in ("demo", "check", "learn", "rollout", "plot"):
+        result = noslip(command, "--help")
+        assert result.code == 0
+        assert f"noslip {command}" in result.out
+        assert "Examples" in result.out
+
+
+def test_check_says_violated_with_the_measured_slip_and_exits_with_one(noslip, slipping):
+    result = noslip("check", slipping, "--constraint", "blade")
+    assert result.code == 1
+    assert "VIOLATED" in result.out
+    data = json.loads(noslip("check", slipping, "--constraint", "blade", "--json").out)
+    slip = data[0]["constraints"][0]["slip_distance"]
+    assert slip == pytest.approx(0.1 * np.sin(np.radians(20)), rel=0.02)
+
+
+def test_learned_motion_passes_the_check_that_its_recording_fails(noslip, primitive, tmp_path):
+    motion = tmp_path / "motion.csv"
+    assert noslip("rollout", primitive, "--out", motion).code == 0
+    result = noslip("check", motion, "--constraint", "blade", "--tolerance", "1e-10")
+    assert result.code == 0
+    assert "HOLDS" in result.out
+
+
+def test_rollout_takes_goals_durations_and_rates(noslip, primitive, tmp_path):
+    motion = tmp_path / "motion.npz"
+    dmp = ns.load_primitive(primitive)
+    goal = dmp.position.goal + [0.01, 0.0, 0.0]
+    result = noslip(
+        *("rollout", primitive, "--out", motion, "--duration", 4, "--time-step", 0.01, "--json"),
+        *("--goal-position", ",".join(map(repr, goal.tolist()))),
+    )
+    assert result.code == 0
+    assert json.loads(result.out)["samples"] == 401
+    read = ns.PoseTrajectory.from_npz(motion)
+    expected = dmp.rollout(goal_position=goal, duration=4.0, time_step=0.01)
+    np.testing.assert_array_equal(read.positions, expected.positions)
+
+
+def test_rollout_without_out_writes_the_csv_alone_to_standard_output(noslip, primitive):
+    result = noslip("rollout", primitive)
+    assert result.code == 0
+    assert result.out == ns.load_primitive(primitive).rollout().csv_text()
+
+
+def test_regular_variant_slips_and_is_not_blamed_for_it(noslip, primitive, tmp_path):
+    motion = tmp_path / "regular.csv"
+    result = noslip("rollout", primitive, "--variant", "regular", "--out", motion)
+    assert result.code == 0
+    assert "VIOLATED" in result.out
+
+
+def test_learn_prepares_as_the_options_ask(noslip, slipping, tmp_path):
+    out = tmp_path / "prepared.json"
+    result = noslip(
+        *("learn", slipping, "--constraint", "blade", "--out", out, "--json"),
+        *("--tool-frame", "0.01,0,0.02", "--trim-time", "0.1:1.9", "--trim-speed", "0.01"),
+        *("--rate", "60", "--lowpass", "4.8", "--relative", "--project-start"),
+    )
+    assert result.code == 0
+    demonstration = ns.prepare(
+        ns.PoseTrajectory.from_csv(slipping),
+        tool_frame=[0.01, 0, 0.02],
+        trim_time=(0.1, 1.9),
+        trim_speed=0.01,
+        rate=60,
+        lowpass=4.8,
+        relative=True,
+    )
+    demonstration = ns.project_initial_velocity(demonstration, [ns.Blade()])
+    expected = ns.learn(demonstration, [ns.Blade()]).rollout()
+    np.testing.assert_array_equal(
+        ns.load_primitive(out).rollout().positions, expected.positions
+    )
+    assert json.loads(result.out)["residual_peak"] <= 1e-10
+
+
+def test_own_constraint_from_a_file_and_calls_with_literals(noslip, slipping, tmp_path):
+    rules = tmp_path / "my_rules.py"
+    rules.write_text(
+        "import noslip as ns\n\n"
+        "@ns.position_constraint\n"
+        "def stay_flat(motion):\n"
+        "    return motion.position[2]\n"
+    )
+    assert noslip("check", slipping, "--constraint", f"{rules}:stay_flat").code == 0
+    out = tmp_path / "both.json"
+    result = noslip(
+        *("learn", slipping, "--out", out, "--constraint", f"{rules}:stay_flat"),
+        *("--constraint", "blade(lateral='-y', edge='x')"),
+    )
+    assert result.code == 0
+    assert [c.name for c in ns.load_primitive(out).constraints] == ["stay flat", "blade"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["check", "missing.csv", "--constraint", "blade"], "missing.csv"),
+        (["check", "{file}", "--constraint", "sword"], "known are blade"),
+        (["check", "{file}", "--constraint", "blade(lateral=open('x'))"], "nothing is evaluated"),
+        (["check", "{file}", "--constraint", "blade(width=3)"], "no argument 'width'"),
+        (["check", "{file}", "--constraint", "nowhere.py:rule"], "nowhere.py: no such file"),
+        (["check", "{file}", "--constraint", "blade", "--trim-time", "1-2"], "--trim-time"),
+        (["check", "{file}", "--constraint", "blade", "--tool-frame", "1,2"], "--tool-frame"),
+        (["check", "{file}", "--constraint", "blade", "--tolerance", "nan"], "tolerance"),
+        (["learn", "{file}", "--constraint", "blade", "--out", "{folder}"], "is a folder"),
+        (["rollout", "{file}", "--out", "{folder}/m.csv"], "not a noslip primitive"),
+        (["plot", "{file}", "--out", "{folder}/figure.gif"], "figure.gif"),
+    ],
+)
+def test_bad_input_gets_one_line_that_names_it_and_exit_code_two(
+    noslip, slipping, tmp_path, arguments, said
+):
+    filled = [a.format(file=slipping, folder=tmp_path) for a in arguments]
+    result = noslip(*filled)
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err.startswith("noslip: error: ")
+    assert result.err.count("\n") == 1
+    assert said in result.err
+
+
+def test_refused_work_leaves_no_file(noslip, slipping, tmp_path):
+    before = sorted(tmp_path.iterdir())
+    out = tmp_path / "cut.json"
+    result = noslip("learn", slipping, "--constraint", "blade(edge='q')", "--out", out)
+    assert result.code == 2
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_projection_that_cannot_converge_exits_with_one(noslip, slipping, tmp_path):
+    rules = tmp_path / "rules.py"
+    rules.write_text(
+        "import casadi as ca, noslip as ns\n\n"
+        "@ns.velocity_constraint\n"
+        "def impossible(motion):\n"
+        "    return ca.sumsqr(motion.linear_velocity) + 1\n"
+    )
+    out = tmp_path / "cut.json"
+    result = noslip("learn", slipping, "--constraint", f"{rules}:impossible", "--out", out)
+    assert result.code == 1
+    assert "impossible" in result.err
+    assert not out.exists()
+
+
+def test_plot_draws_recordings_and_primitives(noslip, slipping, primitive, tmp_path):
+    for suffix in ("png", "svg", "pdf"):
+        out = tmp_path / f"figure.{suffix}"
+        assert noslip("plot", slipping, primitive, "--out", out).code == 0
+        assert out.stat().st_size > 5000
+
+
+def test_a_closed_pipe_is_no_error(primitive):
+    command = [sys.executable, "-m", "noslip", "rollout", str(primitive)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.read(100)
+    process.stdout.close()
+    assert process.stderr.read() == b""
+    process.stderr.close()
+    process.wait()
