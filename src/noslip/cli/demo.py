@@ -66,10 +66,11 @@ def run(
     screen = output.console()
     screen.print(_example_table(example))
     screen.print(_excision_table(excisions))
-    screen.print(f"Figures:    {', '.join(str(path) for path in figures if path.suffix == '.png')}")
-    screen.print(f"Motions:    {out / 'numerical_example'}/*.csv, {out / 'excision'}/*.csv")
-    screen.print(f"Primitives: {out / 'numerical_example'}/*.json, {out / 'excision'}/*.json")
-    screen.print(f"Numbers:    {out / 'summary.json'}")
+    for heading, path in zip(["Figures:", *[""] * len(figures)], figures, strict=False):
+        screen.print(f"{heading:12} {path}, .svg")
+    screen.print(f"Motions:     {out / 'numerical_example'}/*.csv, {out / 'excision'}/*.csv")
+    screen.print(f"Primitives:  {out / 'numerical_example'}/*.json, {out / 'excision'}/*.json")
+    screen.print(f"Numbers:     {out / 'summary.json'}")
 
 
 def _write_motions(out: Path, example: NumericalExample, excisions: list[Excision]) -> None:
@@ -105,7 +106,7 @@ def _write_figures(
     }
     written = []
     for done, (name, draw) in enumerate(figures.items(), start=STAGES - len(figures) + 1):
-        written += save_figure(draw(), out / name)
+        written += [p for p in save_figure(draw(), out / name) if p.suffix == ".png"]
         progress(done, STAGES)
     return written
 
@@ -132,12 +133,12 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
 
 
 _COLUMNS: list[tuple[str, Any]] = [
-    ("slips at most [m/s]", lambda c: f"{c.residual_peak:.1e}"),
-    ("position rms [mm]", lambda c: f"{c.position_rms * 1e3:.3f}"),
-    ("end [mm]", lambda c: f"{c.position_end * 1e3:.3f}"),
-    ("rotation rms [deg]", lambda c: f"{np.degrees(c.rotation_rms):.1f}"),
-    ("peak ang. speed [rad/s]", lambda c: f"{c.angular_speed_peak:.1f}"),
-    ("peak ang. accel. [rad/s²]", lambda c: f"{c.angular_acceleration_peak:.0f}"),
+    ("slips at most (m/s)", lambda c: f"{c.residual_peak:.1e}"),
+    ("position rms (mm)", lambda c: f"{c.position_rms * 1e3:.3f}"),
+    ("end (mm)", lambda c: f"{c.position_end * 1e3:.3f}"),
+    ("rotation rms (deg)", lambda c: f"{np.degrees(c.rotation_rms):.1f}"),
+    ("peak ang. speed (rad/s)", lambda c: f"{c.angular_speed_peak:.1f}"),
+    ("peak ang. accel. (rad/s²)", lambda c: f"{c.angular_acceleration_peak:.0f}"),
 ]
 
 

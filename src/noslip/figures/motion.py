@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -24,14 +24,18 @@ from noslip.figures.quantities import (
     roll_pitch_yaw,
 )
 from noslip.figures.style import (
+    LEAST_SHARE,
+    LEAST_TURN,
     TWO_COLUMNS,
     capitalised,
     dress,
     line_styles,
+    log_axis,
     name_lines,
     new_figure,
     number,
     short_name,
+    span_at_least,
     write_title,
 )
 from noslip.primitives.pose import ConstrainedMotion
@@ -42,12 +46,6 @@ Scale = Literal["linear", "log"]
 Part = Literal["linear", "angular"]
 
 TIME = "time since start (s)"
-LEAST_TURN = 4.0
-"""Degrees that an angle's axis spans at least."""
-LEAST_SHARE = 0.04
-"""Share of the path's extent that a coordinate's axis spans at least: rounding stays flat."""
-SMALLEST = 1e-18
-"""Where a logarithmic axis of residuals begins at the lowest."""
 
 
 def compare_motions(
@@ -104,7 +102,7 @@ def compare_motions(
 
     for index, residual in enumerate(rows):
         scales: list[Scale] = ["linear"]
-        if any(residual.hides(name) for name in shown):
+        if residual.hidden:
             scales = ["linear", "log"] if len(shown) > 1 else ["log"]
         parts = forces if len(rows) == 1 else []
         panels = grid[3 + index].subgridspec(1, len(scales) + len(parts))
@@ -130,7 +128,7 @@ def plot_positions(ax: Axes, motions: Motions, coordinate: str = "x") -> list[Li
     scale, unit = length_unit(shown.values())
     curves = {name: scale * motion.positions[:, index] for name, motion in shown.items()}
     lines = _over_time(ax, shown, curves)
-    _span_at_least(ax, curves.values(), scale * LEAST_SHARE * max(map(extent, shown.values())))
+    span_at_least(ax, curves.values(), scale * LEAST_SHARE * max(map(extent, shown.values())))
     dress(ax, TIME, f"{coordinate} ({unit})")
     return lines
 
@@ -149,7 +147,7 @@ def plot_orientation(ax: Axes, motions: Motions, angle: str = "yaw") -> list[Lin
         near = angles[0] if near is None else near
         curves[name] = angles[:, index]
     lines = _over_time(ax, shown, curves)
-    _span_at_least(ax, curves.values(), LEAST_TURN)
+    span_at_least(ax, curves.values(), LEAST_TURN)
     dress(ax, TIME, f"{angle} (°)")
     return lines
 
@@ -170,8 +168,8 @@ def plot_path(ax: Axes, motions: Motions, *, plane: Plane | None = None) -> list
         across, up = scale * motion.positions[:, a], scale * motion.positions[:, b]
         lines += ax.plot(across, up, label=short_name(name), **styles[name])
         color, layer = styles[name]["color"], styles[name].get("zorder", 2) + 0.5
-        ax.plot(across[:1], up[:1], "o", mfc="white", mec=color, ms=5, zorder=layer)
-        ax.plot(across[-1:], up[-1:], "s", mfc=color, mec=color, ms=3.5, zorder=layer)
+        ax.plot(across[:1], up[:1], "o", color=color, mfc="white", ms=5, zorder=layer)
+        ax.plot(across[-1:], up[-1:], "s", color=color, ms=3.5, zorder=layer)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
     seen = "path from above" if chosen == "XY" else f"path in the {chosen} plane"
@@ -207,7 +205,7 @@ def draw_residuals(ax: Axes, residual: ResidualRow, scale: Scale) -> list[Line2D
         log_axis(ax, [np.abs(values) for values in residual.values.values()], residual.span)
         dress(ax, TIME, f"|{residual.name}| ({residual.unit})")
     else:
-        _span_at_least(ax, residual.values.values(), 2 * residual.span)
+        span_at_least(ax, residual.values.values(), 2 * residual.span)
         dress(ax, TIME, residual.label)
     return lines
 
@@ -236,19 +234,11 @@ def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2
     else:
         ax.set_ylim(bottom=0)
     unit = "m/s²" if part == "linear" else "rad/s²"
-    dress(ax, TIME, f"constraint's {part}\nacceleration ({unit})")
+    dress(ax, TIME, f"constraint's {part} acceleration ({unit})")
     return lines
 
 
 # ---------------------------------------------------------------- inside
-
-
-def log_axis(ax: Axes, sizes: Iterable[Floats], least_top: float) -> None:
-    """Make the y axis logarithmic over the decades of sizes; zeros lie below its end."""
-    positive = np.concatenate([size[size > 0] for size in sizes])
-    low, high = (positive.min(), positive.max()) if len(positive) else (1e-17, 1e-15)
-    ax.set_yscale("log")
-    ax.set_ylim(max(low / 3, SMALLEST), max(high * 3, least_top))
 
 
 def _over_time(
@@ -260,15 +250,6 @@ def _over_time(
         style = styles[name] | {"label": short_name(name)}
         lines += ax.plot(motion.times - motion.times[0], curves[name], **style)
     return lines
-
-
-def _span_at_least(ax: Axes, curves: Iterable[Floats], least: float) -> None:
-    """Keep rounding errors from filling an axis."""
-    curves = list(curves)
-    low, high = min(c.min() for c in curves), max(c.max() for c in curves)
-    missing = max(0.0, (least or 1.0) - (high - low)) / 2
-    margin = 0.06 * max(high - low, least or 1.0)
-    ax.set_ylim(low - missing - margin, high + missing + margin)
 
 
 def _largest_plane(motions: Mapping[str, PoseTrajectory]) -> Plane:

@@ -164,11 +164,20 @@ class ResidualRow:
         """Whether a motion's residual looks like zero on a linear axis."""
         return self.peaks[name] < NEGLIGIBLE * self.span
 
-    def says(self, name: str) -> str:
-        """Say how large a motion's residual is, as in "slips up to 3.48 m/s"."""
-        verb = "slips" if self.is_slip else f"violates “{self.name}” by"
+    @property
+    def hidden(self) -> list[str]:
+        """Motions whose residual is not zero and looks like it on a linear axis."""
+        return [name for name, peak in self.peaks.items() if self.hides(name) and peak > 0]
+
+    @property
+    def verb(self) -> str:
+        """What goes before :meth:`amount`."""
+        return "slips" if self.is_slip else f"violates “{self.name}” by"
+
+    def amount(self, name: str) -> str:
+        """Say how large a motion's residual gets, as in "up to 3.48 m/s"."""
         order = "at most" if self.hides(name) else "up to"
-        return f"{verb} {order} {number(self.peaks[name])} {self.unit}"
+        return f"{order} {number(self.peaks[name])} {self.unit}"
 
 
 def residual_rows(
@@ -208,5 +217,5 @@ def finding(rows: Sequence[ResidualRow]) -> str:
     worst = max(rows, key=lambda row: row.severity)
     first, *others = worst.values
     last = others[-1] if others else first
-    text = f"{capitalised(short_name(last))} {worst.says(last)}"
-    return f"{text}; {short_name(first)} {worst.says(first)}" if others else text
+    text = f"{capitalised(short_name(last))} {worst.verb} {worst.amount(last)}"
+    return f"{text}, {short_name(first)} {worst.amount(first)}" if others else text

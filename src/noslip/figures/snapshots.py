@@ -118,7 +118,8 @@ def blade_snapshots(
         plot_blades(ax, motion, blades=blades, size=size, scale=scale)
         told = []
         if len(shown) > 1:
-            told += [f"{letter}   {capitalised(short_name(name))}", slips[0].says(name)]
+            told += [f"{letter}   {capitalised(short_name(name))}"]
+            told += [f"{slips[0].verb} {slips[0].amount(name)}"]
         if desired is not None:
             ax.plot(*(scale * desired.positions.T), zorder=3, **DESIRED)
             off = distance_to_path(motion.positions, desired.positions)
@@ -166,10 +167,8 @@ def plot_blades(
     """
     size = size or BLADE_LENGTH * extent(motion) or BLADE_LENGTH
     where = equally_far_apart(motion, blades)
-    tips, turns = motion.positions[where], motion.rotations[where].as_matrix()
-    outline = size * np.column_stack([SCALPEL[:, 0], np.zeros(len(SCALPEL)), SCALPEL[:, 1]])
-    corners = tips[:, None] + np.einsum("nij,kj->nki", turns, outline)
-    arrows = ARROW_LENGTH * size * turns[:, :, 1]
+    tips, corners = motion.positions[where], blade_corners(motion, where, size)
+    arrows = ARROW_LENGTH * size * motion.rotations[where].as_matrix()[:, :, 1]
 
     (path,) = ax.plot(*(scale * motion.positions.T), zorder=2, **PATH)
     polygons = Poly3DCollection(
@@ -185,6 +184,13 @@ def plot_blades(
     axes = ax.quiver(*(scale * tips.T), *(scale * arrows.T), zorder=4, **AXIS)
     ax.auto_scale_xyz(*(scale * np.concatenate([corners.reshape(-1, 3), tips + arrows]).T))
     return [path, polygons, axes]
+
+
+def blade_corners(motion: PoseTrajectory, where: NDArray[np.intp], size: float) -> Floats:
+    """Return the blade's outline at some samples, shape (samples, corners, 3), metres, world."""
+    outline = size * np.column_stack([SCALPEL[:, 0], np.zeros(len(SCALPEL)), SCALPEL[:, 1]])
+    turned = np.einsum("nij,kj->nki", motion.rotations[where].as_matrix(), outline)
+    return np.asarray(motion.positions[where, None] + turned)
 
 
 def equally_far_apart(motion: PoseTrajectory, count: int) -> NDArray[np.intp]:

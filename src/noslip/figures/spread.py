@@ -1,34 +1,42 @@
-"""Repeated demonstrations of one task: their spread, and how learning turned the tool."""
+"""Repeated motions of one task: their spread, and how learning turned the tool."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from noslip.errors import InputError
-from noslip.figures.motion import log_axis, span_at_least
 from noslip.figures.quantities import (
     ANGLES,
     Constraints,
     ResidualRow,
     extent,
+    length,
     length_unit,
     residual_rows,
     roll_pitch_yaw,
 )
 from noslip.figures.style import (
+    LEAST_SHARE,
+    LEAST_TURN,
     PALETTE,
     SMALL_FONT_SIZE,
     TWO_COLUMNS,
+    capitalised,
     dress,
+    log_axis,
     new_figure,
     number,
     put_legend,
     short_name,
+    span_at_least,
     trial_styles,
     write_title,
 )
@@ -38,24 +46,33 @@ from noslip.trajectory import Floats, PoseTrajectory
 PROGRESS = "share of the motion's time (%)"
 GRID: Floats = np.linspace(0, 100, 201)
 """Where mean and standard deviation are taken (%)."""
-POSITION, ORIENTATION, RESIDUAL = PALETTE["blue"], PALETTE["green"], PALETTE["vermillion"]
+VISIBLE_TURN = 0.05
+"""Degrees below which an adjustment is none."""
+EACH: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.45}
+MEAN: dict[str, Any] = {"linewidth": 1.8}
+BAND: dict[str, Any] = {"alpha": 0.2}
+Curve = tuple[Floats, Floats]
+"""Share of the motion's time (%) and value, at a motion's own samples."""
 
 
 def demonstration_spread(
-    trajectories: Sequence[PoseTrajectory], constraints: Constraints = (), *, title: str | None = None
+    trajectories: PoseTrajectory | Iterable[PoseTrajectory],
+    constraints: Constraints = (),
+    *,
+    title: str | None = None,
 ) -> Figure:
     """Show several motions of one task over normalised time: each, their mean and their spread.
 
     The paper's figure A, given demonstrations, and B, given what was learned from them.  Panels:
-    x, y and z; roll, pitch and yaw; the signed residual of each row of the constraints, and its
-    size on a logarithmic axis where it is too small to be seen.
+    x, y and z; roll, pitch and yaw (extrinsic xyz); for each row of the constraints its signed
+    residual, and its size on a logarithmic axis where it is too small to be seen.
 
     Parameters
     ----------
-    trajectories : sequence of PoseTrajectory
-        Of any duration and rate.  Thin lines show their own samples, nothing is smoothed; the band
-        is one standard deviation (of the sample, N - 1) to either side of the mean.
+    trajectories : PoseTrajectory or several
+        Of any duration and rate.
     constraints : Constraint or several
+        None leaves their panels out.
     title : str, optional
         By default the finding: how large the mean residual gets and when, and the largest of all.
 
@@ -64,14 +81,243 @@ def demonstration_spread(
     InputError
         If there is no trajectory.
     """
-    motions = _numbered(trajectories)
+    motions = {str(i): motion for i, motion in enumerate(as_demonstrations(trajectories))}
     rows = residual_rows(motions, constraints)
-    figure = new_figure(TWO_COLUMNS, 3.2 + 1.5 * len(rows))
+    figure = new_figure(TWO_COLUMNS, 3.3 + 1.7 * len(rows))
     grid = figure.add_gridspec(2 + len(rows), 1)
 
-    progress = [_progress(motion) for motion in motions.values()]
     scale, unit = length_unit(motions.values())
-    least = scale * 0.04 * max(map(extent, motions.values()))
-    angles = _angles(list(motions.values()))
-    for row, (names, unit, color, curves) in enumerate()
+    least = scale * LEAST_SHARE * max(map(extent, motions.values()))
+    positions = [scale * motion.positions for motion in motions.values()]
+    angles: list[Floats] = []
+    for motion in motions.values():
+        angles.append(roll_pitch_yaw(motion.rotations, angles[0][0] if angles else None))
+    progress = [_percent(motion.times, motion) for motion in motions.values()]
+    for row, (values, names, axis_unit, span, color) in enumerate(
+        [
+            (positions, "xyz", unit, least, PALETTE["blue"]),
+            (angles, ANGLES, "°", LEAST_TURN, PALETTE["green"]),
+        ]
+    ):
+        panels = grid[row].subgridspec(1, 3)
+        for column, name in enumerate(names):
+            ax = figure.add_subplot(panels[column])
+            curves = [(p, v[:, column]) for p, v in zip(progress, values, strict=True)]
+            plot_spread(ax, curves, color=color, least=span)
+            dress(ax, PROGRESS, f"{name} ({axis_unit})")
+
+    for row, residual in enumerate(rows, start=2):
+        unseen = residual.hidden and all(map(residual.hides, motions))
+        panels = grid[row].subgridspec(1, 2 if unseen else 1)
+        curves = _residual_curves(residual, motions)
+        ax = figure.add_subplot(panels[0])
+        plot_spread(ax, curves, color=PALETTE["vermillion"], least=2 * residual.span)
+        dress(ax, PROGRESS, residual.label)
+        if unseen:
+            _plot_sizes(figure.add_subplot(panels[1]), residual, curves)
+
+    handles: dict[str, Artist] = {"each motion": Line2D([], [], color="black", **EACH)}
+    if len(motions) > 1:
+        handles["mean"] = Line2D([], [], color="black", **MEAN)
+        handles["± 1 standard deviation"] = Patch(facecolor="black", edgecolor="none", **BAND)
+    put_legend(figure, handles)
+    write_title(figure, title or _spread_finding(rows, motions))
     return figure
+
+
+def plot_spread(
+    ax: Axes, curves: Sequence[Curve], *, color: str, least: float = 0.0
+) -> list[Artist]:
+    """Draw curves, and of two or more their mean and a band of one standard deviation.
+
+    Parameters
+    ----------
+    ax : Axes
+    curves : sequence of pairs of arrays, shape (N,)
+        Share of the motion's time (%), and values.  Thin lines show them as they are; only the
+        mean and the standard deviation (of the sample, N - 1) interpolate between samples.
+    color : str
+    least : float
+        What the axis spans at least.
+
+    Returns
+    -------
+    list
+        The thin lines; then the mean's line and the band, if there are any.
+    """
+    artists: list[Artist] = []
+    shown = [values for _, values in curves]
+    for progress, values in curves:
+        artists += ax.plot(progress, values, color=color, **EACH)
+    if len(curves) > 1:
+        sampled = _sampled(curves)
+        mean, deviation = sampled.mean(axis=0), sampled.std(axis=0, ddof=1)
+        low, high = mean - deviation, mean + deviation
+        artists += ax.plot(GRID, mean, color=color, **MEAN)
+        artists.append(ax.fill_between(GRID, low, high, color=color, linewidth=0, **BAND))
+        shown += [low, high]
+    ax.set_xlim(0, 100)
+    span_at_least(ax, shown, least)
+    return artists
+
+
+def orientation_adjustments(
+    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    trained: PoseTrajectory | Iterable[PoseTrajectory],
+    *,
+    title: str | None = None,
+) -> Figure:
+    """Show by how much learning changed roll, pitch and yaw of each demonstration.
+
+    The paper's figure C, over normalised time; one colour a trial, the largest change of each
+    angle named.
+
+    Parameters
+    ----------
+    demonstrations : PoseTrajectory or several
+    trained : PoseTrajectory or several
+        The motion learned from each, in the same order; durations and rates may differ.
+    title : str, optional
+        By default the finding: which angle changed most, and by how much.
+
+    Raises
+    ------
+    InputError
+        If there is none, or not one trained motion for each demonstration.
+    """
+    before, after = as_demonstrations(demonstrations), as_demonstrations(trained)
+    if len(before) != len(after):
+        raise InputError(
+            f"orientation_adjustments needs one trained motion for each demonstration, got "
+            f"{len(after)} for {len(before)}"
+        )
+    names = _trial_names(before)
+    changes = [adjustment(*pair) for pair in zip(before, after, strict=True)]
+    progress = [_percent(motion.times, motion) for motion in after]
+    peaks = np.array([np.abs(change).max(axis=0) for change in changes])
+
+    figure = new_figure(TWO_COLUMNS, 2.9)
+    panels = figure.subplots(1, 3, sharey=True)
+    styles = trial_styles(len(names))
+    for column, (ax, angle) in enumerate(zip(panels, ANGLES, strict=True)):
+        curves = [change[:, column] for change in changes]
+        for share, curve, style in zip(progress, curves, styles, strict=True):
+            ax.plot(share, curve, **style)
+        ax.axhline(0, color=PALETTE["grey"], linewidth=0.6, zorder=1)
+        ax.set_xlim(0, 100)
+        dress(ax, PROGRESS, f"adjustment of {angle} (°)")
+        largest = int(np.argmax(peaks[:, column]))
+        if peaks[largest, column] >= VISIBLE_TURN:
+            _point_out(ax, progress[largest], curves[largest], names[largest])
+    low, high = min(c.min() for c in changes), max(c.max() for c in changes)
+    room = max(0.25 * (high - low), LEAST_TURN / 2)
+    panels[0].set_ylim(low - room, high + room)
+
+    if len(names) > 1:
+        handles = zip(names, styles, strict=True)
+        put_legend(figure, {name: Line2D([], [], **style) for name, style in handles})
+    write_title(figure, title or _adjustment_finding(peaks, names))
+    return figure
+
+
+def adjustment(demonstration: PoseTrajectory, trained: PoseTrajectory) -> Floats:
+    """Change of roll, pitch and yaw at the trained motion's samples, shape (N, 3), degrees.
+
+    Both are compared at the same share of their durations.
+    """
+    before = roll_pitch_yaw(demonstration.rotations)
+    after = roll_pitch_yaw(trained.rotations, before[0])
+    own, at = _percent(demonstration.times, demonstration), _percent(trained.times, trained)
+    return np.asarray(after - np.column_stack([np.interp(at, own, angle) for angle in before.T]))
+
+
+# ---------------------------------------------------------------- inside
+
+
+def _percent(times: Floats, motion: PoseTrajectory) -> Floats:
+    return np.asarray(100 * (times - motion.times[0]) / motion.duration)
+
+
+def _sampled(curves: Sequence[Curve]) -> Floats:
+    return np.array([np.interp(GRID, progress, values) for progress, values in curves])
+
+
+def _residual_curves(residual: ResidualRow, motions: Mapping[str, PoseTrajectory]) -> list[Curve]:
+    return [
+        (_percent(motion.times[1:], motion), residual.values[name])
+        for name, motion in motions.items()
+    ]
+
+
+def _plot_sizes(ax: Axes, residual: ResidualRow, curves: Sequence[Curve]) -> None:
+    """Draw residuals that look like zero on a logarithmic axis, and say how large they get."""
+    sizes = [np.abs(values) for _, values in curves]
+    for (progress, _), size in zip(curves, sizes, strict=True):
+        ax.plot(progress, size, color=PALETTE["vermillion"], **EACH)
+    log_axis(ax, sizes, residual.span)
+    ax.set_xlim(0, 100)
+    peak = max(residual.peaks.values())
+    ax.text(
+        0.5,
+        0.9,
+        f"largest of all: {number(peak)} {residual.unit}",
+        transform=ax.transAxes,
+        ha="center",
+        va="top",
+        fontsize=SMALL_FONT_SIZE,
+    )
+    dress(ax, PROGRESS, f"|{residual.name}| ({residual.unit})")
+
+
+def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTrajectory]) -> str:
+    count = f"{len(motions)} motion{'s' if len(motions) > 1 else ''}"
+    if not rows:
+        paths = [motion.path_length for motion in motions.values()]
+        return f"{count}: paths of {length(min(paths))} to {length(max(paths))}"
+    worst = max(rows, key=lambda row: row.severity)
+    peak = f"{number(max(worst.peaks.values()))} {worst.unit}"
+    if all(map(worst.hides, motions)):
+        return f"{capitalised(worst.name)} of {count}: at most {peak}"
+    mean = _sampled(_residual_curves(worst, motions)).mean(axis=0)
+    at = int(np.argmax(np.abs(mean)))
+    signed = f"{'+' if mean[at] > 0 else '−'}{number(abs(mean[at]))} {worst.unit}"
+    return (
+        f"{capitalised(worst.name)} of {count}: mean up to {signed} "
+        f"(at {GRID[at]:.0f} % of the time), largest {peak}"
+    )
+
+
+def _adjustment_finding(peaks: Floats, names: Sequence[str]) -> str:
+    typical = np.median(peaks, axis=0)
+    most = int(np.argmax(typical))
+    trial = int(np.argmax(peaks[:, most]))
+    if peaks.max() < VISIBLE_TURN:
+        return f"No angle is adjusted by more than {number(peaks.max())}°"
+    text = f"{ANGLES[most].capitalize()} is adjusted most: "
+    if len(names) > 1:
+        text += f"typically by {number(typical[most])}°, "
+    return text + f"at most by {number(peaks[trial, most])}° ({short_name(names[trial])})"
+
+
+def _trial_names(trials: Sequence[PoseTrajectory]) -> list[str]:
+    """Names of the trials, numbered where two are the same."""
+    names = [trial.name for trial in trials]
+    if len(set(names)) == len(names):
+        return names
+    return [f"{name} ({i})" for i, name in enumerate(names, start=1)]
+
+
+def _point_out(ax: Axes, progress: Floats, curve: Floats, name: str) -> None:
+    """Name a curve where it is largest, on the outer side, which no curve reaches."""
+    at = int(np.argmax(np.abs(curve)))
+    above = curve[at] >= 0
+    ax.annotate(
+        f"{short_name(name)}: {curve[at]:+.1f}°".replace("-", "−"),
+        (progress[at], curve[at]),
+        xytext=(0.5, 0.97 if above else 0.03),
+        textcoords="axes fraction",
+        ha="center",
+        va="top" if above else "bottom",
+        fontsize=SMALL_FONT_SIZE,
+        arrowprops={"arrowstyle": "-", "linewidth": 0.6, "color": "0.3"},
+    )

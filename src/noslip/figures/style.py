@@ -17,8 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import ScalarFormatter
 
 from noslip._files import write_beside
+from noslip.trajectory import Floats
 
 PALETTE = {
     "blue": "#0072B2",
@@ -40,6 +42,15 @@ FONT_SIZE, SMALL_FONT_SIZE = 8.0, 7.0
 DPI = 200
 LONGEST_NAME = 40
 """Characters of a motion's name that a legend shows, the last ones."""
+LONGEST_LABEL = 26
+"""Characters of a y axis' label beside a low panel, before it goes on in the next line."""
+
+LEAST_TURN = 4.0
+"""Degrees that an angle's axis spans at least."""
+LEAST_SHARE = 0.04
+"""Share of the path's extent that a coordinate's axis spans at least: rounding stays flat."""
+DECADES = 1e-5
+"""Share of the smallest curve's peak at which a logarithmic axis ends: zeros lie below."""
 
 _REFERENCE = {"color": PALETTE["grey"], "linestyle": "-", "linewidth": 3.2, "zorder": 1.9}
 _NAMED: dict[str, dict[str, Any]] = {
@@ -99,7 +110,8 @@ def new_figure(
 def write_title(figure: Figure, title: str) -> None:
     """Put the finding above a figure, in as many lines as its width asks for."""
     characters = int(figure.get_figwidth() * 72 / (0.64 * FONT_SIZE))
-    figure.suptitle(fill(title, characters), fontsize=FONT_SIZE, fontweight="bold")
+    lines = [fill(line, characters) for line in title.splitlines()]
+    figure.suptitle("\n".join(lines), fontsize=FONT_SIZE, fontweight="bold")
 
 
 def name_lines(figure: Figure, names: Iterable[str]) -> None:
@@ -128,7 +140,7 @@ def put_legend(figure: Figure, handles: Mapping[str, Artist]) -> None:
 def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> None:
     """Give axes their labels, readable sizes and a faint grid."""
     ax.set_xlabel(xlabel, fontsize=SMALL_FONT_SIZE)
-    ax.set_ylabel(ylabel, fontsize=SMALL_FONT_SIZE)
+    ax.set_ylabel(fill(ylabel, LONGEST_LABEL), fontsize=SMALL_FONT_SIZE)
     if title is not None:
         ax.set_title(title, fontsize=SMALL_FONT_SIZE)
     ax.tick_params(labelsize=SMALL_FONT_SIZE)
@@ -136,13 +148,39 @@ def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> No
     ax.yaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
     ax.grid(True, color="0.9", linewidth=0.6)
     ax.set_axisbelow(True)
+    for axis in (ax.xaxis, ax.yaxis):
+        if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
+            formatter.set_useOffset(False)
+
+
+def span_at_least(ax: Axes, curves: Iterable[Floats], least: float) -> None:
+    """Keep rounding errors from filling an axis."""
+    curves = list(curves)
+    low, high = min(c.min() for c in curves), max(c.max() for c in curves)
+    missing = max(0.0, (least or 1.0) - (high - low)) / 2
+    margin = 0.06 * max(high - low, least or 1.0)
+    ax.set_ylim(low - missing - margin, high + missing + margin)
+
+
+def log_axis(ax: Axes, sizes: Iterable[Floats], least_top: float) -> None:
+    """Make the y axis logarithmic over the decades of sizes; zeros lie below its end."""
+    positive = [size[size > 0] for size in sizes if size.any()]
+    if positive:
+        low = min(size.min() for size in positive)
+        floor = DECADES * min(size.max() for size in positive)
+        top = max(size.max() for size in positive)
+        ax.set_ylim(max(low / 3, floor), max(top * 3, least_top))
+        ax.set_yscale("log")
 
 
 def short_name(name: str) -> str:
     """Return a name that fits a legend: of a long path the file, of a long name the end."""
     if len(name) > LONGEST_NAME:
         name = re.split(r"[/\\]", name)[-1]
-    return name if len(name) <= LONGEST_NAME else "…" + name[1 - LONGEST_NAME :]
+    if len(name) > LONGEST_NAME:
+        name = "…" + name[1 - LONGEST_NAME :]
+    # To matplotlib, dollars enclose a formula and an underscore in front says "not in a legend".
+    return re.sub("^_", " _", name.replace("$", r"\$"))
 
 
 def capitalised(name: str) -> str:
@@ -152,7 +190,7 @@ def capitalised(name: str) -> str:
 
 def number(value: float) -> str:
     """Return a number with two or three digits, with an exponent where it needs one."""
-    if value == 0 or 1e-3 <= abs(value) < 1e3:
+    if value == 0 or 1e-3 <= abs(value) < 999.5:
         return f"{value:.3g}"
     return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 

@@ -1,0 +1,32 @@
+"""What people look at: figures of motions, without a window and without global state.
+
+Figure-level functions return a :class:`matplotlib.figure.Figure`; :func:`save_figure` writes it.
+The others draw into axes and return what they drew.
+"""
+
+from noslip.figures.motion import (
+    compare_motions,
+    plot_forces,
+    plot_orientation,
+    plot_path,
+    plot_positions,
+    plot_residuals,
+)
+from noslip.figures.snapshots import blade_snapshots, plot_blades
+from noslip.figures.spread import demonstration_spread, orientation_adjustments, plot_spread
+from noslip.figures.style import save_figure
+
+__all__ = [
+    "blade_snapshots",
+    "compare_motions",
+    "demonstration_spread",
+    "orientation_adjustments",
+    "plot_blades",
+    "plot_forces",
+    "plot_orientation",
+    "plot_path",
+    "plot_positions",
+    "plot_residuals",
+    "plot_spread",
+    "save_figure",
+]
