@@ -25,7 +25,7 @@ UNIFORM_TOLERANCE = 1e-6
 """Largest relative spread of the sampling period that still counts as uniform."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class PoseTrajectory:
     """Timed poses of a tool, with the velocities that go with them. Immutable.
 

@@ -59,6 +59,7 @@ _NAMED: dict[str, dict[str, Any]] = {
     "constrained": {"color": PALETTE["vermillion"], "linestyle": (0, (5, 2)), "linewidth": 1.4},
     "optimised": {"color": PALETTE["black"], "linestyle": (0, (1, 1.8)), "linewidth": 1.7},
 }
+_NAMED["optimized"] = _NAMED["optimised"]
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.8)), (0, (5, 1.5, 1, 1.5)))
 _SAVING = Lock()
 
