@@ -72,7 +72,7 @@ class LearningRecord:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ConstrainedDMP(PoseDMP):
     """A pose primitive with the Udwadia-Kalaba coupling term (the paper's eq. 19).
 

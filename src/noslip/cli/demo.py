@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from matplotlib.figure import Figure
 from rich.table import Table
 
 from noslip._files import write_beside
@@ -87,13 +89,16 @@ def _write_motions(out: Path, example: NumericalExample, excisions: list[Excisio
 
 
 def _write_figures(
-    out: Path, example: NumericalExample, excisions: list[Excision], progress: Any
+    out: Path,
+    example: NumericalExample,
+    excisions: list[Excision],
+    progress: Callable[[int, int], None],
 ) -> list[Path]:
     motions = {name.replace("optimized", "optimised"): m for name, m in example.motions.items()}
     demonstrations = [excision.demonstration for excision in excisions]
     trained = [excision.trained for excision in excisions]
     snapshots = {name: motions[name] for name in ("demonstration", "constrained", "optimised")}
-    figures = {
+    figures: dict[str, Callable[[], Figure]] = {
         "numerical_example/motions": lambda: compare_motions(motions, [CONSTRAINT]),
         "numerical_example/snapshots": lambda: blade_snapshots(
             snapshots, desired=example.demonstration

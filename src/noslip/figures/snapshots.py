@@ -71,7 +71,7 @@ AT_REST = 1e-3
 """Share of the top speed below which a tool stands: it slips nowhere."""
 VIEW = (55.0, -80.0)
 """Elevation and azimuth of the eye (degrees)."""
-TITLE_ROOM, HEADING_ROOM, LABEL_ROOM, LEGEND_ROOM, BAR_ROOM, EDGE = 0.3, 0.5, 0.5, 0.3, 0.65, 0.06
+TITLE_ROOM, HEADING_ROOM, LABEL_ROOM, LEGEND_ROOM, BAR_ROOM, EDGE = 0.3, 0.6, 0.5, 0.3, 0.65, 0.06
 """Inches for the text around panels."""
 Place = tuple[float, float, float, float]
 
@@ -94,7 +94,8 @@ def blade_snapshots(
     motions : PoseTrajectory or mapping of them by name
         The paper's figure has the demonstration, the constrained and the optimised motion.
     desired : PoseTrajectory, optional
-        The path that should have been cut: dotted, and the largest distance from it is told.
+        The path that should have been cut: dotted; the largest distance from it is told, and
+        how far from its end the motion ends.
     blades : int
         How many to draw, equally far apart along the path.
     title : str, optional
@@ -122,8 +123,7 @@ def blade_snapshots(
             told += [f"{slips[0].verb} {slips[0].amount(name)}"]
         if desired is not None:
             ax.plot(*(scale * desired.positions.T), zorder=3, **DESIRED)
-            off = distance_to_path(motion.positions, desired.positions)
-            told.append(f"leaves the path by up to {length(off)}" if off else "on the desired path")
+            told += _deviation(motion, desired)
         ax.set_title("\n".join(told), fontsize=SMALL_FONT_SIZE, y=1)
     _frame(panels, unit)
     beside = _arrange(figure, panels)
@@ -231,6 +231,14 @@ def distance_to_path(points: Floats, path: Floats) -> float:
         foot = begin + np.clip(along, 0, 1)[:, None] * piece
         distances = np.minimum(distances, np.linalg.norm(points - foot, axis=1))
     return float(distances.max())
+
+
+def _deviation(motion: PoseTrajectory, desired: PoseTrajectory) -> list[str]:
+    off = distance_to_path(motion.positions, desired.positions)
+    missed = float(np.linalg.norm(motion.positions[-1] - desired.positions[-1]))
+    if off == missed == 0:
+        return ["on the desired path"]
+    return [f"leaves the path by up to {length(off)}", f"ends {length(missed)} from its end"]
 
 
 def _frame(panels: list[Any], unit: str) -> None:

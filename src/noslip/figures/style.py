@@ -196,38 +196,47 @@ def number(value: float) -> str:
     return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
-def save_figure(figure: Figure, path_without_suffix: str | Path) -> list[Path]:
-    """Write a figure as PNG (200 dpi) and SVG; return their paths.
+def save_figure(figure: Figure, path: str | Path) -> list[Path]:
+    """Write a figure as PNG (200 dpi) and SVG, or as what the path ends in; return the paths.
 
-    The same figure gives the same bytes.  Neither file is ever there by half.
+    The same figure gives the same bytes.  No file is ever there by half.
 
     Parameters
     ----------
     figure : Figure
-    path_without_suffix : path
-        ``results/comparison`` gives ``results/comparison.png`` and ``results/comparison.svg``.
+    path : path
+        ``results/comparison`` gives ``results/comparison.png`` and ``results/comparison.svg``;
+        ``comparison.png``, ``.svg`` or ``.pdf`` that file alone.
 
     Raises
     ------
     InputError
         If a file cannot be written.
     """
-    stem = Path(path_without_suffix)
-    contents = {
-        ".png": _rendered(figure, "png", {"Software": None}),
-        ".svg": _rendered(figure, "svg", {"Date": None, "Creator": None}),
-    }
-    return [write_beside(f"{stem}{suffix}", content) for suffix, content in contents.items()]
+    target = Path(path)
+    if target.suffix in _METADATA:
+        return [write_beside(target, _rendered(figure, target.suffix))]
+    return [
+        write_beside(f"{target}{suffix}", _rendered(figure, suffix)) for suffix in (".png", ".svg")
+    ]
 
 
-def _rendered(figure: Figure, file_format: str, metadata: dict[str, Any]) -> bytes:
+_METADATA: dict[str, dict[str, Any]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None, "Creator": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+"""Formats, and what of their metadata differs from one run or version to the next."""
+
+
+def _rendered(figure: Figure, suffix: str) -> bytes:
     buffer = io.BytesIO()
     # The salt of an SVG's identifiers is a global setting of matplotlib's, random by default.
     with _SAVING:
         salt = mpl.rcParams["svg.hashsalt"]
         mpl.rcParams["svg.hashsalt"] = "noslip"
         try:
-            figure.savefig(buffer, format=file_format, dpi=DPI, metadata=metadata)
+            figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=_METADATA[suffix])
         finally:
             mpl.rcParams["svg.hashsalt"] = salt
     return buffer.getvalue()

@@ -79,7 +79,7 @@ class State:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ConstrainedMotion(PoseTrajectory):
     """A rolled-out motion and what the constraints did to it.
 
@@ -111,7 +111,7 @@ class ConstrainedMotion(PoseTrajectory):
         self._freeze("constraint_forces", self.constraint_forces, (6,))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseDMP:
     """A pose primitive without coupling: position and orientation driven by one phase.
 
@@ -131,6 +131,12 @@ class PoseDMP:
     phase: Phase
     duration: float
     steps: int
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.position.forcing.basis.count} basis functions, "
+            f"{self.duration:.6g} s, {self.steps} steps)"
+        )
 
     # ---------------------------------------------------------------- learning
 
