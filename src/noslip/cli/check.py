@@ -1,4 +1,4 @@
-"""``noslip check``: does a motion slip?"""
+"""``noslip check``: whether a motion slips."""
 
 from __future__ import annotations
 
