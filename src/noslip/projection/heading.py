@@ -16,6 +16,10 @@ Floats = NDArray[np.float64]
 
 REST = 0.05
 """Fraction of the top speed below which the direction of travel says nothing."""
+BACKWARDS = 0.3
+"""Share of its way that a stretch must go backwards, net, to count as backed up on purpose."""
+TOWARDS_EDGE = 0.01
+"""How much the edge's direction counts where the tool moves exactly sideways."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +46,8 @@ def turn_edge_into_path(
 
     A blade has one edge, so of the two turns that satisfy the constraint the one with
     ``R x_b . v >= 0`` is taken.  Turns are followed continuously as long as the tool moves.  Where
-    it comes to rest and goes on backwards (``R x_b . v < 0`` on the whole until the next rest), it
-    was moved backwards on purpose and the edge stays behind.  Directions are smoothed with weights
+    it comes to rest and goes on backwards (``R x_b . v < 0`` on the whole, clearly, until the next
+    rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed with weights
     that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
     Constraints that name no edge get no turn.
@@ -62,24 +66,27 @@ def turn_edge_into_path(
     lateral, _ = axis_index(constraint.lateral)
     third = 3 - edge - lateral
     ahead, aside, across = edge_sign * body[:, edge], body[:, lateral], body[:, third]
-    in_plane = np.hypot(ahead, across)
 
     moving = speed > REST * speed.max()
     angles = np.zeros(len(speed))
     axes = np.zeros((len(speed), 3))
     backing, last = 0, 0.0
     for stretch in _stretches(moving):
-        facing = 1.0 if ahead[stretch].sum() >= 0 else -1.0
+        facing = -1.0 if ahead[stretch].sum() < -BACKWARDS * speed[stretch].sum() else 1.0
         backing += facing < 0
-        side = np.where(facing * ahead[stretch] >= 0, 1.0, -1.0)
-        angle = np.unwrap(np.arctan2(facing * aside[stretch], side * in_plane[stretch]))
+        # Direction within the blade's plane that is to lie along the path, edge leading.
+        along, plunge = facing * ahead[stretch], facing * across[stretch]
+        side = np.where(along >= 0, 1.0, -1.0)
+        lead = np.column_stack([side * along + TOWARDS_EDGE * speed[stretch], side * plunge])
+        lead /= np.linalg.norm(lead, axis=1, keepdims=True)
+        reach = lead[:, 0] * along + lead[:, 1] * plunge
+        angle = np.unwrap(np.arctan2(facing * aside[stretch], reach))
         angle += 2 * np.pi * np.round((last - angle[0]) / (2 * np.pi))
         last = angle[-1]
         angles[stretch] = angle
-        # The axis is perpendicular to both the lateral axis and the velocity.
-        scale = facing * side / np.maximum(in_plane[stretch], np.finfo(float).tiny)
-        axes[stretch, third] = edge_sign * scale * ahead[stretch]
-        axes[stretch, edge] = -scale * across[stretch]
+        # The axis is perpendicular to the lateral axis and to that direction.
+        axes[stretch, third] = edge_sign * lead[:, 0]
+        axes[stretch, edge] = -lead[:, 1]
     if (edge, lateral) not in ((0, 1), (1, 2), (2, 0)):
         axes = -axes
     # An edge along a negative axis turns the other way round.
