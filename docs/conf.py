@@ -4,7 +4,7 @@ from noslip import __version__
 
 project = "noslip"
 author = "the noslip authors"
-copyright = "2026, the noslip authors"  # noqa: A001
+copyright = "2026, the noslip authors"
 release = version = __version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
 myst_enable_extensions = ["dollarmath", "deflist"]

@@ -47,8 +47,8 @@ def turn_edge_into_path(
     A blade has one edge, so of the two turns that satisfy the constraint the one with
     ``R x_b . v >= 0`` is taken.  Turns are followed continuously as long as the tool moves.  Where
     it comes to rest and goes on backwards (``R x_b . v < 0`` on the whole, clearly, until the next
-    rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed with weights
-    that vanish with the speed, so that the noise of a tool at rest turns nothing.
+    rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed
+    with weights that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
     Constraints that name no edge get no turn.
     """
