@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from noslip import _arguments
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.errors import InputError
 from noslip.primitives.pose import PoseDMP, State, as_demonstrations, default_steps, evenly_sampled
 from noslip.primitives.stepping import Stepper
 from noslip.projection.pointwise import POSITION_ONLY, coupling, project_velocities
@@ -221,11 +221,9 @@ def learn(
     """
     recorded = as_demonstrations(demonstrations)
     system = as_system(constraints)
-    metric = tuple(float(x) for x in inverse_metric)
-    if len(metric) != 6 or not all(np.isfinite(x) and x >= 0 for x in metric) or not any(metric):
-        raise InputError(f"inverse_metric is 6 numbers >= 0, not all 0; got {inverse_metric}")
-    if not (np.isfinite(stabilization) and stabilization >= 0):
-        raise InputError(f"stabilization must be 0 or more, got {stabilization}")
+    metric = _arguments.inverse_metric(inverse_metric)
+    stabilization = _arguments.not_negative("stabilization", stabilization)
+    basis_functions = _arguments.count("basis_functions", basis_functions)
     projected, record = [], []
     sampled = [evenly_sampled(d, basis_functions) for d in recorded]
     for index, demonstration in enumerate(sampled):
@@ -261,6 +259,6 @@ def learn(
         constraints=system.constraints,
         regular=regular,
         inverse_metric=metric,
-        stabilization=float(stabilization),
+        stabilization=stabilization,
         record=tuple(record),
     )

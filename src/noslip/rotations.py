@@ -16,7 +16,7 @@ Expression = Any
 """A CasADi SX expression; CasADi ships no types."""
 
 _SERIES_BELOW = 1e-3
-"""Squared angle (or squared tangent) below which four terms of the series are exact in double."""
+"""Squared angle (or squared tangent) below which the series are exact in double."""
 
 
 def quaternion_product(a: Expression, b: Expression) -> Expression:
@@ -64,7 +64,8 @@ def quaternion_log(q: Expression) -> Expression:
     sine = ca.sqrt(ca.if_else(small, 1.0, square))
     safe_cosine = ca.if_else(small, cosine, 1.0)
     tangent = ca.if_else(small, square, 0.0) / (safe_cosine * safe_cosine)
-    series = 2 / safe_cosine * (1 - tangent * (1 / 3 - tangent * (1 / 5 - tangent / 7)))
+    terms = 1 / 3 - tangent * (1 / 5 - tangent * (1 / 7 - tangent / 9))
+    series = 2 / safe_cosine * (1 - tangent * terms)
     return ca.if_else(small, series, 2 * ca.atan2(sine, cosine) / sine) * vector
 
 

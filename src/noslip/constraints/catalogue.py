@@ -121,11 +121,13 @@ class _RestoredConstraint(Constraint):
 def _literal_arguments(text: str, call: ast.Call) -> dict[str, Any]:
     if call.args or any(keyword.arg is None for keyword in call.keywords):
         raise ConstraintError(f"constraint {text!r}: name each argument, as in lateral='z'")
-    arguments = {}
+    arguments: dict[str, Any] = {}
     for keyword in call.keywords:
+        if keyword.arg in arguments:
+            raise ConstraintError(f"constraint {text!r}: {keyword.arg} is given twice")
         try:
             arguments[str(keyword.arg)] = ast.literal_eval(keyword.value)
-        except ValueError:
+        except (TypeError, ValueError, MemoryError, RecursionError):
             raise ConstraintError(
                 f"constraint {text!r}: {keyword.arg} must be a literal (text, number, list), "
                 "nothing is evaluated"
@@ -143,12 +145,19 @@ def _from_file(path: Path, name: str) -> Constraint:
     try:
         spec.loader.exec_module(module)
     except Exception as error:
+        reason = " ".join(str(error).split())
         raise ConstraintError(
-            f"{path}: importing it failed: {type(error).__name__}: {error}"
+            f"{path}: importing it failed: {type(error).__name__}: {reason}"
         ) from error
     found = getattr(module, name, None)
     if isinstance(found, type) and issubclass(found, Constraint):
-        found = found()
+        try:
+            found = found()
+        except TypeError as error:
+            raise ConstraintError(
+                f"{path}: {name} needs arguments ({error}); write {name.lower()} = {name}(...) in "
+                "that file and name that"
+            ) from error
     if not isinstance(found, Constraint):
         own = [key for key, value in vars(module).items() if isinstance(value, Constraint)]
         listing = f"it declares {', '.join(own)}" if own else "it declares no constraint"

@@ -31,7 +31,7 @@ class ConstraintSystem:
     """
 
     def __init__(self, constraints: Constraint | Iterable[Constraint] = ()) -> None:
-        if isinstance(constraints, Constraint):
+        if isinstance(constraints, (Constraint, type)):
             constraints = (constraints,)
         self.constraints: tuple[Constraint, ...] = tuple(constraints)
         for constraint in self.constraints:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from noslip.errors import InputError
+from noslip import _arguments
 
 Floats = NDArray[np.float64]
 
@@ -32,10 +32,8 @@ class Attractor:
     beta: float = 6.25
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.alpha) and self.alpha > 0):
-            raise InputError(f"alpha must be positive, got {self.alpha}")
-        if not (np.isfinite(self.beta) and self.beta > 0):
-            raise InputError(f"beta must be positive, got {self.beta}")
+        object.__setattr__(self, "alpha", _arguments.positive("alpha", self.alpha))
+        object.__setattr__(self, "beta", _arguments.positive("beta", self.beta))
 
     @property
     def stiffness(self) -> float:

@@ -60,7 +60,10 @@ class OrientationDMP:
             Radians per duration.
         """
         goal = Rotation.concatenate([turning[-1] for turning in rotations]).mean()
-        winding = Winding.around(goal * rotations[0][-1].inv() * rotations[0])
+        farthest = max(
+            rotations, key=lambda turning: (turning[-1] * turning.inv()).magnitude().max()
+        )
+        winding = Winding.around(farthest * farthest[-1].inv() * goal)
         forces = []
         for turning in rotations:
             count = len(turning)

@@ -23,6 +23,10 @@ class Phase:
         """Phase at a fraction ``t / duration`` of the motion."""
         return np.exp(-self.alpha_s * np.asarray(fraction, dtype=np.float64))
 
+    def fraction(self, phase: float) -> float:
+        """Fraction of the motion at a phase; long after its end it stays a large number."""
+        return float(-np.log(max(phase, np.finfo(np.float64).tiny)) / self.alpha_s)
+
     def decay(self, fraction: float) -> float:
         """Factor by which the phase shrinks over a fraction of the duration; exact."""
         return float(np.exp(-self.alpha_s * fraction))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from noslip import _arguments
 from noslip.errors import InputError
 from noslip.primitives.attractor import Attractor
 from noslip.primitives.basis import Basis
@@ -173,14 +174,10 @@ class PoseDMP:
             If there is no demonstration or a constant is out of range.
         """
         recorded = as_demonstrations(demonstrations)
-        if basis_functions < 1:
-            raise InputError(f"basis_functions must be 1 or more, got {basis_functions}")
-        if not (np.isfinite(ridge) and ridge >= 0):
-            raise InputError(f"ridge must be 0 or more, got {ridge}")
-        if not (np.isfinite(alpha_s) and alpha_s > 0):
-            raise InputError(f"alpha_s must be positive, got {alpha_s}")
-        phase = Phase(alpha_s)
-        basis = Basis(int(basis_functions), phase)
+        basis_functions = _arguments.count("basis_functions", basis_functions)
+        ridge = _arguments.not_negative("ridge", ridge)
+        phase = Phase(_arguments.positive("alpha_s", alpha_s))
+        basis = Basis(basis_functions, phase)
         attractor = Attractor(alpha, beta)
         sampled = [evenly_sampled(d, basis_functions) for d in recorded]
         durations = [d.duration for d in recorded]
@@ -246,7 +243,7 @@ class PoseDMP:
             steps = self.steps
             time_step = state.duration / steps
         else:
-            time_step = _positive("time_step", time_step)
+            time_step = _arguments.positive("time_step", time_step, "seconds")
             steps = max(1, int(np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)))
         states, outputs = self._stepper.run(state.vector(), self._table(state, steps, time_step))
         rows = self._stepper.rows
@@ -258,7 +255,7 @@ class PoseDMP:
         return ConstrainedMotion(
             times=np.arange(steps + 1, dtype=np.float64) * time_step,
             positions=states[:, 0:3],
-            # Each step has normalised them; SciPy 1.16 would take as long as a fifth of the rollout.
+            # Each step has normalised them; SciPy 1.16 would take a fifth of the rollout's time.
             rotations=Rotation(states[:, 3:7], normalize=False, scalar_first=True),
             linear_velocities=states[:, 7:10],
             angular_velocities=states[:, 10:13],
@@ -279,18 +276,38 @@ class PoseDMP:
         duration: float | None = None,
     ) -> State:
         """Return the state to :meth:`step` from; the arguments are those of :meth:`rollout`."""
-        tau = self.duration if duration is None else _positive("duration", duration)
+        tau = (
+            self.duration
+            if duration is None
+            else _arguments.positive("duration", duration, "seconds")
+        )
         return State(
             time=0.0,
             phase=1.0,
-            position=_vector("start_position", start_position, self.position.start),
-            rotation=_rotation("start_rotation", start_rotation, self.orientation.start),
+            position=(
+                self.position.start
+                if start_position is None
+                else _arguments.vector("start_position", start_position)
+            ),
+            rotation=(
+                self.orientation.start
+                if start_rotation is None
+                else _arguments.rotation("start_rotation", start_rotation)
+            ),
             linear_velocity=self.position.start_velocity / tau,
             angular_velocity=self.orientation.start_velocity / tau,
             previous_step=0.0,
             duration=tau,
-            goal_position=_vector("goal_position", goal_position, self.position.goal),
-            goal_rotation=_rotation("goal_rotation", goal_rotation, self.orientation.goal),
+            goal_position=(
+                self.position.goal
+                if goal_position is None
+                else _arguments.vector("goal_position", goal_position)
+            ),
+            goal_rotation=(
+                self.orientation.goal
+                if goal_rotation is None
+                else _arguments.rotation("goal_rotation", goal_rotation)
+            ),
         )
 
     def step(self, state: State, time_step: float) -> State:
@@ -298,7 +315,7 @@ class PoseDMP:
 
         Steps may differ in length.
         """
-        time_step = _positive("time_step", time_step)
+        time_step = _arguments.positive("time_step", time_step, "seconds")
         states, outputs = self._stepper.run(state.vector(), self._table(state, 1, time_step))
         vector, rows = states[0], self._stepper.rows
         return replace(
@@ -339,7 +356,7 @@ class PoseDMP:
     def _table(self, state: State, steps: int, time_step: float) -> Floats:
         """Everything about the coming steps that depends on the phase alone."""
         basis, tau = self.position.forcing.basis, state.duration
-        begin = -np.log(state.phase) / self.phase.alpha_s if state.previous_step else 0.0
+        begin = self.phase.fraction(state.phase) if state.previous_step else 0.0
         offsets = basis.stepping_forces(
             begin,
             steps,
@@ -376,7 +393,10 @@ def as_demonstrations(
     """Return a list of demonstrations, checked."""
     if isinstance(demonstrations, PoseTrajectory):
         return [demonstrations]
-    recorded = list(demonstrations)
+    try:
+        recorded = list(demonstrations)
+    except TypeError:
+        recorded = [demonstrations]
     for item in recorded:
         if not isinstance(item, PoseTrajectory):
             raise InputError(
@@ -406,27 +426,3 @@ def default_steps(demonstration: PoseTrajectory) -> int:
     """Return the demonstration's own number of steps, multiplied until there are enough."""
     own = max(1, round(demonstration.duration / demonstration.period))
     return own * -(-FEWEST_STEPS // own)
-
-
-def _positive(name: str, value: float) -> float:
-    number = float(value)
-    if not (np.isfinite(number) and number > 0):
-        raise InputError(f"{name} must be a positive number of seconds, got {value}")
-    return number
-
-
-def _vector(name: str, value: ArrayLike | None, default: Floats) -> Floats:
-    if value is None:
-        return default
-    vector = np.array(value, dtype=np.float64)
-    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-        raise InputError(f"{name} must be 3 finite numbers (m), got {value}")
-    return vector
-
-
-def _rotation(name: str, value: Rotation | None, default: Rotation) -> Rotation:
-    if value is None:
-        return default
-    if not isinstance(value, Rotation) or not value.single:
-        raise InputError(f"{name} must be a single scipy Rotation, got {value!r}")
-    return value

@@ -27,7 +27,8 @@ class Winding:
     The logarithm of eq. 7 knows only angles up to pi, so an attractor to a fixed goal cannot tell
     a turn and a half from half a turn back.  A demonstration that stays within 135 degrees of its
     goal has the fixed goal of the paper (one knot); one that turns farther has a goal that leads
-    it there, a spline through few of its own rotations.  A new goal turns all of it alike.
+    it there, a spline through few of its own rotations.  A new goal turns all of it alike, in the
+    tool's frame: the learned force, in the world's, then still matches it.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ class Winding:
             rotations = Rotation.from_quat(knot, scalar_first=True)
         else:
             rotations = self._spline(np.clip(fractions, 0.0, 1.0))
-        return rotations if goal is None else goal * self.goal.inv() * rotations
+        return rotations if goal is None else rotations * self.goal.inv() * goal
 
     def along(self, begin: float, steps: int, step_fraction: float, goal: Rotation) -> Floats:
         """Quaternions of W, led to a goal, where each of the coming steps begins.
@@ -90,10 +91,10 @@ class Winding:
         array, shape (steps, 4)
         """
         leading = _along(self, begin, steps, step_fraction)
-        turn = goal * self.goal.inv()
+        turn = self.goal.inv() * goal
         if turn.magnitude() == 0.0:
             return leading
-        turned = turn * Rotation.from_quat(leading, scalar_first=True)
+        turned = Rotation.from_quat(leading, scalar_first=True) * turn
         return np.asarray(turned.as_quat(scalar_first=True))
 
 

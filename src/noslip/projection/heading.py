@@ -18,8 +18,8 @@ REST = 0.05
 """Fraction of the top speed below which the direction of travel says nothing."""
 BACKWARDS = 0.3
 """Share of its way that a stretch must go backwards, net, to count as backed up on purpose."""
-TOWARDS_EDGE = 0.01
-"""How much the edge's direction counts where the tool moves exactly sideways."""
+SIDEWAYS = 0.01
+"""Share of the speed within the blade's plane below which its direction there is not trusted."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,14 @@ def turn_edge_into_path(
         # Direction within the blade's plane that is to lie along the path, edge leading.
         along, plunge = facing * ahead[stretch], facing * across[stretch]
         side = np.where(along >= 0, 1.0, -1.0)
-        lead = np.column_stack([side * along + TOWARDS_EDGE * speed[stretch], side * plunge])
-        lead /= np.linalg.norm(lead, axis=1, keepdims=True)
+        tilt = np.arctan2(side * plunge, side * along)
+        # Moving sideways leaves that direction open: as before and after, or the edge itself.
+        open_ = np.hypot(along, plunge) < SIDEWAYS * speed[stretch]
+        if open_.any():
+            known = np.flatnonzero(~open_)
+            between = np.interp(np.flatnonzero(open_), known, tilt[known]) if len(known) else 0.0
+            tilt[open_] = between
+        lead = np.column_stack([np.cos(tilt), np.sin(tilt)])
         reach = lead[:, 0] * along + lead[:, 1] * plunge
         angle = np.unwrap(np.arctan2(facing * aside[stretch], reach))
         angle += 2 * np.pi * np.round((last - angle[0]) / (2 * np.pi))

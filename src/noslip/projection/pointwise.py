@@ -20,9 +20,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from noslip import _arguments
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.errors import InputError
+from noslip.errors import ConstraintError
 from noslip.primitives.stepping import Coupling, StepSymbols
 from noslip.rotations import Expression, quaternion_exp, quaternion_product
 from noslip.trajectory import PoseTrajectory
@@ -35,7 +36,9 @@ POSITION_ONLY: tuple[float, ...] = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 RELATIVE_TIKHONOV = 1e-12
 """Added to ``A M^-1 A^T`` relative to its trace: makes repeated and dependent rows harmless."""
 _SMALLEST_PIVOT = 1e-200
-_ITERATIONS = 4
+_APPROACHING, _RESTORING = 3, 3
+"""Newton steps to the nearest point, and then straight onto the constraint."""
+_MOST_ITERATIONS = 50
 
 
 def gauss_acceleration(
@@ -84,9 +87,9 @@ def coupling(
         For :class:`noslip.primitives.stepping.Stepper`.
     """
     system = as_system(constraints)
-    weights = ca.DM(list(inverse_metric))
-    if weights.shape != (6, 1) or min(inverse_metric) < 0 or max(inverse_metric) <= 0:
-        raise InputError(f"inverse_metric is 6 numbers >= 0, not all 0; got {inverse_metric}")
+    metric = _arguments.inverse_metric(inverse_metric)
+    weights = ca.DM(list(metric))
+    _require_holdable(system, metric)
 
     def couple(
         s: StepSymbols, linear: Expression, angular: Expression
@@ -95,25 +98,38 @@ def coupling(
         unconstrained = ca.vertcat(linear, angular)
         unknown = ca.SX.sym("nu", 6)
         # What the metric holds stays a known value: it then drops out of the derivatives.
-        held = [weight == 0 for weight in inverse_metric]
+        held = [weight == 0 for weight in metric]
         free = ca.vertcat(*(unconstrained[i] if held[i] else unknown[i] for i in range(6)))
         position, quaternion = s.advance(free[:3], free[3:])
-        phi = system.residual(s.time, position, quaternion, free[:3], free[3:])
+        # Position-level rows over the step's length have the scale of velocities, and multipliers
+        # of accelerations, as velocity-level rows do.
+        scale = ca.vertcat(
+            ca.SX(0, 1), *(1 if v else 1 / s.time_step for v in system.row_is_velocity)
+        )
+        phi = scale * system.residual(s.time, position, quaternion, free[:3], free[3:])
+        goal = scale * target
         jacobian = ca.jacobian(phi, unknown)
-        iterations = _ITERATIONS
         if not ca.depends_on(jacobian, unknown):
             # One row is divided by exactly; several are regularised, which further passes undo.
-            iterations = 1 if system.size == 1 else 3
+            approaching, restoring = (1 if system.size == 1 else 3), 0
+        else:
+            approaching, restoring = _APPROACHING, _RESTORING
         velocities, impulse = unconstrained, ca.SX(system.size, 1)
-        for _ in range(iterations):
+        for iteration in range(approaching + restoring):
             value, rows = ca.substitute([phi, jacobian], [unknown], [velocities])
             weighted = ca.mtimes(ca.diag(weights), rows.T)
             # Newton on the nearest point: the multipliers are corrected, not found anew, so that
             # what the regularisation leaves out of one iteration is made up for in the next.
             normal = ca.mtimes(rows, weighted)
-            moved = ca.mtimes(rows, velocities - unconstrained) - ca.mtimes(normal, impulse)
-            impulse += _solve_regularised(normal, target - value + moved)
-            velocities = unconstrained + ca.mtimes(weighted, impulse)
+            if iteration < approaching:
+                moved = ca.mtimes(rows, velocities - unconstrained) - ca.mtimes(normal, impulse)
+                impulse += _solve_regularised(normal, goal - value + moved)
+                velocities = unconstrained + ca.mtimes(weighted, impulse)
+            else:
+                # Straight onto the constraint: quadratic, where the nearest point is linear.
+                correction = _solve_regularised(normal, goal - value)
+                impulse += correction
+                velocities += ca.mtimes(weighted, correction)
         end_position, end_quaternion = s.advance(velocities[:3], velocities[3:])
         residual = system.residual(
             s.time, end_position, end_quaternion, velocities[:3], velocities[3:]
@@ -121,6 +137,20 @@ def coupling(
         return velocities[:3], velocities[3:], residual, impulse / s.kick
 
     return couple
+
+
+def _require_holdable(system: ConstraintSystem, metric: tuple[float, ...]) -> None:
+    """Refuse a constraint that nothing which the metric leaves free can influence."""
+    t, p, q = ca.SX.sym("t"), ca.SX.sym("p", 3), ca.SX.sym("q", 4)
+    v, w = ca.SX.sym("v", 3), ca.SX.sym("w", 3)
+    rows = ca.jacobian(system.first_order(t, p, q, v, w), ca.vertcat(v, w))
+    for name, row in zip(system.row_names, range(system.size), strict=True):
+        influenced = rows[row, :].sparsity().get_triplet()[1]
+        if not any(metric[i] for i in influenced):
+            raise ConstraintError(
+                f"constraint {name!r} asks nothing of what inverse_metric leaves free; let the "
+                "rotation give way too: inverse_metric=(1, 1, 1, 1, 1, 1)"
+            )
 
 
 def _decayed_residual(system: ConstraintSystem, s: StepSymbols) -> Expression:
@@ -181,14 +211,19 @@ def project_velocities(
     system = as_system(constraints)
     given = np.concatenate([np.ravel(linear_velocity), np.ravel(angular_velocity)]).astype(float)
     weights = np.asarray(inverse_metric, dtype=np.float64)
-    found, residual = given, np.zeros(0)
-    for _ in range(_ITERATIONS + 1 if system.size else 0):
-        residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
-        if np.abs(phi).max() <= 1e-15 * max(1.0, np.abs(given).max()):
+    found = given
+    residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
+    close = 1e-15 * max(1.0, np.abs(given).max())
+    for iteration in range(_MOST_ITERATIONS):
+        if np.abs(phi).max(initial=0.0) <= close:
             break
         weighted = weights[:, None] * rows.T
-        gap = rows @ (found - given) - phi
-        found = given + weighted @ (np.linalg.pinv(rows @ weighted, hermitian=True) @ gap)
+        inverse = np.linalg.pinv(rows @ weighted, hermitian=True)
+        if iteration < _APPROACHING:
+            found = given + weighted @ (inverse @ (rows @ (found - given) - phi))
+        else:
+            found = found - weighted @ (inverse @ phi)
+        residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
     return found[:3], found[3:], residual
 
 

@@ -20,8 +20,9 @@ interleaved: time and memory grow linearly with the number of samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import casadi as ca
@@ -31,6 +32,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg.lapack import dgbsv
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from noslip import _arguments
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError
@@ -69,7 +71,6 @@ _RESIDUAL_TOLERANCE = 1e-11
 """Relative to the path's mean speed (velocity level) or length (position level)."""
 _MOST_SAMPLES = 4000
 """Beyond this, the fourth power of the count in the smoothing terms eats up the precision."""
-_COARSE_SAMPLES = 1001
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,6 @@ class ProjectedTrajectory:
     Attributes
     ----------
     trajectory : PoseTrajectory
-        Its velocities are those of its steps; those of the first sample repeat the second's.
     turns : array, shape (N, 3)
         ``Log(R R_ref^T)``, world frame (rad).
     converged : bool
@@ -164,9 +164,12 @@ def project_trajectory(
     }
     if hold_position and any(b.position is not None for b in boundaries.values()):
         raise InputError("hold_position=True keeps every position; no end can get another one")
-    if max_iterations < 1:
-        raise InputError(f"max_iterations must be 1 or more, got {max_iterations}")
-    weights = (position_weight, position_smoothing, rotation_smoothing)
+    max_iterations = _arguments.count("max_iterations", max_iterations)
+    weights = (
+        _arguments.positive("position_weight", position_weight),
+        _arguments.not_negative("position_smoothing", position_smoothing),
+        _arguments.positive("rotation_smoothing", rotation_smoothing),
+    )
     best = _project(trajectory, system, hold_position, boundaries, weights, max_iterations)
     if best.converged or on_failure == "return":
         return best
@@ -188,11 +191,17 @@ def _project(
     max_iterations: int,
 ) -> ProjectedTrajectory:
     """Attempt after attempt; the best result if none converges."""
+    unturned = np.zeros((len(trajectory), 3))
+    as_given = _Problem(trajectory, system, hold_position, boundaries, weights, unturned)
+    if as_given.is_solved():
+        return as_given.solve(1, careful=False)
+    best: ProjectedTrajectory | None = None
     if len(trajectory) > _MOST_SAMPLES:
-        return _project_from_coarse(
+        best = _project_from_coarse(
             trajectory, system, hold_position, boundaries, weights, max_iterations
         )
-    best: ProjectedTrajectory | None = None
+        if best.converged:
+            return best
     for factor, careful, patience in _ATTEMPTS:
         attempted = (*weights[:2], weights[2] * factor)
         heading = turn_edge_into_path(trajectory, system, attempted[2])
@@ -219,7 +228,7 @@ def _project_from_coarse(
     On the fine grid only what interpolation left is corrected, so its many samples cost neither
     iterations nor precision.
     """
-    times = np.linspace(trajectory.times[0], trajectory.times[-1], _COARSE_SAMPLES)
+    times = np.linspace(trajectory.times[0], trajectory.times[-1], _MOST_SAMPLES)
     few = trajectory.resampled(times=times)
     coarse = _project(few, system, hold_position, boundaries, weights, max_iterations)
     turned = coarse.trajectory.rotations * few.rotations.inv()
@@ -258,15 +267,14 @@ class _Boundary:
     ) -> _Boundary:
         if fixed not in ("free", "position", "rotation", "pose"):
             raise InputError(f"{name} must be free, position, rotation or pose; got {fixed!r}")
-        value = None
         if position is not None:
-            value = np.array(position, dtype=np.float64)
-            if value.shape != (3,) or not np.all(np.isfinite(value)):
-                raise InputError(f"{name}_position must be 3 finite numbers (m), got {position}")
+            position = _arguments.vector(f"{name}_position", position)
+        if rotation is not None:
+            rotation = _arguments.rotation(f"{name}_rotation", rotation)
         return cls(
             fixed in ("position", "pose") or position is not None,
             fixed in ("rotation", "pose") or rotation is not None,
-            value,
+            position,
             rotation,
         )
 
@@ -357,8 +365,8 @@ class _Problem:
         quaternions = self.reference.as_quat(scalar_first=True)
         previous = np.concatenate([[0], np.arange(self.count - 1)])
         positions = self.given.positions
-        velocities, _ = self.given.step_velocities()
-        velocities = np.concatenate([np.zeros((1, 3)), velocities])
+        # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
+        velocities = np.diff(positions, axis=0, prepend=positions[:1]) / self.time_step
         times = self.given.times - self.given.times[0]
         return np.column_stack(
             [
@@ -378,7 +386,6 @@ class _Problem:
         """Iterate from the first guess; ``careful`` converges from farther, and more slowly."""
         multipliers = np.zeros((self.count, self.rows))
         converged, iteration, step_size = False, 0, np.inf
-        tolerance = max(_RESIDUAL_TOLERANCE, self._rounding())
         for iteration in range(max_iterations + 1):
             value, jacobian, curvature = self._evaluate(
                 self.z, self.parameters, multipliers * self.row_scale
@@ -387,7 +394,7 @@ class _Problem:
             residual = np.abs(value).max(initial=0.0)
             if not np.isfinite(residual):
                 break
-            if residual <= tolerance and step_size <= _STEP_TOLERANCE:
+            if residual <= self._tolerance and step_size <= _STEP_TOLERANCE:
                 converged = True
                 break
             if iteration == max_iterations:
@@ -396,13 +403,26 @@ class _Problem:
             step, new = self._newton_step(
                 value, jacobian, curvature if use_curvature else None, multipliers
             )
-            if not np.all(np.isfinite(step)):
+            if not (np.all(np.isfinite(step)) and np.all(np.isfinite(new))):
                 break
             step_size = float(np.abs(step).max(initial=0.0))
             fraction = min(1.0, _LARGEST_TURN / max(step_size, 1e-300))
             self.z += fraction * step
             multipliers += fraction * (new - multipliers)
         return self._result(converged, iteration, multipliers)
+
+    def is_solved(self) -> bool:
+        """Whether the trajectory as given satisfies everything: then it is the nearest."""
+        if self.z.any():
+            return False
+        multipliers = np.zeros((self.count, self.rows))
+        value, _, _ = self._evaluate(self.z, self.parameters, multipliers)
+        scaled = np.where(self.active, value * self.row_scale, 0.0)
+        return bool(np.abs(scaled).max(initial=0.0) <= self._tolerance)
+
+    @property
+    def _tolerance(self) -> float:
+        return max(_RESIDUAL_TOLERANCE, self._rounding())
 
     def _rounding(self) -> float:
         """Residual that the rounding of the positions alone causes."""
@@ -461,29 +481,22 @@ class _Problem:
         positions = self.given.positions.copy()
         if self.unknowns == 6:
             positions += self.length * self.z[:, 3:]
-        pose = PoseTrajectory(
+        trajectory = PoseTrajectory(
             times=self.given.times,
-            positions=np.nan_to_num(positions),
+            positions=positions,
             rotations=rotations,
             name=self.given.name,
         )
-        linear, angular = pose.step_velocities()
-        trajectory = PoseTrajectory(
-            times=pose.times,
-            positions=pose.positions,
-            rotations=pose.rotations,
-            linear_velocities=np.concatenate([linear[:1], linear]),
-            angular_velocities=np.concatenate([angular[:1], angular]),
-            name=self.given.name,
-        )
+        linear, angular = trajectory.step_velocities()
         residuals = self.system.residuals(
             trajectory.times - trajectory.times[0],
             trajectory.positions,
             trajectory.quaternions,
-            trajectory.linear_velocities,
-            trajectory.angular_velocities,
+            np.concatenate([linear[:1], linear]),
+            np.concatenate([angular[:1], angular]),
         )
-        residuals[0, ~self.active[0]] = 0.0
+        # No step leads to the first sample.
+        residuals[0, self.system.row_is_velocity] = 0.0
         return ProjectedTrajectory(
             trajectory=trajectory,
             turns=(rotations * self.given.rotations.inv()).as_rotvec(),
@@ -501,7 +514,12 @@ _Entries = dict[tuple[int, int], Floats]
 """Structural nonzeros of a stage's matrix: (row, column) -> value at each stage."""
 
 
-def _stage_function(system: ConstraintSystem, hold_position: bool, count: int):  # type: ignore[no-untyped-def]
+_Evaluation = Callable[[Floats, Floats, Floats], tuple[Floats, _Entries, _Entries]]
+
+
+# Building and differentiating the graph takes as long as two Newton steps.
+@lru_cache(maxsize=16)
+def _stage_function(system: ConstraintSystem, hold_position: bool, count: int) -> _Evaluation:
     """Residual, Jacobian and curvature of the constraints of one step, for all steps at once."""
     unknowns = 3 if hold_position else 6
     before, here = ca.SX.sym("z_before", unknowns), ca.SX.sym("z", unknowns)

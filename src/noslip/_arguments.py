@@ -1,0 +1,79 @@
+"""Checks of arguments; each error is one line that names the argument."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+def positive(name: str, value: Any, unit: str = "") -> float:
+    """Return a finite number above 0."""
+    number = _number(value)
+    if not (np.isfinite(number) and number > 0):
+        raise InputError(f"{name} must be a positive number{unit and f' of {unit}'}, got {value!r}")
+    return number
+
+
+def not_negative(name: str, value: Any) -> float:
+    """Return a finite number, 0 or more."""
+    number = _number(value)
+    if not (np.isfinite(number) and number >= 0):
+        raise InputError(f"{name} must be a number, 0 or more, got {value!r}")
+    return number
+
+
+def count(name: str, value: Any) -> int:
+    """Return a whole number, 1 or more."""
+    number = _number(value)
+    if not (np.isfinite(number) and number >= 1 and number == int(number)):
+        raise InputError(f"{name} must be a whole number, 1 or more, got {value!r}")
+    return int(number)
+
+
+def vector(name: str, value: Any, unit: str = "m") -> Floats:
+    """Return 3 finite numbers, shape (3,)."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise InputError(f"{name} must be 3 finite numbers ({unit}), got {_short(value)}")
+    return array
+
+
+def rotation(name: str, value: Any) -> Rotation:
+    """Return a single rotation."""
+    if not isinstance(value, Rotation) or not value.single:
+        raise InputError(f"{name} must be a single scipy Rotation, got {_short(value)}")
+    return value
+
+
+def inverse_metric(value: Sequence[float]) -> tuple[float, ...]:
+    """Return the diagonal of M^-1: 6 numbers, none negative, not all 0."""
+    try:
+        numbers = tuple(float(x) for x in value)
+    except (TypeError, ValueError):
+        numbers = ()
+    fits = len(numbers) == 6 and all(np.isfinite(x) and x >= 0 for x in numbers)
+    if not fits or not any(numbers):
+        raise InputError(f"inverse_metric must be 6 numbers >= 0, not all 0; got {_short(value)}")
+    return numbers
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return float("nan")
+
+
+def _short(value: Any) -> str:
+    return " ".join(repr(value).split())[:80]
