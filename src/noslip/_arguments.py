@@ -18,7 +18,8 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     """Return a finite number above 0."""
     number = _number(value)
     if not (np.isfinite(number) and number > 0):
-        raise InputError(f"{name} must be a positive number{unit and f' of {unit}'}, got {value!r}")
+        wanted = f"a positive number of {unit}" if unit else "positive"
+        raise InputError(f"{name} must be {wanted}, got {value!r}")
     return number
 
 

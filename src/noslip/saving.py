@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from noslip import _arguments
 from noslip._files import write_beside
 from noslip._version import __version__
 from noslip.constraints.catalogue import restore, specification
@@ -72,7 +73,7 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         document = json.loads(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not a noslip primitive (not JSON: {error})") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(f"{path}: not a noslip primitive (no format {FORMAT!r})")
@@ -89,11 +90,11 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
             "save it again from noslip"
         )
     read = _Reader(path)
-    with_basis = read.field(content, "basis_functions", int)
-    phase = Phase(read.number(content["phase"], "alpha_s"))
-    attractor = read.build(Attractor, content, "attractor")
-    basis = Basis(with_basis, phase)
-    duration, steps = read.number(content, "duration"), read.field(content, "steps", int)
+    phase = Phase(read.positive(read.part(content, "phase"), "alpha_s"))
+    constants = read.part(content, "attractor")
+    attractor = Attractor(read.positive(constants, "alpha"), read.positive(constants, "beta"))
+    basis = Basis(read.count(content, "basis_functions"), phase)
+    duration, steps = read.positive(content, "duration"), read.count(content, "steps")
     regular = PoseDMP(*read.parts(content, "regular", attractor, basis), phase, duration, steps)
     position, orientation = read.parts(content, "primitive", attractor, basis)
     try:
@@ -110,8 +111,10 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         steps=steps,
         constraints=constraints,
         regular=regular,
-        inverse_metric=tuple(read.array(content, "inverse_metric", (6,)).tolist()),
-        stabilization=read.number(content, "stabilization"),
+        inverse_metric=read.field(content, "inverse_metric", _arguments.inverse_metric),
+        stabilization=read.field(
+            content, "stabilization", lambda x: _arguments.not_negative("stabilization", x)
+        ),
         record=tuple(read.records(content)),
     )
 
@@ -134,8 +137,14 @@ def _parts(dmp: PoseDMP) -> dict[str, Any]:
 
 
 def _checksum(content: dict[str, Any]) -> str:
-    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return "sha256:" + hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _list_of_parts(value: Any) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+        raise TypeError("expected a list of objects")
+    return value
 
 
 class _Reader:
@@ -147,14 +156,19 @@ class _Reader:
     def field(self, data: dict[str, Any], name: str, kind: Callable[[Any], T]) -> T:
         try:
             return kind(data[name])
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{self.path}: field {name} is missing or wrong: {error}") from error
+        except KeyError:
+            raise InputError(f"{self.path}: field {name} is missing") from None
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.path}: field {name} is wrong: {error}") from error
 
-    def number(self, data: dict[str, Any], name: str) -> float:
-        value = self.field(data, name, float)
-        if not np.isfinite(value):
-            raise InputError(f"{self.path}: field {name} is not finite")
-        return value
+    def part(self, data: dict[str, Any], name: str) -> dict[str, Any]:
+        return self.field(data, name, dict)
+
+    def positive(self, data: dict[str, Any], name: str) -> float:
+        return self.field(data, name, lambda value: _arguments.positive(name, value))
+
+    def count(self, data: dict[str, Any], name: str) -> int:
+        return self.field(data, name, lambda value: _arguments.count(name, value))
 
     def array(self, data: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> Floats:
         value = self.field(data, name, lambda x: np.array(x, dtype=np.float64))
@@ -167,18 +181,11 @@ class _Reader:
             )
         return value
 
-    def build(self, kind: Callable[..., T], data: dict[str, Any], name: str) -> T:
-        try:
-            return kind(**data[name])
-        except (KeyError, TypeError) as error:
-            raise InputError(f"{self.path}: field {name} is missing or wrong: {error}") from error
-
     def parts(
         self, content: dict[str, Any], name: str, attractor: Attractor, basis: Basis
     ) -> tuple[PositionDMP, OrientationDMP]:
-        parts = self.field(content, name, dict)
-        position = self.field(parts, "position", dict)
-        orientation = self.field(parts, "orientation", dict)
+        parts = self.part(content, name)
+        position, orientation = self.part(parts, "position"), self.part(parts, "orientation")
         weights = (basis.count, 3)
         return (
             PositionDMP(
@@ -198,6 +205,9 @@ class _Reader:
         )
 
     def records(self, content: dict[str, Any]) -> list[LearningRecord]:
-        names = {f.name for f in fields(LearningRecord)}
-        entries = self.field(content, "learned_from", list)
-        return [LearningRecord(**{k: v for k, v in e.items() if k in names}) for e in entries]
+        names = [f.name for f in fields(LearningRecord)]
+        entries = self.field(content, "learned_from", _list_of_parts)
+        return [
+            LearningRecord(**{name: self.field(entry, name, lambda x: x) for name in names})
+            for entry in entries
+        ]

@@ -31,9 +31,10 @@ class ConstraintSystem:
     """
 
     def __init__(self, constraints: Constraint | Iterable[Constraint] = ()) -> None:
-        if isinstance(constraints, (Constraint, type)):
-            constraints = (constraints,)
-        self.constraints: tuple[Constraint, ...] = tuple(constraints)
+        several = isinstance(constraints, Iterable) and not isinstance(constraints, type)
+        self.constraints: tuple[Constraint, ...] = (
+            tuple(constraints) if several else (constraints,)  # type: ignore[arg-type, assignment]
+        )
         for constraint in self.constraints:
             if not isinstance(constraint, Constraint):
                 hint = "; call it: Blade()" if isinstance(constraint, type) else ""

@@ -31,7 +31,8 @@ class ForcingTerm:
     weights: Floats
 
     def __post_init__(self) -> None:
-        weights = np.array(self.weights, dtype=np.float64)
+        # In C order: sums over another layout differ in their last bits.
+        weights = np.array(self.weights, dtype=np.float64, order="C")
         if weights.ndim != 2 or weights.shape[0] != self.basis.count:
             raise InputError(
                 f"forcing term: weights have shape {weights.shape}, expected "

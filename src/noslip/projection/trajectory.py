@@ -204,7 +204,7 @@ def _project(
             return best
     for factor, careful, patience in _ATTEMPTS:
         attempted = (*weights[:2], weights[2] * factor)
-        heading = turn_edge_into_path(trajectory, system, attempted[2])
+        heading = turn_edge_into_path(_moved(trajectory, boundaries), system, attempted[2])
         problem = _Problem(trajectory, system, hold_position, boundaries, attempted, heading.turns)
         result = replace(problem.solve(patience * max_iterations, careful), backing=heading.backing)
         if result.converged:
@@ -282,6 +282,26 @@ class _Boundary:
 _Boundaries = dict[str, _Boundary]
 
 
+def _blend(count: int, end: str) -> Floats:
+    """From 0 to 1 towards an end; velocity and acceleration at both ends stay as they were."""
+    fraction = np.linspace(0.0, 1.0, count)
+    if end == "start":
+        fraction = fraction[::-1]
+    return np.asarray(fraction**3 * (10 - 15 * fraction + 6 * fraction**2))
+
+
+def _moved(trajectory: PoseTrajectory, boundaries: _Boundaries) -> PoseTrajectory:
+    """Return the trajectory with its ends moved to where boundaries want their positions."""
+    positions = trajectory.positions
+    for end, boundary in boundaries.items():
+        if boundary.position is not None:
+            shift = boundary.position - trajectory.positions[0 if end == "start" else -1]
+            positions = positions + _blend(len(trajectory), end)[:, None] * shift
+    if positions is trajectory.positions:
+        return trajectory
+    return PoseTrajectory(trajectory.times, positions, trajectory.rotations, name=trajectory.name)
+
+
 class _Problem:
     """One projection as a banded Newton iteration.
 
@@ -331,12 +351,9 @@ class _Problem:
     def _fix(self, boundaries: _Boundaries) -> NDArray[np.bool_]:
         """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
         fixed = np.zeros_like(self.z, dtype=bool)
-        fraction = np.linspace(0.0, 1.0, self.count)
         for end, boundary in boundaries.items():
             k = 0 if end == "start" else self.count - 1
-            # A fifth-order blend leaves velocity and acceleration at both ends as they were.
-            blend = fraction if k else 1 - fraction
-            blend = blend**3 * (10 - 15 * blend + 6 * blend**2)
+            blend = _blend(self.count, end)
             if boundary.fixes_rotation:
                 fixed[k, :3] = True
                 wanted = boundary.rotation or self.given.rotations[k]

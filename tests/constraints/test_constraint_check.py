@@ -1,0 +1,357 @@
+"""What a check reports, for motions whose slip is known in closed form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip import (
+    Blade,
+    ConstraintError,
+    InputError,
+    Motion,
+    PoseTrajectory,
+    check,
+    load_demonstrations,
+    position_constraint,
+    prepare,
+    velocity_constraint,
+)
+
+Floats = NDArray[np.float64]
+seeds = st.integers(0, 2**32 - 1)
+
+
+def irregular(seed: int, count: int = 60, start: float = 0.0) -> Floats:
+    gaps = np.random.default_rng(seed).uniform(0.2, 2.0, count - 1)
+    return start + np.concatenate([[0.0], np.cumsum(gaps)]) / 50
+
+
+def straight(
+    times: Floats, speeds: Floats | float, direction: Floats, rotation: Rotation, name: str = "run"
+) -> PoseTrajectory:
+    """Constant direction and rotation; ``speeds`` of each step, or one for all."""
+    way = np.concatenate([[0.0], np.cumsum(np.diff(times) * speeds)])
+    return PoseTrajectory(
+        times=times,
+        positions=np.outer(way, direction) + np.array([0.3, -0.2, 0.1]),
+        rotations=Rotation.from_quat(np.tile(rotation.as_quat(), (len(times), 1))),
+        name=name,
+    )
+
+
+@position_constraint
+def plane(motion: Motion) -> Any:
+    return motion.position[2] - 0.1
+
+
+@velocity_constraint
+def needle(motion: Motion) -> Any:
+    return motion.rotation[:, 1:].T @ motion.linear_velocity
+
+
+# -------------------------------------------------------------------- slip in closed form
+
+
+@given(seeds, st.floats(1e-4, 5), st.floats(-1e4, 1e4))
+def test_pure_sideways_motion_slips_all_its_way(seed: int, speed: float, start: float) -> None:
+    turn = Rotation.random(random_state=seed)
+    motion = straight(irregular(seed, start=start), speed, turn.apply([0, 1, 0]), turn)
+    found = check(motion, Blade(), tolerance=speed / 2)["blade"]
+    assert found.slip_distance == pytest.approx(motion.path_length, rel=1e-9)
+    assert found.peak == pytest.approx(speed, rel=1e-5)
+    assert found.rms == pytest.approx(speed, rel=1e-6)
+    assert found.share_above_tolerance == 1.0
+    assert not found.satisfied
+
+
+@given(seeds, st.sampled_from(["x", "z"]))
+def test_motion_along_the_edge_or_plunging_does_not_slip(seed: int, axis: str) -> None:
+    turn = Rotation.random(random_state=seed)
+    direction = turn.apply(np.eye(3)["xyz".index(axis)])
+    found = check(straight(irregular(seed), 0.4, direction, turn), Blade())["blade"]
+    assert found.peak < 1e-12
+    assert found.slip_distance is not None
+    assert found.slip_distance < 1e-12
+    assert found.share_above_tolerance == 0.0
+    assert found.satisfied
+
+
+@given(seeds, st.floats(0, np.pi / 2))
+def test_a_blade_held_askew_slips_by_the_sine_of_its_angle(seed: int, angle: float) -> None:
+    turn = Rotation.random(random_state=seed)
+    direction = turn.apply([np.cos(angle), np.sin(angle), 0])
+    motion = straight(irregular(seed), 0.7, direction, turn)
+    found = check(motion, Blade())["blade"]
+    assert found.slip_distance == pytest.approx(np.sin(angle) * motion.path_length, abs=1e-12)
+    assert found.rms == pytest.approx(0.7 * np.sin(angle), abs=1e-11)
+
+
+@given(seeds)
+def test_shares_and_means_are_weighted_by_time(seed: int) -> None:
+    # Sideways at a speed of its own in each step, some above and some below the tolerance.
+    times = irregular(seed)
+    periods = np.diff(times)
+    speeds = np.random.default_rng(seed + 1).uniform(0.0, 2.0, len(periods))
+    speeds[7] = 3.0
+    motion = straight(times, speeds, np.array([0, 1.0, 0]), Rotation.identity())
+    found = check(motion, Blade(), tolerance=1.0)["blade"]
+    assert found.peak == pytest.approx(3.0, rel=1e-12)
+    # A step's residual belongs to the pose where it ends.
+    assert found.worst_time == times[8]
+    above = periods[speeds > 1.0].sum() / periods.sum()
+    assert found.share_above_tolerance == pytest.approx(above, rel=1e-9)
+    assert found.rms == pytest.approx(np.sqrt(speeds**2 @ periods / periods.sum()), rel=1e-9)
+    assert found.slip_distance == pytest.approx(speeds @ periods, rel=1e-9)
+
+
+def test_slip_back_and_forth_does_not_cancel() -> None:
+    speeds = np.where(np.arange(59) % 2, 0.5, -0.5)
+    motion = straight(irregular(1), speeds, np.array([0, 1.0, 0]), Rotation.identity())
+    assert check(motion, Blade()).slip_distance == pytest.approx(motion.path_length)
+
+
+def test_the_pose_is_that_where_a_step_ends() -> None:
+    # A quarter turn within one step: sideways where it begins, edge first where it ends.
+    motion = PoseTrajectory(
+        times=[0.0, 1.0],
+        positions=[[0, 0, 0], [0, 1, 0]],
+        rotations=Rotation.from_euler("z", [0.0, np.pi / 2]),
+    )
+    assert check(motion, Blade()).peak < 1e-15
+    assert check(motion, Blade(lateral="x", edge="y")).peak == pytest.approx(1.0)
+
+
+@given(seeds)
+def test_a_turning_blade_that_leads_its_path_slips_by_half_a_step_of_its_turn(seed: int) -> None:
+    # Tangent at the end of each chord of a circle: the angle between them is half the arc's.
+    rng = np.random.default_rng(seed)
+    radius, speed = rng.uniform(0.05, 2, 2)
+    times = np.linspace(0, 1, 101)
+    angle = speed * times
+    motion = PoseTrajectory(
+        times=times,
+        positions=radius * np.column_stack([np.sin(angle), 1 - np.cos(angle), 0 * angle]),
+        rotations=Rotation.from_euler("z", angle),
+    )
+    chord = 2 * radius * np.sin(speed / 200) * 100
+    found = check(motion, Blade())["blade"]
+    assert found.peak == pytest.approx(chord * np.sin(speed / 200), rel=1e-8)
+
+
+# -------------------------------------------------------------------- kinds of constraints
+
+
+def test_position_level_is_a_distance_without_a_slip() -> None:
+    times = irregular(3)
+    heights = 0.1 + 0.02 * np.sin(times)
+    motion = PoseTrajectory(
+        times=times,
+        positions=np.column_stack([times, 0 * times, heights]),
+        rotations=Rotation.identity(len(times)),
+    )
+    found = check(motion, plane, tolerance=0.01)["plane"]
+    off = np.abs(heights[1:] - 0.1)
+    assert found.level == "position"
+    assert found.slip_distance is None
+    assert found.peak == pytest.approx(off.max(), rel=1e-12)
+    assert found.worst_time == times[1:][np.argmax(off)]
+    periods = np.diff(times)
+    assert found.share_above_tolerance == pytest.approx(
+        periods[off > 0.01].sum() / periods.sum(), rel=1e-12
+    )
+
+
+def test_rows_of_one_constraint_count_by_their_norm() -> None:
+    motion = straight(irregular(4), 1.0, np.array([0, 0.6, 0.8]), Rotation.identity())
+    report = check(motion, needle)
+    assert len(report.constraints) == 1
+    assert report.peak == pytest.approx(1.0)
+    assert report.slip_distance == pytest.approx(motion.path_length)
+
+
+def test_each_constraint_gets_its_own_rows() -> None:
+    motion = straight(irregular(4), 1.0, np.array([0, 0.6, 0.8]), Rotation.identity())
+    report = check(motion, [plane, needle, Blade(), Blade(lateral="z")])
+    assert [c.name for c in report.constraints] == ["plane", "needle", "blade", "blade"]
+    assert [c.peak for c in report.constraints[1:]] == pytest.approx([1.0, 0.6, 0.8])
+
+
+@given(seeds, st.sampled_from([0.0, 12.5, -300.0]))
+def test_time_counts_from_the_first_sample(seed: int, start: float) -> None:
+    @position_constraint
+    def rising(motion: Motion) -> Any:
+        return motion.position[2] - 0.25 * motion.time
+
+    times = irregular(seed, start=start)
+    motion = PoseTrajectory(
+        times=times,
+        positions=np.column_stack([0 * times, 0 * times, 0.25 * (times - start)]),
+        rotations=Rotation.identity(len(times)),
+    )
+    assert check(motion, rising).peak < 1e-12
+
+
+def test_angular_velocities_are_those_of_the_steps() -> None:
+    @velocity_constraint
+    def spin(motion: Motion) -> Any:
+        return motion.angular_velocity
+
+    times = irregular(5)
+    motion = PoseTrajectory(
+        times=times,
+        positions=np.zeros((len(times), 3)),
+        rotations=Rotation.from_rotvec(np.outer(times, [0.0, 3.0, 4.0])),
+    )
+    report = check(motion, spin)
+    assert report.peak == pytest.approx(5.0, rel=1e-9)
+    assert report.rms == pytest.approx(5.0, rel=1e-9)
+
+
+def test_recorded_velocities_are_not_asked() -> None:
+    # They need not be those of the samples; a controller plays the samples.
+    motion = straight(irregular(6), 1.0, np.array([0, 1.0, 0]), Rotation.identity())
+    lying = PoseTrajectory(
+        times=motion.times,
+        positions=motion.positions,
+        rotations=motion.rotations,
+        linear_velocities=np.zeros_like(motion.positions),
+        name=motion.name,
+    )
+    assert check(lying, Blade()) == check(motion, Blade())
+
+
+def test_a_residual_that_is_no_number_never_counts_as_satisfied() -> None:
+    @velocity_constraint
+    def undefined(motion: Motion) -> Any:
+        return ca.sqrt(motion.position[0] - 10) * motion.linear_velocity[0]
+
+    motion = straight(irregular(7), 1.0, np.array([1.0, 0, 0]), Rotation.identity())
+    assert not check(motion, undefined).satisfied
+
+
+# -------------------------------------------------------------------- the report
+
+
+@pytest.fixture
+def report() -> Any:
+    motion = straight(
+        irregular(8), 0.02, np.array([0, 0.6, 0.8]), Rotation.identity(), name="cut 3.csv"
+    )
+    return check(motion, [Blade(), plane, Blade(lateral="z")], tolerance=0.014)
+
+
+def test_a_report_tells_what_holds_and_what_does_not(report: Any) -> None:
+    blade, flat, across = report.constraints
+    assert (blade.satisfied, blade.verdict) == (True, "holds")
+    assert (flat.satisfied, flat.verdict) == (False, "violated")
+    assert (across.satisfied, across.verdict) == (False, "violated")
+    assert not report.satisfied
+    assert report.verdict == "violated: plane, blade"
+    assert report["blade"] is blade
+    assert report.worst is max(report.constraints, key=lambda c: c.peak)
+    for name in ("peak", "rms", "worst_time", "share_above_tolerance", "slip_distance"):
+        assert getattr(report, name) == getattr(report.worst, name)
+    with pytest.raises(KeyError, match="'knife'"):
+        report["knife"]
+
+
+def test_a_report_prints_a_line_a_constraint(report: Any) -> None:
+    lines = str(report).splitlines()
+    assert len(lines) == 4
+    assert lines[0].startswith("cut 3.csv: ")
+    assert f"path {report.path_length * 1e3:.4g} mm" in lines[0]
+    assert lines[1].startswith("  blade: HOLDS  peak 0.012 m/s at ")
+    assert "slipped" in lines[1]
+    assert lines[2].startswith("  plane: VIOLATED  peak ")
+    assert " m at " in lines[2]
+    assert "slipped" not in lines[2]
+    assert "above 0.014 m/s for 100% of the time" in lines[3]
+
+
+def test_a_report_is_plain_data(report: Any) -> None:
+    data = report.to_dict()
+    assert json.loads(json.dumps(data)) == data
+    assert data["motion"] == "cut 3.csv"
+    assert data["satisfied"] is False
+    assert data["verdict"] == report.verdict
+    assert data["path_length"] == report.path_length
+    assert [c["name"] for c in data["constraints"]] == ["blade", "plane", "blade"]
+    assert data["constraints"][0]["peak"] == report.constraints[0].peak
+    assert data["constraints"][1]["slip_distance"] is None
+    assert data["constraints"][2]["verdict"] == "violated"
+
+
+def test_a_report_on_a_satisfied_motion_holds() -> None:
+    motion = straight(irregular(9), 0.3, np.array([1.0, 0, 0]), Rotation.identity())
+    report = check(motion, [Blade()])
+    assert report.satisfied
+    assert report.verdict == "holds"
+    assert report.to_dict()["satisfied"] is True
+    assert "HOLDS" in str(report)
+
+
+@pytest.mark.parametrize("factor", [0.01, 0.999, 1.001, 100.0])
+def test_the_tolerance_decides(factor: float) -> None:
+    motion = straight(irregular(2), 0.02, np.array([0, 1.0, 0]), Rotation.identity())
+    peak = check(motion, Blade()).peak
+    assert check(motion, Blade(), tolerance=peak * factor).satisfied == (factor >= 1)
+    assert check(motion, Blade(), tolerance=peak).satisfied
+
+
+@pytest.mark.parametrize(
+    ("ask", "error", "reason"),
+    [
+        (lambda m: check(m, []), InputError, "at least one constraint"),
+        (lambda m: check(m, Blade(), tolerance=0), InputError, "tolerance"),
+        (lambda m: check(m, Blade(), tolerance=-1e-3), InputError, "tolerance"),
+        (lambda m: check(m, Blade(), tolerance=np.nan), InputError, "tolerance"),
+        (lambda m: check(m, Blade(), tolerance=np.inf), InputError, "tolerance"),
+        (lambda m: check(m, [Blade]), ConstraintError, "Blade()"),
+    ],
+)
+def test_a_check_that_makes_no_sense_is_refused(
+    ask: Callable[[PoseTrajectory], object], error: type[Exception], reason: str
+) -> None:
+    motion = straight(irregular(2), 0.02, np.array([0, 1.0, 0]), Rotation.identity())
+    with pytest.raises(error) as caught:
+        ask(motion)
+    assert reason in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+# -------------------------------------------------------------------- real recordings
+
+
+@pytest.mark.recordings
+def test_recorded_contours_slip_a_few_centimetres(recordings: Path) -> None:
+    runs = load_demonstrations(recordings / "contour_following" / "*.csv")
+    assert len(runs) == 8
+    for run in runs:
+        report = check(prepare(run, trim_speed=0.05, rate=120, lowpass=4.8), Blade())
+        assert report.slip_distance is not None
+        assert 0.02 < report.slip_distance < 0.05, str(report)
+        # Eight per cent of the motion is across the blade, according to those who recorded it.
+        assert report.slip_distance < 0.12 * report.path_length
+
+
+@pytest.mark.recordings
+def test_a_recorded_peg_violates_the_blade(recordings: Path) -> None:
+    runs = load_demonstrations(recordings / "peg_on_hole" / "*.csv")
+    assert len(runs) == 3
+    for run in runs:
+        for motion in (run, prepare(run, rate=120, lowpass=4.8)):
+            report = check(motion, Blade())
+            assert not report.satisfied
+            assert report.slip_distance is not None
+            assert report.slip_distance > 0.3 * motion.path_length

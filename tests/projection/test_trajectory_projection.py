@@ -1,0 +1,719 @@
+"""The nearest feasible trajectory: feasible, nearest, and the same seen from elsewhere."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from noslip import (
+    Blade,
+    Constraint,
+    ConvergenceError,
+    InputError,
+    Motion,
+    PoseTrajectory,
+    check,
+    position_constraint,
+    project_trajectory,
+    velocity_constraint,
+)
+from noslip.projection.trajectory import (
+    POSITION_SMOOTHING,
+    POSITION_WEIGHT,
+    ROTATION_SMOOTHING,
+    ProjectedTrajectory,
+)
+
+Floats = NDArray[np.float64]
+seeds = st.integers(0, 2**32 - 1)
+BLADE = Blade()
+
+
+def facing(
+    seed: int, count: int = 201, *, askew: float = 0.4, flat: bool = False, duration: float = 1.0
+) -> PoseTrajectory:
+    """A random smooth cut; its edge follows the path up to a random, smooth error.
+
+    The edge is nowhere perpendicular to the path, so which way it leads is never in doubt.
+    """
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0, 1, count)
+    x = np.outer(s, [1.5, 0, 0])
+    for k in (1, 2, 3):
+        phase, size = rng.uniform(0, 6), rng.normal(size=3)
+        x += np.outer(np.sin(np.pi * k * s + phase), size / np.linalg.norm(size)) * 0.12 / k
+    if flat:
+        x[:, 2] = 0.0
+    v = np.gradient(x, s, axis=0)
+    along = np.column_stack(
+        [np.arctan2(v[:, 1], v[:, 0]), -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))]
+    )
+    axis = rng.normal(size=3)
+    wave = np.sin(np.pi * rng.uniform(0.5, 2) * s + rng.uniform(0, 6))
+    error = askew * np.outer(wave, axis / np.linalg.norm(axis))
+    held = Rotation.from_rotvec(error) * Rotation.from_euler("ZY", along)
+    return PoseTrajectory(
+        times=duration * s,
+        positions=x,
+        rotations=held * Rotation.from_euler("Y", 0.6),
+        name=f"cut {seed}",
+    )
+
+
+def steps(motion: PoseTrajectory) -> tuple[Floats, Floats, Floats]:
+    """Linear and angular velocity of each step and the matrix where it ends, by NumPy alone."""
+    h = np.diff(motion.times)[:, None]
+    R = motion.rotations.as_matrix()
+    turn = R[1:] @ R[:-1].transpose(0, 2, 1)
+    # For small steps, the rotation vector from the skew part.
+    skew = np.stack(
+        [
+            turn[:, 2, 1] - turn[:, 1, 2],
+            turn[:, 0, 2] - turn[:, 2, 0],
+            turn[:, 1, 0] - turn[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.linalg.norm(skew, axis=1, keepdims=True) / 2
+    angle = np.arctan2(sine, (np.trace(turn, axis1=1, axis2=2)[:, None] - 1) / 2)
+    factor = np.where(sine < 1e-8, 0.5, angle / (2 * np.where(sine == 0, 1, sine)))
+    return np.diff(motion.positions, axis=0) / h, factor * skew / h, R[1:]
+
+
+def lateral_slip(motion: PoseTrajectory, axis: int = 1) -> Floats:
+    v, _, R = steps(motion)
+    return np.einsum("ki,ki->k", R[:, :, axis], v)
+
+
+def forward_speed(motion: PoseTrajectory) -> Floats:
+    return lateral_slip(motion, axis=0)
+
+
+def change(result: ProjectedTrajectory, motion: PoseTrajectory) -> float:
+    """Largest change that a projection made (m and rad)."""
+    moved = np.abs(result.trajectory.positions - motion.positions).max()
+    return max(moved, np.linalg.norm(result.turns, axis=1).max())
+
+
+@position_constraint
+def table(motion: Motion) -> Any:
+    return motion.position[2]
+
+
+@position_constraint
+def ball(motion: Motion) -> Any:
+    return ca.norm_2(motion.position - ca.DM([0.7, 0, -3])) - 3
+
+
+@position_constraint
+def lift(motion: Motion) -> Any:
+    return motion.position[2] - 0.1 * ca.sin(3 * motion.time)
+
+
+@velocity_constraint
+def needle(motion: Motion) -> Any:
+    return motion.rotation[:, 1:].T @ motion.linear_velocity
+
+
+@velocity_constraint
+def no_roll(motion: Motion) -> Any:
+    return ca.dot(motion.rotation[:, 0], motion.angular_velocity)
+
+
+# -------------------------------------------------------------------- feasible
+
+
+@given(seeds, st.booleans())
+def test_the_blade_does_not_slip(seed: int, hold: bool) -> None:
+    motion = facing(seed)
+    result = project_trajectory(motion, BLADE, hold_position=hold)
+    assert np.abs(lateral_slip(result.trajectory)).max() <= 1e-10
+    assert result.converged
+    assert result.residual <= 1e-10
+    np.testing.assert_allclose(
+        result.residuals[1:, 0], lateral_slip(result.trajectory), rtol=0, atol=1e-11
+    )
+    assert change(result, motion) > 1e-3
+
+
+@given(seeds)
+@settings(max_examples=15)
+def test_arbitrary_orientations_are_projected_too(seed: int) -> None:
+    motion = facing(seed)
+    turned = replace(
+        motion,
+        rotations=motion.rotations * Rotation.random(random_state=seed),
+        angular_velocities=None,
+    )
+    result = project_trajectory(turned, BLADE)
+    assert np.abs(lateral_slip(result.trajectory)).max() <= 1e-10
+
+
+@given(seeds)
+@settings(max_examples=15)
+def test_the_edge_leads_at_every_step(seed: int) -> None:
+    for hold in (False, True):
+        result = project_trajectory(facing(seed), BLADE, hold_position=hold)
+        assert forward_speed(result.trajectory).min() >= 0
+        assert result.backing == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_position_level_constraints_hold(seed: int) -> None:
+    motion = facing(seed)
+    z = motion.positions[:, 2]
+    assert np.abs(z).max() > 1e-2
+    on_table = project_trajectory(motion, table).trajectory
+    assert np.abs(on_table.positions[:, 2]).max() <= 1e-10
+    on_ball = project_trajectory(motion, ball).trajectory
+    off = np.linalg.norm(on_ball.positions - [0.7, 0, -3], axis=1) - 3
+    assert np.abs(off).max() <= 1e-10
+    lifted = project_trajectory(motion, lift).trajectory
+    height = lifted.positions[:, 2] - 0.1 * np.sin(3 * motion.times)
+    assert np.abs(height).max() <= 1e-10
+
+
+@pytest.mark.parametrize("hold", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_needle_moves_along_its_axis_alone(seed: int, hold: bool) -> None:
+    found = project_trajectory(facing(seed), needle, hold_position=hold).trajectory
+    for axis in (1, 2):
+        assert np.abs(lateral_slip(found, axis)).max() <= 1e-10
+    assert np.abs(forward_speed(found)).min() > 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_constraints_hold_together(seed: int) -> None:
+    found = project_trajectory(facing(seed), [BLADE, table]).trajectory
+    assert np.abs(lateral_slip(found)).max() <= 1e-10
+    assert np.abs(found.positions[:, 2]).max() <= 1e-10
+    found = project_trajectory(facing(seed), [lift, BLADE, no_roll]).trajectory
+    _, w, R = steps(found)
+    assert np.abs(lateral_slip(found)).max() <= 1e-10
+    assert np.abs(found.positions[:, 2] - 0.1 * np.sin(3 * found.times)).max() <= 1e-10
+    assert np.abs(np.einsum("ki,ki->k", R[:, :, 0], w)).max() <= 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_users_constraint_on_the_angular_velocity_holds(seed: int) -> None:
+    # It names no edge, so nothing is turned into the path first.
+    motion = facing(seed)
+    _, before, R = steps(motion)
+    assert np.abs(np.einsum("ki,ki->k", R[:, :, 0], before)).max() > 0.05
+    result = project_trajectory(motion, no_roll)
+    _, w, R = steps(result.trajectory)
+    assert np.abs(np.einsum("ki,ki->k", R[:, :, 0], w)).max() <= 1e-9
+    np.testing.assert_allclose(result.trajectory.positions, motion.positions, atol=1e-12)
+
+
+def test_no_constraint_changes_nothing() -> None:
+    motion = facing(1)
+    result = project_trajectory(motion, [])
+    assert result.converged
+    assert change(result, motion) < 1e-12
+
+
+def test_a_repeated_constraint_changes_nothing_more() -> None:
+    motion = facing(1)
+    once, twice = (project_trajectory(motion, [BLADE] * n) for n in (1, 2))
+    np.testing.assert_allclose(twice.turns, once.turns, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        twice.trajectory.positions, once.trajectory.positions, rtol=0, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 20])
+@pytest.mark.parametrize("hold", [False, True])
+def test_few_samples_are_enough(count: int, hold: bool) -> None:
+    found = project_trajectory(facing(3, count), BLADE, hold_position=hold).trajectory
+    assert np.abs(lateral_slip(found)).max() <= 1e-10
+
+
+def test_a_tool_at_rest_stays_as_it_is() -> None:
+    still = PoseTrajectory(
+        times=np.arange(50) / 10,
+        positions=np.ones((50, 3)),
+        rotations=Rotation.from_rotvec(np.tile([0.3, 0.1, 0.2], (50, 1))),
+    )
+    assert change(project_trajectory(still, BLADE), still) < 1e-12
+
+
+# -------------------------------------------------------------------- unchanged
+
+
+@given(seeds, st.booleans())
+@settings(max_examples=20)
+def test_a_feasible_trajectory_comes_back_unchanged(seed: int, hold: bool) -> None:
+    feasible = project_trajectory(facing(seed), BLADE).trajectory
+    again = project_trajectory(feasible, BLADE, hold_position=hold)
+    assert change(again, feasible) < 1e-9
+
+
+# A long trajectory is first projected at 1001 of its samples, whose longer steps it does not
+# satisfy; what that changes is carried over to all of them.
+def test_a_long_feasible_trajectory_comes_back_unchanged() -> None:
+    feasible = project_trajectory(facing(0, 4501), BLADE).trajectory
+    assert np.abs(lateral_slip(feasible)).max() <= 1e-10
+    assert change(project_trajectory(feasible, BLADE), feasible) < 1e-7
+
+
+def wandering(count: int, rate: float = 120.0, seed: int = 1) -> PoseTrajectory:
+    """A blade that wanders about at up to half a turn of its path a second, held askew."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / rate
+    x = np.zeros((count, 3))
+    for _ in range(30):
+        w = 2 * np.pi * rng.uniform(0.05, 0.5)
+        wave = np.sin(w * t[:, None] + rng.uniform(0, 6, 3))
+        x += 0.3 * rng.normal(size=3) * wave / w * [1, 1, 0.1]
+    v = np.gradient(x, t, axis=0)
+    yaw = np.unwrap(np.arctan2(v[:, 1], v[:, 0])) + 0.2 * np.sin(2 * np.pi * 0.3 * t)
+    return PoseTrajectory(
+        times=t,
+        positions=x,
+        rotations=Rotation.from_euler("ZY", np.column_stack([yaw, np.full(count, 0.3)])),
+    )
+
+
+# In one piece it converges within 30 iterations; the thousand samples it is thinned out to, ten a
+# second, do not follow the path, and there is no way back to all of them.
+@pytest.mark.slow
+def test_a_long_recording_is_projected_as_a_short_one_is() -> None:
+    found = project_trajectory(wandering(12001), BLADE, hold_position=True).trajectory
+    assert np.abs(lateral_slip(found)).max() <= 1e-10
+
+
+@pytest.mark.slow
+def test_four_thousand_samples_are_projected_in_one_piece() -> None:
+    found = project_trajectory(wandering(4000), BLADE, hold_position=True).trajectory
+    assert np.abs(lateral_slip(found)).max() <= 1e-10
+
+
+# -------------------------------------------------------------------- nearest
+
+
+class Documented:
+    """The cost that the module documents and a blade's constraint, on the dense unknowns.
+
+    ``int (w_p |p - p_ref|^2 + mu_p |p'' - p_ref''|^2) / L^2 + w_R u |d|^2 + mu_R |d''|^2`` with
+    time normalised, by sums and second differences; u is the speed over its mean.
+    """
+
+    def __init__(self, motion: PoseTrajectory, hold: bool) -> None:
+        self.motion, self.hold, self.count = motion, hold, len(motion)
+        self.h = 1 / (self.count - 1)
+        self.length = motion.path_length
+        v, _, _ = steps(motion)
+        speed = np.linalg.norm(v, axis=1)
+        speed = np.concatenate([speed[:1], speed])
+        self.u = speed / speed.mean() + 1e-3
+
+    def split(self, z: Floats) -> tuple[Floats, Floats]:
+        turns = z[: 3 * self.count].reshape(-1, 3)
+        moved = np.zeros_like(turns) if self.hold else z[3 * self.count :].reshape(-1, 3)
+        return turns, moved
+
+    def cost(self, z: Floats) -> float:
+        turns, moved = self.split(z)
+        bent = [np.diff(x, 2, axis=0) / self.h**2 for x in (turns, moved)]
+        return self.h * float(
+            POSITION_WEIGHT * np.sum(moved**2)
+            + POSITION_SMOOTHING * np.sum(bent[1] ** 2)
+            + np.sum(self.u[:, None] * turns**2)
+            + ROTATION_SMOOTHING * np.sum(bent[0] ** 2)
+        )
+
+    def trajectory(self, z: Floats) -> PoseTrajectory:
+        turns, moved = self.split(z)
+        return PoseTrajectory(
+            times=self.motion.times,
+            positions=self.motion.positions + self.length * moved,
+            rotations=Rotation.from_rotvec(turns) * self.motion.rotations,
+        )
+
+    def slip(self, z: Floats) -> Floats:
+        return lateral_slip(self.trajectory(z))
+
+    def pack(self, result: ProjectedTrajectory) -> Floats:
+        moved = (result.trajectory.positions - self.motion.positions) / self.length
+        return np.concatenate([result.turns.ravel()] + ([] if self.hold else [moved.ravel()]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hold", [True, False])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_result_minimises_the_documented_cost(seed: int, hold: bool) -> None:
+    motion = facing(seed, 12)
+    problem = Documented(motion, hold)
+    result = project_trajectory(motion, BLADE, hold_position=hold)
+    mine = problem.pack(result)
+    assert np.abs(problem.slip(mine)).max() < 1e-10
+    # Displacements weigh 1e5 times as much: scaled, so that the solver sees one size.
+    scale = np.ones_like(mine)
+    scale[3 * len(motion) :] = POSITION_WEIGHT**-0.5
+    found = minimize(
+        lambda y: problem.cost(y * scale),
+        np.zeros_like(mine),
+        method="SLSQP",
+        constraints={"type": "eq", "fun": lambda y: problem.slip(y * scale)},
+        options={"maxiter": 500, "ftol": 1e-14},
+    )
+    assert found.success
+    theirs = found.x * scale
+    assert problem.cost(mine) <= problem.cost(theirs) * (1 + 1e-6)
+    np.testing.assert_allclose(mine[: 3 * len(motion)], theirs[: 3 * len(motion)], atol=2e-4)
+    np.testing.assert_allclose(mine[3 * len(motion) :], theirs[3 * len(motion) :], atol=2e-6)
+
+
+@pytest.mark.parametrize("hold", [True, False])
+def test_the_cost_has_no_slope_along_what_the_constraint_allows(hold: bool) -> None:
+    # First-order optimality: the gradient is a combination of the constraint's gradients.
+    motion = facing(4, 15)
+    problem = Documented(motion, hold)
+    z = problem.pack(project_trajectory(motion, BLADE, hold_position=hold))
+
+    def differences(function: Any) -> Floats:
+        rows = []
+        for i in range(len(z)):
+            nudge = np.zeros_like(z)
+            nudge[i] = 1e-6
+            rows.append((function(z + nudge) - function(z - nudge)) / 2e-6)
+        return np.array(rows)
+
+    gradient, slopes = differences(problem.cost), differences(problem.slip)
+    multipliers = np.linalg.lstsq(slopes, gradient, rcond=None)[0]
+    left = gradient - slopes @ multipliers
+    assert np.linalg.norm(left) < 1e-6 * np.linalg.norm(gradient)
+    assert np.linalg.norm(gradient) > 1e-3
+
+
+def test_a_heavier_position_gives_way_less() -> None:
+    motion = facing(2)
+    moved, turned = [], []
+    for weight in (1e3, 1e5, 1e7):
+        result = project_trajectory(motion, BLADE, position_weight=weight)
+        moved.append(np.abs(result.trajectory.positions - motion.positions).max())
+        turned.append(np.linalg.norm(result.turns))
+    held = project_trajectory(motion, BLADE, hold_position=True)
+    assert moved == sorted(moved, reverse=True)
+    assert turned == sorted(turned)
+    assert turned[-1] <= np.linalg.norm(held.turns) * (1 + 1e-3)
+
+
+def test_more_smoothing_bends_the_correction_less() -> None:
+    motion = facing(2)
+    bends = []
+    for smoothing in (1e-8, 1e-6, 1e-4):
+        result = project_trajectory(motion, BLADE, hold_position=True, rotation_smoothing=smoothing)
+        assert result.smoothing == smoothing
+        bends.append(np.linalg.norm(np.diff(result.turns, 2, axis=0)))
+    assert bends == sorted(bends, reverse=True)
+
+
+# -------------------------------------------------------------------- what is kept, what is asked
+
+
+@given(seeds)
+@settings(max_examples=15)
+def test_held_positions_are_the_same_to_the_bit(seed: int) -> None:
+    motion = facing(seed)
+    found = project_trajectory(motion, BLADE, hold_position=True).trajectory
+    np.testing.assert_array_equal(found.positions, motion.positions)
+    np.testing.assert_array_equal(found.times, motion.times)
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+@pytest.mark.parametrize("fixed", ["free", "position", "rotation", "pose"])
+def test_what_is_fixed_of_an_end_stays(end: Any, fixed: Any) -> None:
+    motion = facing(2)
+    result = project_trajectory(motion, BLADE, **{end: fixed})
+    k = 0 if end == "start" else -1
+    moved = np.abs(result.trajectory.positions[k] - motion.positions[k]).max()
+    turned = np.linalg.norm(result.turns[k])
+    assert (moved < 1e-15) == (fixed in ("position", "pose"))
+    assert (turned < 1e-15) == (fixed in ("rotation", "pose"))
+    assert np.abs(lateral_slip(result.trajectory)).max() <= 1e-10
+
+
+@given(seeds)
+@settings(max_examples=15)
+def test_other_end_poses_are_reached_exactly(seed: int) -> None:
+    motion = facing(seed)
+    rng = np.random.default_rng(seed)
+    asked: dict[str, Any] = {
+        "end_position": motion.positions[-1] + [0.2, 0.3, 0.1],
+        "end_rotation": Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)) * motion.rotations[-1],
+        "start_position": motion.positions[0] + rng.uniform(-0.05, 0.05, 3),
+        "start_rotation": Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)) * motion.rotations[0],
+    }
+    found = project_trajectory(motion, BLADE, **asked).trajectory
+    for k, end in ((0, "start"), (-1, "end")):
+        np.testing.assert_allclose(found.positions[k], asked[f"{end}_position"], atol=1e-14)
+        off = (found.rotations[k] * asked[f"{end}_rotation"].inv()).magnitude()
+        assert off < 1e-14
+    assert np.abs(lateral_slip(found)).max() <= 1e-10
+
+
+def test_an_end_rotation_is_reached_with_the_position_held() -> None:
+    # Turned about the lateral axis, which stays perpendicular to the last step.
+    motion = facing(6)
+    last = project_trajectory(motion, BLADE, hold_position=True).trajectory.rotations[-1]
+    wanted = last * Rotation.from_rotvec([0.0, 0.3, 0.0])
+    found = project_trajectory(motion, BLADE, hold_position=True, end_rotation=wanted)
+    assert (found.trajectory.rotations[-1] * wanted.inv()).magnitude() < 1e-14
+    assert np.abs(lateral_slip(found.trajectory)).max() <= 1e-10
+    # Turned about the edge's normal, the last step would be askew, and no position may give way.
+    askew = last * Rotation.from_rotvec([0.0, 0.0, 0.3])
+    with pytest.raises(ConvergenceError, match="hold_position=False"):
+        project_trajectory(motion, BLADE, hold_position=True, end_rotation=askew)
+
+
+def test_velocities_of_the_result_are_those_of_its_motion() -> None:
+    found = project_trajectory(facing(1, 1001), BLADE).trajectory
+    v, w, _ = steps(found)
+    np.testing.assert_allclose(found.linear_velocities[1:-1], (v[:-1] + v[1:]) / 2, atol=1e-9)
+    np.testing.assert_allclose(found.angular_velocities[1:-1], (w[:-1] + w[1:]) / 2, atol=1e-9)
+
+
+def test_turns_lead_from_the_given_to_the_found_rotations() -> None:
+    motion = facing(1)
+    result = project_trajectory(motion, BLADE)
+    turned = Rotation.from_rotvec(result.turns) * motion.rotations
+    assert (turned * result.trajectory.rotations.inv()).magnitude().max() < 1e-14
+    assert result.trajectory.name == motion.name
+
+
+# -------------------------------------------------------------------- seen from elsewhere
+
+
+@given(seeds, st.booleans())
+@settings(max_examples=15)
+def test_turning_the_world_turns_the_result(seed: int, hold: bool) -> None:
+    motion = facing(seed)
+    world = Rotation.random(random_state=seed)
+    moved = PoseTrajectory(
+        times=motion.times + 7.5,
+        positions=world.apply(motion.positions) + np.array([1.0, -2.0, 0.5]),
+        rotations=world * motion.rotations,
+    )
+    here = project_trajectory(motion, BLADE, hold_position=hold)
+    there = project_trajectory(moved, BLADE, hold_position=hold)
+    np.testing.assert_allclose(there.turns, world.apply(here.turns), rtol=0, atol=1e-7)
+    expected = world.apply(here.trajectory.positions) + np.array([1.0, -2.0, 0.5])
+    np.testing.assert_allclose(there.trajectory.positions, expected, rtol=0, atol=1e-8)
+
+
+@given(seeds, st.floats(0.05, 600), st.floats(0.01, 100))
+@settings(max_examples=15)
+def test_other_clocks_and_yardsticks_give_the_same_result(
+    seed: int, duration: float, scale: float
+) -> None:
+    motion = facing(seed)
+    other = PoseTrajectory(
+        times=motion.times * duration,
+        positions=motion.positions * scale,
+        rotations=motion.rotations,
+    )
+    here, there = (project_trajectory(m, BLADE) for m in (motion, other))
+    np.testing.assert_allclose(there.turns, here.turns, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(
+        there.trajectory.positions / scale, here.trajectory.positions, rtol=0, atol=1e-8
+    )
+    assert there.residual * duration / scale <= 1e-9
+
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+
+
+def axis_vector(axis: str) -> Floats:
+    return (-1.0 if axis.startswith("-") else 1.0) * np.eye(3)["xyz".index(axis[-1])]
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_the_names_of_the_body_axes_make_no_difference(hold: bool) -> None:
+    motion = facing(2, 101)
+    here = project_trajectory(motion, BLADE, hold_position=hold)
+    for lateral, edge in itertools.permutations(AXES, 2):
+        if lateral[-1] == edge[-1]:
+            continue
+        x, y = axis_vector(edge), axis_vector(lateral)
+        renamed = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
+        other = PoseTrajectory(
+            times=motion.times,
+            positions=motion.positions,
+            rotations=motion.rotations * renamed.inv(),
+        )
+        there = project_trajectory(other, Blade(lateral, edge), hold_position=hold)
+        np.testing.assert_allclose(there.turns, here.turns, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_a_mirrored_motion_has_a_mirrored_result(hold: bool) -> None:
+    motion = facing(5)
+    mirror = np.array([1.0, -1.0, 1.0])
+    matrices = motion.rotations.as_matrix() * np.outer(mirror, mirror)
+    other = PoseTrajectory(
+        times=motion.times,
+        positions=motion.positions * mirror,
+        rotations=Rotation.from_matrix(matrices),
+    )
+    here, there = (project_trajectory(m, BLADE, hold_position=hold) for m in (motion, other))
+    # Rotation vectors are axial: what a mirror keeps is their part along its normal.
+    np.testing.assert_allclose(there.turns, -here.turns * mirror, rtol=0, atol=1e-7)
+
+
+# Positions are divided by the rounded periods of the samples, corrections by their mean.
+def test_stamps_since_1970_leave_no_residual() -> None:
+    motion = facing(1, 1001)
+    late = replace(motion, times=motion.times + 1.7e9)
+    assert late.is_uniform
+    result = project_trajectory(late, BLADE)
+    assert result.converged
+    assert result.residual <= 1e-9
+
+
+# -------------------------------------------------------------------- backwards on purpose
+
+
+def sawing(hold_rest: int = 40) -> PoseTrajectory:
+    """Cut forwards, rest, and come back along a bent path with the blade held as before."""
+    go = np.linspace(0, 1, 121)
+    eased = go**3 * (10 - 15 * go + 6 * go**2)
+    way = np.concatenate([eased, np.ones(hold_rest), eased[::-1]])
+    positions = np.column_stack([way, 0.1 * np.sin(2 * way), 0 * way])
+    heading = np.arctan(0.2 * np.cos(2 * way)) + 0.2 * np.sin(5 * way)
+    return PoseTrajectory(
+        times=np.arange(len(way)) / 100,
+        positions=positions,
+        rotations=Rotation.from_euler("Z", heading),
+        name="saw",
+    )
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_a_motion_backwards_stays_backwards_and_is_reported(hold: bool) -> None:
+    motion = sawing()
+    result = project_trajectory(motion, BLADE, hold_position=hold)
+    assert result.backing == 1
+    speed = forward_speed(result.trajectory)
+    assert np.all(speed[10:110] > 0)
+    assert np.all(speed[170:270] < 0)
+    assert np.abs(lateral_slip(result.trajectory)).max() <= 1e-10
+    # It was held 11 degrees askew at most; nobody turned it round.
+    assert np.degrees(np.linalg.norm(result.turns, axis=1).max()) < 20
+
+
+def test_a_tool_recorded_backwards_is_turned_round_by_its_edge() -> None:
+    motion = facing(2)
+    backwards = project_trajectory(motion, Blade(edge="-x"))
+    assert backwards.backing == 1
+    assert backwards.trajectory.rotations[50].apply([-1, 0, 0]) @ steps(motion)[0][50] < 0
+    turned = PoseTrajectory(
+        times=motion.times,
+        positions=motion.positions,
+        rotations=motion.rotations * Rotation.from_euler("z", np.pi),
+    )
+    result = project_trajectory(turned, Blade(edge="-x"))
+    assert result.backing == 0
+    assert forward_speed(result.trajectory).max() <= 0
+
+
+# -------------------------------------------------------------------- refused
+
+
+def refusal(error: type[Exception], motion: PoseTrajectory, rules: Any, **asked: Any) -> str:
+    with pytest.raises(error) as caught:
+        project_trajectory(motion, rules, **asked)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_samples_must_be_uniform_and_enough() -> None:
+    motion = facing(1)
+    times = motion.times.copy()
+    times[50] += 1e-3
+    for given_motion in (replace(motion, times=times), motion[:3]):
+        message = refusal(InputError, given_motion, BLADE)
+        assert "4 or more uniform samples" in message
+        assert "resample" in message
+        assert motion.name in message
+
+
+@pytest.mark.parametrize(
+    ("asked", "named"),
+    [
+        ({"start": "both"}, "start"),
+        ({"end": None}, "end"),
+        ({"hold_position": True, "end_position": [0, 0, 0]}, "hold_position"),
+        ({"hold_position": True, "start_position": [0, 0, 0]}, "hold_position"),
+        ({"start_position": [1, 2]}, "start_position"),
+        ({"end_position": [np.nan, 0, 0]}, "end_position"),
+        ({"max_iterations": 0}, "max_iterations"),
+        pytest.param({"end_position": "abc"}, "end_position"),
+        pytest.param({"start_rotation": np.eye(3)}, "start_rotation"),
+        pytest.param({"end_rotation": Rotation.identity(2)}, "end_rotation"),
+        pytest.param({"position_weight": -1.0}, "position_weight"),
+        pytest.param({"position_smoothing": -1.0}, "position_smoothing"),
+        pytest.param({"rotation_smoothing": -1.0}, "rotation_smoothing"),
+        pytest.param({"rotation_smoothing": np.nan}, "rotation_smoothing"),
+    ],
+)
+def test_contradictory_options_are_refused_by_name(asked: dict[str, Any], named: str) -> None:
+    assert named in refusal(InputError, facing(1, 51), BLADE, **asked)
+
+
+@position_constraint
+def ceiling(motion: Motion) -> Any:
+    return motion.position[2] - 1
+
+
+@pytest.mark.parametrize(
+    ("rules", "asked", "advice"),
+    [
+        ([table, ceiling], {}, "free its ends"),
+        ([table], {"hold_position": True}, "let the position give way (hold_position=False)"),
+        ([table], {"end": "pose"}, "free its ends"),
+        ([table, BLADE], {"end_position": [1.5, 0, 0.2]}, "free its ends"),
+    ],
+)
+def test_the_impossible_is_refused_with_what_to_change(
+    rules: Sequence[Constraint], asked: dict[str, Any], advice: str
+) -> None:
+    motion = facing(1, 101)
+    message = refusal(ConvergenceError, motion, rules, **asked)
+    assert motion.name in message
+    assert ", ".join(rule.name for rule in rules) in message
+    assert advice in message
+    assert "raise rotation_smoothing" in message
+
+
+def test_failure_can_be_returned_instead() -> None:
+    result = project_trajectory(facing(1, 101), [table, ceiling], on_failure="return")
+    assert not result.converged
+    assert result.residual > 0.1
+    assert np.all(np.isfinite(result.trajectory.positions))
+
+
+# The first sample's residual is set to zero where its pose is fixed, though it is violated there.
+def test_the_reported_residual_is_the_largest_of_all_samples() -> None:
+    motion = facing(1, 101)
+    result = project_trajectory(motion, table, start="pose")
+    assert result.residual == pytest.approx(np.abs(result.trajectory.positions[:, 2]).max())
+
+
+def test_the_result_passes_the_check() -> None:
+    motion = facing(3)
+    assert not check(motion, BLADE).satisfied
+    assert check(project_trajectory(motion, BLADE).trajectory, BLADE, tolerance=1e-10).satisfied

@@ -1,0 +1,496 @@
+"""Learned primitives: their motion satisfies the constraints, and follows the demonstration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip import (
+    Blade,
+    ConstrainedDMP,
+    ConstraintError,
+    ConvergenceError,
+    InputError,
+    Motion,
+    PoseDMP,
+    PoseTrajectory,
+    check,
+    learn,
+    load_demonstrations,
+    position_constraint,
+    prepare,
+    project_trajectory,
+    velocity_constraint,
+)
+
+Floats = NDArray[np.float64]
+seeds = st.integers(0, 2**32 - 1)
+BLADE = Blade()
+EPSILON = np.finfo(float).eps
+
+
+def cut(
+    seed: int, count: int = 601, *, duration: float = 2.0, flat: bool = False
+) -> PoseTrajectory:
+    """A random Fourier path, its edge along it up to a random smooth error of 20 degrees."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0, 1, count)
+    x = np.outer(s, [1.5, 0, 0])
+    for k in (1, 2, 3):
+        phase, size = rng.uniform(0, 6), rng.normal(size=3)
+        x += np.outer(np.sin(np.pi * k * s + phase), size / np.linalg.norm(size)) * 0.12 / k
+    if flat:
+        x[:, 2] = 0.0
+    v = np.gradient(x, s, axis=0)
+    along = np.column_stack(
+        [np.arctan2(v[:, 1], v[:, 0]), -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))]
+    )
+    axis = rng.normal(size=3)
+    wave = np.sin(np.pi * rng.uniform(0.5, 2) * s + rng.uniform(0, 6))
+    error = Rotation.from_rotvec(0.35 * np.outer(wave, axis / np.linalg.norm(axis)))
+    held = error * Rotation.from_euler("ZY", along) * Rotation.from_euler("Y", 0.6)
+    return PoseTrajectory(times=duration * s, positions=x, rotations=held, name=f"cut {seed}")
+
+
+def turned(motion: PoseTrajectory, seed: int) -> PoseTrajectory:
+    """Held in any way at all."""
+    return PoseTrajectory(
+        times=motion.times,
+        positions=motion.positions,
+        rotations=motion.rotations * Rotation.random(random_state=seed),
+        name=motion.name,
+    )
+
+
+def nudge(rng: np.random.Generator) -> Rotation:
+    return Rotation.from_rotvec(0.2 * rng.normal(size=3))
+
+
+def matrices(quaternions: Floats) -> Floats:
+    """Rotation matrices of ``(qw, qx, qy, qz)``, by NumPy alone."""
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1)[:, None]).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def along(motion: PoseTrajectory, axis: int) -> Floats:
+    """Speed of each step along a body axis at the pose where it ends, shape (N - 1,)."""
+    R = matrices(motion.rotations.as_quat(scalar_first=True))
+    step = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
+    return np.einsum("ki,ki->k", R[1:, :, axis], step)
+
+
+def rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def distances(motion: PoseTrajectory, demonstration: PoseTrajectory) -> Floats:
+    """Return the way to the demonstration at the same fraction of the motion, shape (N,)."""
+    fractions = motion.times / motion.times[-1]
+    reference = demonstration.resampled(
+        times=demonstration.times[0] + fractions * demonstration.duration
+    )
+    return np.asarray(np.linalg.norm(motion.positions - reference.positions, axis=1))
+
+
+@position_constraint
+def table(motion: Motion) -> Any:
+    return motion.position[2]
+
+
+@velocity_constraint
+def no_roll(motion: Motion) -> Any:
+    return ca.dot(motion.rotation[:, 0], motion.angular_velocity)
+
+
+# -------------------------------------------------------------------- satisfied, whatever is asked
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("motions")
+
+
+@given(
+    seed=seeds,
+    arbitrary=st.booleans(),
+    duration=st.floats(0.05, 600),
+    steps=st.none() | st.floats(50, 2000),
+    moved=st.booleans(),
+)
+def test_what_is_written_to_a_file_does_not_slip(
+    folder: Path,
+    seed: int,
+    arbitrary: bool,
+    duration: float,
+    steps: float | None,
+    moved: bool,
+) -> None:
+    rng = np.random.default_rng(seed)
+    demonstration = turned(cut(seed), seed) if arbitrary else cut(seed)
+    dmp = learn(demonstration, [BLADE])
+    asked: dict[str, Any] = {"duration": duration}
+    if steps is not None:
+        asked["time_step"] = duration / steps
+    if moved:
+        asked |= {
+            "start_position": dmp.position.start + 0.1 * rng.normal(size=3),
+            "goal_position": dmp.position.goal + 0.2 * rng.normal(size=3),
+            "start_rotation": Rotation.from_rotvec(0.2 * rng.normal(size=3))
+            * dmp.orientation.start,
+            "goal_rotation": Rotation.from_rotvec(0.2 * rng.normal(size=3)) * dmp.orientation.goal,
+        }
+    motion = dmp.rollout(**asked)
+    table_of = np.loadtxt(motion.to_csv(folder / "motion.csv"), delimiter=",", skiprows=1)
+    assert np.all(np.isfinite(table_of))
+    t, p, R = table_of[:, 0], table_of[:, 1:4], matrices(table_of[:, 4:])
+    step = np.diff(t)[:, None]
+    slip = np.einsum("ki,ki->k", R[1:, :, 1], np.diff(p, axis=0) / step)
+    # A coordinate is a multiple of the distance between neighbouring floats there; no difference
+    # of two of them, over the period, is finer than that.
+    rounding = 4 * EPSILON * np.abs(p).max() / step.min()
+    speed = np.abs(np.diff(p, axis=0) / step).max()
+    assert np.abs(slip).max() <= 1e-10 + rounding + 8 * EPSILON * speed
+    assert np.abs(motion.constraint_residuals).max() <= 1e-10
+
+
+@given(seeds)
+@settings(max_examples=25)
+def test_learned_motions_follow_their_demonstrations(seed: int) -> None:
+    demonstration = cut(seed)
+    motion = learn(demonstration, [BLADE]).rollout()
+    off = distances(motion, demonstration)
+    assert rms(off) <= 8e-3 * demonstration.path_length
+    assert off[-1] <= 1e-2 * demonstration.path_length
+    # The edge leads, as it does in the demonstration.
+    assert along(demonstration, 0).min() > 0
+    assert along(motion, 0).min() >= 0
+    assert motion.duration == pytest.approx(demonstration.duration, rel=1e-12)
+
+
+# A primitive starts with the velocity of its first sample; that of a projected trajectory is the
+# mean over the first step, half a step late.  The step's exact inverse (what the first, half kick
+# needs to give the first step) brings 2e-3 of the path down to 3e-5, and the work below 0.08.
+def test_learned_motions_follow_their_projections() -> None:
+    for seed in range(8):
+        demonstration = cut(seed)
+        dmp = learn(demonstration, [BLADE])
+        feasible = project_trajectory(demonstration, [BLADE]).trajectory
+        motion = dmp.rollout()
+        # The demonstrations turn at half speed in their first step, which no basis follows.
+        assert rms(distances(motion, feasible)) <= 1e-3 * demonstration.path_length
+        # The coupling term has next to nothing to do, compared to the demonstrated orientation.
+        work = [rms(m.constraint_forces) for m in (motion, dmp.constrained.rollout())]
+        assert work[0] <= 0.2 * work[1]
+
+
+@given(seeds)
+@settings(max_examples=15)
+def test_the_comparison_cases_are_the_papers(seed: int) -> None:
+    demonstration = cut(seed)
+    dmp = learn(demonstration, [BLADE])
+    # Regular: tracks position and orientation, and so slips as the demonstration does.
+    regular = dmp.regular.rollout()
+    assert distances(regular, demonstration).max() <= 2e-5 * demonstration.path_length
+    assert np.abs(along(regular, 1) - along(demonstration, 1)).max() <= 1e-2
+    # Constrained: keeps the demonstrated orientation, and pays with its position.
+    constrained = dmp.constrained.rollout()
+    np.testing.assert_array_equal(constrained.rotations.as_quat(), regular.rotations.as_quat())
+    assert np.abs(along(constrained, 1)).max() <= 1e-10
+    off = distances(constrained, demonstration).max()
+    assert off > distances(dmp.rollout(), demonstration).max()
+
+
+# -------------------------------------------------------------------- the numerical example
+
+
+def numerical_example() -> PoseTrajectory:
+    t = np.arange(1000) / 1000
+    x, y = np.sin(np.pi * t) ** 2, np.sin(np.pi * t / 2) ** 3
+    angles = np.column_stack([0 * t, np.full_like(t, np.pi / 4), np.arctan2(y, x)])
+    return PoseTrajectory(
+        times=t,
+        positions=np.column_stack([x, y, 0 * t]),
+        rotations=Rotation.from_euler("xyz", angles),
+    )
+
+
+@pytest.fixture(scope="module")
+def example() -> ConstrainedDMP:
+    return learn(numerical_example(), [BLADE])
+
+
+def test_numerical_example_optimised(example: ConstrainedDMP) -> None:
+    demonstration, motion = numerical_example(), example.rollout()
+    np.testing.assert_allclose(motion.times, demonstration.times, rtol=0, atol=1e-12)
+    assert np.abs(along(motion, 1)).max() <= 1e-10
+    off = np.linalg.norm(motion.positions - demonstration.positions, axis=1)
+    assert rms(off) <= 1.5e-3
+    assert off[-1] <= 2e-3
+    assert along(motion, 0).min() >= 0
+    changed = (motion.rotations * demonstration.rotations.inv()).magnitude()
+    assert rms(changed) <= np.radians(67)
+
+
+def test_numerical_example_turns_gently(example: ConstrainedDMP) -> None:
+    motion = example.rollout()
+    spin = (motion.rotations[1:] * motion.rotations[:-1].inv()).as_rotvec() / 1e-3
+    assert np.linalg.norm(spin, axis=1).max() <= 12
+    assert np.linalg.norm(np.diff(spin, axis=0), axis=1).max() / 1e-3 <= 250
+
+
+def test_numerical_example_regular(example: ConstrainedDMP) -> None:
+    demonstration, motion = numerical_example(), example.regular.rollout()
+    off = np.linalg.norm(motion.positions - demonstration.positions, axis=1)
+    assert rms(off) <= 1.5e-3
+    assert np.abs(along(motion, 1)).max() > 0.5
+
+
+def test_numerical_example_constrained(example: ConstrainedDMP) -> None:
+    demonstration, motion = numerical_example(), example.constrained.rollout()
+    assert np.abs(along(motion, 1)).max() <= 1e-10
+    kept = (motion.rotations * demonstration.rotations.inv()).magnitude()
+    assert kept.max() <= 1e-4
+    off = np.linalg.norm(motion.positions - demonstration.positions, axis=1)
+    assert off.max() > 0.1
+
+
+# -------------------------------------------------------------------- recorded contours
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize("trimmed", ["by its mark", "by its speed"])
+def test_recorded_contours_are_learned_without_slip(recordings: Path, trimmed: str) -> None:
+    files = sorted((recordings / "contour_following").glob("*.csv"))
+    assert len(files) == 8
+    for file in files:
+        [run] = load_demonstrations(file)
+        if trimmed == "by its speed":
+            demonstration = prepare(run, trim_speed=0.05, rate=120, lowpass=4.8)
+        else:
+            marks = np.genfromtxt(file, delimiter=",", names=True)["moving"]
+            moving = np.flatnonzero(marks == 1)
+            assert len(marks) == len(run)
+            demonstration = prepare(run[moving[0] : moving[-1] + 1], rate=120, lowpass=4.8)
+        dmp = learn(demonstration, [BLADE])
+        motion = dmp.rollout()
+        assert np.abs(along(motion, 1)).max() <= 1e-10, file.name
+        backs_up = file.stem in ("data_demo_a_2", "data_demo_d_1")
+        assert rms(distances(motion, demonstration)) <= (1.5e-3 if backs_up else 1e-3), file.name
+        fractions = motion.times / motion.times[-1]
+        held = demonstration.resampled(
+            times=demonstration.times[0] + fractions * demonstration.duration
+        ).rotations
+        assert rms((motion.rotations * held.inv()).magnitude()) <= np.radians(8), file.name
+        assert dmp.record[0].rotation_change <= np.radians(8)
+
+
+# -------------------------------------------------------------------- how it learns
+
+
+def test_without_constraints_a_pose_primitive_is_learned() -> None:
+    demonstration = cut(1)
+    learned, plain = learn(demonstration), PoseDMP.fit(demonstration)
+    assert learned.constraints == ()
+    assert learned.record == ()
+    mine, theirs = learned.rollout(), plain.rollout()
+    np.testing.assert_array_equal(mine.positions, theirs.positions)
+    np.testing.assert_array_equal(mine.rotations.as_quat(), theirs.rotations.as_quat())
+    assert mine.constraint_residuals.shape == (len(mine), 0)
+
+
+@pytest.mark.parametrize("start", [0.0, 1234.5])
+@pytest.mark.parametrize(("count", "samples"), [(25, 217), (301, 301), (1200, 1200)])
+def test_any_rate_and_start_time_will_do(count: int, samples: int, start: float) -> None:
+    demonstration = cut(2, count)
+    late = PoseTrajectory(
+        times=demonstration.times + start,
+        positions=demonstration.positions,
+        rotations=demonstration.rotations,
+    )
+    motion = learn(late, [BLADE]).rollout()
+    assert len(motion) == samples
+    assert np.abs(along(motion, 1)).max() <= 1e-10
+    assert rms(distances(motion, cut(2, 1200))) <= 5e-3
+
+
+def test_several_demonstrations_give_one_motion_among_them() -> None:
+    demonstrations = [cut(seed, duration=1.0 + k) for k, seed in enumerate((1, 2, 3))]
+    dmp = learn(demonstrations, [BLADE])
+    assert [record.demonstration for record in dmp.record] == ["cut 1", "cut 2", "cut 3"]
+    motion = dmp.rollout()
+    assert motion.duration == pytest.approx(2.0)
+    assert np.abs(along(motion, 1)).max() <= 1e-10
+    mean = np.mean([d.positions for d in demonstrations], axis=0)
+    # The coupling term has to move it there: a mean of feasible motions is not feasible.
+    assert rms(np.linalg.norm(motion.positions - mean, axis=1)) < 0.05
+    goals = [d.positions[-1] for d in demonstrations]
+    np.testing.assert_allclose(dmp.position.goal, np.mean(goals, axis=0), rtol=0, atol=5e-3)
+
+
+def test_the_record_tells_what_the_projection_did() -> None:
+    demonstration = cut(4, 601)
+    dmp = learn(demonstration, [BLADE], hold_position=True)
+    [record] = dmp.record
+    result = project_trajectory(demonstration, [BLADE], hold_position=True)
+    assert record.demonstration == "cut 4"
+    assert record.samples == 601
+    assert record.position_change == 0.0
+    assert record.rotation_change == pytest.approx(
+        rms(np.linalg.norm(result.turns, axis=1)), rel=1e-12
+    )
+    assert record.residual == result.residual <= 1e-10
+    assert (record.iterations, record.backing) == (result.iterations, 0)
+    assert record.smoothing == result.smoothing
+
+
+def test_progress_is_reported_after_each_demonstration() -> None:
+    seen: list[tuple[int, int]] = []
+    learn([cut(1), cut(2)], [BLADE], progress=lambda done, of: seen.append((done, of)))
+    assert seen == [(1, 2), (2, 2)]
+
+
+def test_held_positions_turn_the_tool_alone() -> None:
+    demonstration = cut(5)
+    [held], [free] = (
+        learn(demonstration, [BLADE], hold_position=hold).record for hold in (True, False)
+    )
+    assert held.position_change == 0.0
+    assert 0.0 < free.position_change < 1e-3 * demonstration.path_length
+    assert held.rotation_change > free.rotation_change
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+def test_a_fixed_end_pose_is_kept(end: Any) -> None:
+    demonstration = cut(6)
+    dmp = learn(demonstration, [BLADE], **{end: "pose"})
+    k = 0 if end == "start" else -1
+    found = dmp.orientation.start if end == "start" else dmp.orientation.goal
+    assert (found * demonstration.rotations[k].inv()).magnitude() < 1e-9
+    free = learn(demonstration, [BLADE])
+    moved = free.orientation.start if end == "start" else free.orientation.goal
+    assert (moved * demonstration.rotations[k].inv()).magnitude() > 1e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_constraints_of_both_levels_hold_together(seed: int) -> None:
+    dmp = learn(cut(seed, flat=True), [BLADE, table])
+    for asked in ({}, {"goal_position": dmp.position.goal + np.array([0.1, 0.1, 0])}):
+        motion = dmp.rollout(**asked)
+        assert np.abs(along(motion, 1)).max() <= 1e-10
+        assert np.abs(motion.positions[:, 2]).max() <= 1e-10
+    assert motion.constraint_names == ("blade", "table")
+
+
+def test_a_rule_about_rotations_holds_where_they_may_give_way() -> None:
+    dmp = learn(cut(7), [BLADE, no_roll], inverse_metric=(1,) * 6)
+    motion = dmp.rollout()
+    assert np.abs(along(motion, 1)).max() <= 1e-10
+    h = motion.times[1]
+    spin = (motion.rotations[1:] * motion.rotations[:-1].inv()).as_rotvec() / h
+    forward = motion.rotations[1:].apply([1, 0, 0])
+    assert np.abs(np.einsum("ki,ki->k", forward, spin)).max() <= 1e-10
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_an_offset_start_is_led_onto_a_position_constraint(seed: int) -> None:
+    dmp = learn(cut(seed, flat=True), [table], stabilization=30.0)
+    motion = dmp.rollout(start_position=dmp.position.start + np.array([0, 0, 0.05]))
+    found = motion.positions[:, 2]
+    assert found[0] == pytest.approx(0.05, abs=1e-9)
+    assert np.all(np.diff(found) < 1e-12)
+    x = 30.0 * motion.times / motion.times[-1]
+    np.testing.assert_allclose(found, 0.05 * (1 + x) * np.exp(-x), rtol=0, atol=2e-3)
+    assert abs(found[-1]) < 1e-9
+
+
+def test_the_check_of_a_motion_agrees(example: ConstrainedDMP) -> None:
+    assert check(example.rollout(), BLADE, tolerance=1e-10).satisfied
+    assert not check(example.regular.rollout(), BLADE).satisfied
+
+
+def test_other_basis_functions_and_constants_are_used() -> None:
+    dmp = learn(cut(8), [BLADE], basis_functions=40, alpha=30, beta=7.5, alpha_s=2.0, ridge=1e-5)
+    for part in (dmp.position, dmp.orientation, dmp.regular.position, dmp.regular.orientation):
+        assert part.forcing.basis.count == 40
+        assert (part.attractor.alpha, part.attractor.beta) == (30, 7.5)
+        assert part.forcing.basis.phase.alpha_s == 2.0
+    assert np.abs(along(dmp.rollout(), 1)).max() <= 1e-10
+
+
+# -------------------------------------------------------------------- refused
+
+
+def refusal(error: type[Exception], call: Callable[[], object]) -> str:
+    with pytest.raises(error) as caught:
+        call()
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"inverse_metric": (1, 1, 1)}, "inverse_metric"),
+        ({"inverse_metric": (0,) * 6}, "inverse_metric"),
+        ({"inverse_metric": (1, 1, 1, -1, 0, 0)}, "inverse_metric"),
+        ({"inverse_metric": (1, 1, 1, np.nan, 0, 0)}, "inverse_metric"),
+        ({"stabilization": -1.0}, "stabilization"),
+        ({"stabilization": np.nan}, "stabilization"),
+        ({"basis_functions": 0}, "basis_functions"),
+        ({"alpha": 0.0}, "alpha"),
+        ({"ridge": -1.0}, "ridge"),
+        ({"start": "nowhere"}, "start"),
+        ({"end": "nowhere"}, "end"),
+        pytest.param({"inverse_metric": "abcdef"}, "inverse_metric"),
+        pytest.param({"stabilization": "fast"}, "stabilization"),
+    ],
+)
+def test_arguments_out_of_range_are_refused_by_name(arguments: Any, named: str) -> None:
+    assert named in refusal(InputError, lambda: learn(cut(1), [BLADE], **arguments))
+
+
+@pytest.mark.parametrize(
+    ("demonstrations", "named"),
+    [([], "demonstration"), ("cut.csv", "load_demonstrations"), ([3], "PoseTrajectory")],
+)
+def test_demonstrations_are_needed(demonstrations: Any, named: str) -> None:
+    assert named in refusal(InputError, lambda: learn(demonstrations, [BLADE]))
+
+
+@pytest.mark.parametrize(
+    ("rules", "named"),
+    [
+        ("blade", "expected a constraint"),
+        ([Blade], "Blade()"),
+        ([lambda motion: motion.position], "declare it first"),
+        pytest.param(None, "constraint"),
+    ],
+)
+def test_constraints_must_be_declared(rules: Any, named: str) -> None:
+    assert named in refusal(ConstraintError, lambda: learn(cut(1), rules))
+
+
+def test_the_impossible_is_refused_by_the_demonstrations_name() -> None:
+    @position_constraint
+    def ceiling(motion: Motion) -> Any:
+        return motion.position[2] - 1
+
+    message = refusal(ConvergenceError, lambda: learn(cut(1), [table, ceiling]))
+    assert "cut 1" in message
+    assert "table, ceiling" in message
