@@ -181,20 +181,30 @@ def test_learned_motions_follow_their_demonstrations(seed: int) -> None:
     assert motion.duration == pytest.approx(demonstration.duration, rel=1e-12)
 
 
-# A primitive starts with the velocity of its first sample; that of a projected trajectory is the
-# mean over the first step, half a step late.  The step's exact inverse (what the first, half kick
-# needs to give the first step) brings 2e-3 of the path down to 3e-5, and the work below 0.08.
-def test_learned_motions_follow_their_projections() -> None:
+def follows(count: int, position: float, work: float) -> None:
     for seed in range(8):
-        demonstration = cut(seed)
+        demonstration = cut(seed, count)
         dmp = learn(demonstration, [BLADE])
         feasible = project_trajectory(demonstration, [BLADE]).trajectory
         motion = dmp.rollout()
-        # The demonstrations turn at half speed in their first step, which no basis follows.
-        assert rms(distances(motion, feasible)) <= 1e-3 * demonstration.path_length
+        assert rms(distances(motion, feasible)) <= position * demonstration.path_length
         # The coupling term has next to nothing to do, compared to the demonstrated orientation.
-        work = [rms(m.constraint_forces) for m in (motion, dmp.constrained.rollout())]
-        assert work[0] <= 0.2 * work[1]
+        done = [rms(m.constraint_forces) for m in (motion, dmp.constrained.rollout())]
+        assert done[0] <= work * done[1]
+
+
+def test_learned_motions_follow_their_projections() -> None:
+    follows(601, position=1e-3, work=0.2)
+
+
+# A correction may begin with a sharp turn within a few samples, of which no difference of samples
+# tells the velocity at the start.  The step's own inverse does: the start velocity from which the
+# first, half kick gives the first step of the projected trajectory, (v - K / (h/2) (x* - x)) / P.
+# With it, these motions are 5e-5 of the path from their projections, and the work is below 0.08.
+@pytest.mark.xfail(strict=True, reason="the start velocity is not the inverse of the first step")
+@pytest.mark.parametrize("count", [601, 1200])
+def test_learned_motions_follow_their_projections_closely(count: int) -> None:
+    follows(count, position=1e-4, work=0.1)
 
 
 @given(seeds)

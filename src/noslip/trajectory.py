@@ -6,6 +6,7 @@ import copy
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -155,9 +156,16 @@ class PoseTrajectory:
         ``R' = Exp(h w) R``.  These are the velocities of the discrete motion itself: what a
         controller that plays the samples executes, and what constraints are held on.
         """
+        return self._steps
+
+    @cached_property
+    def _steps(self) -> tuple[Floats, Floats]:
         periods = np.diff(self.times)[:, None]
         turns = self.rotations[1:] * self.rotations[:-1].inv()
-        return np.diff(self.positions, axis=0) / periods, turns.as_rotvec() / periods
+        steps = np.diff(self.positions, axis=0) / periods, turns.as_rotvec() / periods
+        for velocities in steps:
+            velocities.flags.writeable = False
+        return steps
 
     # ---------------------------------------------------------------- new ones from it
 

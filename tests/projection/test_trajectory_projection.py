@@ -452,7 +452,7 @@ def test_other_end_poses_are_reached_exactly(seed: int) -> None:
     motion = facing(seed)
     rng = np.random.default_rng(seed)
     asked: dict[str, Any] = {
-        "end_position": motion.positions[-1] + [0.2, 0.3, 0.1],
+        "end_position": motion.positions[-1] + [0.1, 0.15, 0.05],
         "end_rotation": Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)) * motion.rotations[-1],
         "start_position": motion.positions[0] + rng.uniform(-0.05, 0.05, 3),
         "start_rotation": Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)) * motion.rotations[0],

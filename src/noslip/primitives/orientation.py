@@ -59,11 +59,9 @@ class OrientationDMP:
         start_velocities : sequence of arrays, shape (3,)
             Radians per duration.
         """
-        goal = Rotation.concatenate([turning[-1] for turning in rotations]).mean()
-        farthest = max(
-            rotations, key=lambda turning: (turning[-1] * turning.inv()).magnitude().max()
-        )
-        winding = Winding.around(farthest * farthest[-1].inv() * goal)
+        goal = _mean([turning[-1] for turning in rotations])
+        farthest = max(rotations, key=lambda r: float((r[-1] * r.inv()).magnitude().max()))
+        winding = Winding.around(farthest * (farthest[-1].inv() * goal))
         forces = []
         for turning in rotations:
             count = len(turning)
@@ -74,7 +72,7 @@ class OrientationDMP:
             # The inverse step wants targets; rotations have them relative to the sample itself.
             pull = attractor.demonstrated_target(np.zeros((count, 3)), steps, fraction)
             forces.append(attractor.stiffness * (pull - error))
-        start = Rotation.concatenate([turning[0] for turning in rotations]).mean()
+        start = _mean([turning[0] for turning in rotations])
         return cls(
             attractor,
             ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge),
@@ -92,3 +90,8 @@ class OrientationDMP:
     def goal(self) -> Rotation:
         """Where the demonstrations end (mean)."""
         return self.winding.goal
+
+
+def _mean(rotations: Sequence[Rotation]) -> Rotation:
+    """Mean rotation; of one, that one to the last bit."""
+    return Rotation.concatenate(rotations).mean() if len(rotations) > 1 else rotations[0]

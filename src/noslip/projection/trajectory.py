@@ -191,12 +191,12 @@ def _project(
     max_iterations: int,
 ) -> ProjectedTrajectory:
     """Attempt after attempt; the best result if none converges."""
-    unturned = np.zeros((len(trajectory), 3))
-    as_given = _Problem(trajectory, system, hold_position, boundaries, weights, unturned)
-    if as_given.is_solved():
-        return as_given.solve(1, careful=False)
     best: ProjectedTrajectory | None = None
     if len(trajectory) > _MOST_SAMPLES:
+        unturned = np.zeros((len(trajectory), 3))
+        as_given = _Problem(trajectory, system, hold_position, boundaries, weights, unturned)
+        if as_given.is_solved():
+            return as_given.solve(1, careful=False)
         best = _project_from_coarse(
             trajectory, system, hold_position, boundaries, weights, max_iterations
         )
@@ -559,7 +559,7 @@ def _stage_function(system: ConstraintSystem, hold_position: bool, count: int) -
     curvature, _ = ca.hessian(ca.dot(multipliers, phi), z)
     parameters = ca.vertcat(q_before, q_here, p, v, time, time_step, length)
     outputs = ca.vertcat(ca.densify(phi), *jacobian.nonzeros(), *curvature.nonzeros())
-    function = ca.Function("stage", [before, here, parameters, multipliers], [ca.cse(outputs)])
+    function = ca.Function("stage", [before, here, parameters, multipliers], [outputs])
     mapped = function.map(count)
     jacobian_places = _places(jacobian)
     curvature_places = _places(curvature)
