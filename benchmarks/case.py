@@ -1,0 +1,101 @@
+"""One case of the growth, in a process of its own so that its peak memory is its own.
+
+``python -m benchmarks.case learn 10000 100`` prints its time and memory as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from time import perf_counter
+from typing import Any
+
+from benchmarks import peers
+from benchmarks.example import SAMPLES, demonstration
+from benchmarks.memory import PeakMemory
+from benchmarks.timing import forget
+from noslip import Blade, PoseDMP, learn
+
+LONGEST = 1.0
+"""Repetitions stop after this many seconds."""
+MOST_REPETITIONS = 20
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one task needs at one size.
+
+    Attributes
+    ----------
+    task : str
+    samples, basis_functions : int
+    seconds : float
+        Lowest of the repetitions (of the only call, if that took long): a case has no rival to
+        share a slow phase of the machine with.
+    first_seconds : float
+        The first call, which also allocates and builds.
+    memory : int or None
+        Peak above what the process held before, in bytes.
+    """
+
+    task: str
+    samples: int
+    basis_functions: int
+    seconds: float
+    first_seconds: float
+    memory: int | None
+
+
+def prepare(task: str, samples: int, basis_functions: int) -> Callable[[], Any]:
+    """Return the call to measure.
+
+    Rollouts are of a primitive that was learned from the example's usual number of samples; only
+    their steps grow.
+    """
+    given = demonstration(samples)
+    usual = demonstration(SAMPLES)
+    if task == "fit":
+        return lambda: PoseDMP.fit(given, basis_functions=basis_functions)
+    if task == "learn":
+        return lambda: learn(given, Blade(), basis_functions=basis_functions)
+    if task == "rollout":
+        dmp = learn(usual, Blade(), basis_functions=basis_functions)
+        return lambda: dmp.rollout(time_step=dmp.duration / (samples - 1))
+    if task == "imitate":
+        times, poses = peers.imitation(given)
+        return lambda: peers.fit(times, poses, basis_functions)
+    if task == "open_loop":
+        fitted = peers.fit(*peers.imitation(usual), basis_functions)
+        fitted.dt_ = fitted.int_dt = fitted.execution_time_ / (samples - 1)
+        return lambda: fitted.open_loop()
+    raise ValueError(f"no such task: {task}")
+
+
+def measure(task: str, samples: int, basis_functions: int) -> Case:
+    """Run one case in this process."""
+    call = prepare(task, samples, basis_functions)
+    learns = task in ("fit", "learn")
+    peak = PeakMemory()
+    forget()
+    peak.start()
+    first = _seconds(call)
+    memory = peak.above()
+    seconds: list[float] = []
+    while first < 2 * LONGEST and sum(seconds) < LONGEST and len(seconds) < MOST_REPETITIONS:
+        if learns:
+            forget()
+        seconds.append(_seconds(call))
+    return Case(task, samples, basis_functions, min([first, *seconds]), first, memory)
+
+
+def _seconds(call: Callable[[], Any]) -> float:
+    begin = perf_counter()
+    call()
+    return perf_counter() - begin
+
+
+if __name__ == "__main__":
+    name, size, count = sys.argv[1:]
+    print(json.dumps(asdict(measure(name, int(size), int(count)))))

@@ -1,0 +1,84 @@
+"""The command line of the benchmark."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks import report
+from benchmarks.comparison import compare
+from benchmarks.environment import environment
+from benchmarks.example import SAMPLES
+from benchmarks.growth import BASIS_SIZES, SAMPLE_SIZES, grow
+from noslip._files import write_beside
+from noslip.errors import InputError
+
+ROUNDS, QUICK_ROUNDS = 7, 1
+PIPED_WIDTH = 120
+_EXAMPLES = """\
+examples (from the repository's root):
+  python -m benchmarks                                  print the tables; about 3 minutes
+  python -m benchmarks --out benchmarks/results.json    and keep the figures
+  python -m benchmarks --quick                          a smoke test; the figures are rough
+"""
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Parse arguments, measure, print, write; return the exit code."""
+    options = _parser().parse_args(arguments)
+    quick = options.quick
+    with _progress() as progress:
+        comparison = compare(
+            samples=SAMPLES,
+            rounds=QUICK_ROUNDS if quick else ROUNDS,
+            repeat_fast=8 if quick else 20,
+            progress=progress,
+        )
+        growths = grow(
+            sample_sizes=[n for n in SAMPLE_SIZES if not quick or n <= 10_000],
+            basis_sizes=[n for n in BASIS_SIZES if not quick or n <= 300],
+            progress=progress,
+        )
+    found = environment()
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=PIPED_WIDTH)
+    report.show(console, comparison, growths, found)
+    if options.out is not None:
+        try:
+            written = write_beside(options.out, report.as_json(comparison, growths, found))
+        except InputError as error:
+            print(error, file=sys.stderr)
+            return 1
+        console.print(f"\nWritten: {written}", highlight=False)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description="Measure noslip against the paper's method and against movement-primitives.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write all figures as JSON")
+    parser.add_argument(
+        "--quick", action="store_true", help="one round, and sizes up to 10 000 samples only"
+    )
+    return parser
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """Show what is being measured on a terminal; say nothing when piped."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda message: None
+        return
+    with console.status("") as status:
+        yield lambda message: status.update(message)

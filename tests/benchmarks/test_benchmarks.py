@@ -1,0 +1,300 @@
+"""What the benchmark measures, and that what it compares with is what it says."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from benchmarks import command, comparison, paper_method, peers, report
+from benchmarks.case import Case, prepare
+from benchmarks.environment import environment
+from benchmarks.example import DURATION, SAMPLES, demonstration
+from benchmarks.growth import Growth, grow, run_case
+from benchmarks.quality import Quality
+from benchmarks.timing import Candidate, Timing, forget, measure
+from noslip import Blade, PoseTrajectory, check
+from noslip.primitives import basis
+
+needs_peer = pytest.mark.skipif(bool(peers.MISSING), reason=peers.MISSING)
+
+
+# ---------------------------------------------------------------- the demonstration
+
+
+def test_the_demonstration_is_the_papers() -> None:
+    given = demonstration()
+    assert len(given) == SAMPLES
+    assert np.allclose(np.diff(given.times), 1e-3, atol=1e-12)
+    assert given.times[-1] == DURATION
+    assert np.allclose(given.positions[-1], [0.0, 1.0, 0.0], atol=1e-4)
+    yaw_at_the_end = given.rotations[-1].as_euler("xyz")[2]
+    assert yaw_at_the_end == pytest.approx(np.pi / 2, abs=1e-4)
+
+
+# ---------------------------------------------------------------- the paper's method
+
+
+def test_loss_is_the_formula_of_the_paper() -> None:
+    random = np.random.default_rng(1)
+    previous, wanted = Rotation.from_rotvec(random.normal(size=(2, 3)))
+    velocity, free, w = random.normal(size=(3, 3))
+    dt = 0.01
+
+    cross_matrix = np.cross(w, np.eye(3)).T
+    optimised = expm(cross_matrix * dt) @ previous.as_matrix()
+    c = optimised @ [0.0, 1.0, 0.0]
+    b = -np.cross(w, c) @ velocity
+    force = np.linalg.pinv(c[None]) @ [b - c @ free]
+    expected = np.linalg.norm(force) + np.linalg.norm(wanted.as_matrix() - optimised)
+
+    quaternions = [tuple(r.as_quat(scalar_first=True)) for r in (previous, wanted)]
+    loss = paper_method.loss_of_step(*quaternions, velocity, free, dt)
+    assert loss(w) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def coarse() -> dict[int, paper_method.PaperResult]:
+    return {n: paper_method.run(demonstration(n), basis_functions=20) for n in (31, 61)}
+
+
+def test_paper_method_satisfies_the_constraint_to_the_order_of_the_step(
+    coarse: dict[int, paper_method.PaperResult],
+) -> None:
+    residuals = {n: Quality.of(r.motion, demonstration(n)).residual for n, r in coarse.items()}
+    top_speed = 3.5
+    for samples, residual in residuals.items():
+        assert 1e-9 < residual < 2 * top_speed * DURATION / (samples - 1)
+    assert residuals[61] < residuals[31] / 2 * 1.1
+
+
+def test_paper_method_follows_the_path(coarse: dict[int, paper_method.PaperResult]) -> None:
+    for samples, result in coarse.items():
+        quality = Quality.of(result.motion, demonstration(samples))
+        assert quality.position_rms < 0.01
+        assert quality.position_end < 0.01
+
+
+def test_optimising_is_what_keeps_the_path(coarse: dict[int, paper_method.PaperResult]) -> None:
+    given = demonstration(61)
+    assert Quality.of(given, given).residual > 1.0
+    turned = (coarse[61].motion.rotations * given.rotations.inv()).magnitude()
+    assert turned.max() > 0.5
+
+
+def test_uncoupled_primitives_reproduce_the_demonstrated_orientation() -> None:
+    given = demonstration(200)
+    turns = paper_method.orientation_rollout(paper_method.UncoupledPrimitives.fit(given))
+    error = Rotation.from_quat(turns, scalar_first=True) * given.rotations.inv()
+    assert error.magnitude().max() < 1e-3
+
+
+# ---------------------------------------------------------------- quality
+
+
+def test_quality_agrees_with_check() -> None:
+    given = demonstration(100)
+    quality = Quality.of(given, given)
+    assert quality.position_rms == quality.position_end == 0.0
+    assert quality.residual == pytest.approx(check(given, [Blade()]).constraints[0].peak)
+
+
+def test_quality_of_a_uniform_turn() -> None:
+    times = np.linspace(0.0, 2.0, 41)
+    turning = PoseTrajectory(
+        times=times,
+        positions=np.zeros((41, 3)),
+        rotations=Rotation.from_rotvec(times[:, None] * [0.0, 0.0, 1.5]),
+    )
+    quality = Quality.of(turning, turning)
+    assert quality.angular_speed == pytest.approx(1.5)
+    assert quality.angular_acceleration == pytest.approx(0.0, abs=1e-9)
+
+
+def test_quality_wants_motions_sampled_alike() -> None:
+    with pytest.raises(ValueError, match="50 samples, not 51"):
+        Quality.of(demonstration(50), demonstration(51))
+
+
+# ---------------------------------------------------------------- timing
+
+
+def test_candidates_take_turns() -> None:
+    calls: list[str] = []
+    candidates = [
+        Candidate("a", "a", "x", lambda: calls.append("a"), per_round=2),
+        Candidate("b", "b", "x", lambda: calls.append("b"), warm_up=lambda: calls.append("w")),
+    ]
+    timings = measure(candidates, rounds=2)
+    assert calls == ["a", "w", "a", "a", "b", "a", "a", "b"]
+    assert (timings["a"].runs, timings["b"].runs) == (4, 2)
+
+
+def test_quartiles_surround_the_median() -> None:
+    timing = Timing.of(Candidate("a", "a", "x", lambda: None), [5.0, 1.0, 2.0, 3.0, 4.0])
+    assert (timing.minimum, timing.lower_quartile, timing.median, timing.upper_quartile) == (
+        1.0,
+        2.0,
+        3.0,
+        4.0,
+    )
+
+
+def test_forget_empties_the_caches_of_noslip() -> None:
+    caches = [c for c in vars(basis).values() if hasattr(c, "cache_info")]
+    prepare("rollout", 50, 10)()
+    assert any(cache.cache_info().currsize for cache in caches)
+    forget()
+    assert not any(cache.cache_info().currsize for cache in caches)
+
+
+# ---------------------------------------------------------------- growth
+
+
+def _cases(seconds: dict[int, float], memory: dict[int, int]) -> Growth:
+    cases = tuple(Case("learn", n, 100, s, s, memory[n]) for n, s in seconds.items())
+    return Growth("learn", "samples", cases)
+
+
+def test_exponent_is_the_slope_between_the_two_largest_sizes() -> None:
+    growth = _cases({10: 5.0, 100: 1.0, 1000: 100.0}, {10: 0, 100: 2_000_000, 1000: 20_000_000})
+    assert growth.time_exponent == pytest.approx(2.0)
+    assert growth.memory_exponent == pytest.approx(1.0)
+
+
+def test_exponent_is_absent_where_there_is_none() -> None:
+    assert _cases({10: 1.0}, {10: 5_000_000}).time_exponent is None
+    assert _cases({10: 1.0, 100: 2.0}, {10: 4096, 100: 8192}).memory_exponent is None
+
+
+def test_a_case_runs_in_a_process_of_its_own() -> None:
+    case = run_case("fit", 100, 10)
+    assert case is not None
+    assert (case.task, case.samples, case.basis_functions) == ("fit", 100, 10)
+    assert 0 < case.seconds < 60
+    assert case.memory is None or case.memory >= 0
+
+
+def test_no_case_is_started_without_time_left() -> None:
+    assert run_case("fit", 100, 10, seconds_left=0.0) is None
+
+
+def test_a_failing_case_says_why() -> None:
+    with pytest.raises(RuntimeError, match="no such task: dance"):
+        run_case("dance", 100, 10)
+
+
+@needs_peer
+def test_growth_of_the_other_library_is_measured_at_the_same_steps() -> None:
+    times, poses = prepare("open_loop", 51, 10)()
+    assert len(times) == len(poses) == 51
+
+
+# ---------------------------------------------------------------- the whole
+
+TINY = {"samples": 40, "rounds": 1, "basis_functions": 10, "repeat_fast": 1}
+
+
+@pytest.fixture(scope="module")
+def compared() -> comparison.Comparison:
+    return comparison.compare(**TINY)
+
+
+@pytest.fixture(scope="module")
+def growths() -> list[Growth]:
+    return grow(sample_sizes=(50, 100), basis_sizes=(), tasks=("fit",))
+
+
+def test_comparison_measures_all_methods(compared: comparison.Comparison) -> None:
+    timings, quality = compared.timings, compared.quality
+    assert {"paper", "fit", "learn", "rollout", "step"} <= set(timings)
+    assert {"imitate", "open_loop"} <= set(timings) or peers.MISSING
+    assert quality["noslip"].residual < 1e-10 < quality["the paper's method"].residual
+    first = compared.ratios[0]
+    assert first.value == pytest.approx(timings["paper"].median / timings["learn"].median)
+    assert first.met == (first.value >= 80)
+
+
+@needs_peer
+def test_the_other_library_follows_the_demonstration(compared: comparison.Comparison) -> None:
+    assert compared.quality["movement-primitives, unconstrained"].position_end < 0.05
+    assert "orientation" in peers.step_functions()
+
+
+def test_json_holds_everything(compared: comparison.Comparison, growths: list[Growth]) -> None:
+    content = json.loads(report.as_json(compared, growths, environment()))
+    assert content["environment"]["numpy"] == np.__version__
+    assert content["demonstration"]["samples"] == 40
+    assert {t["key"] for t in content["timings"]} == set(compared.timings)
+    assert [set(r) for r in content["ratios"]] == [{"name", "value", "target", "met"}] * 3
+    assert content["quality"]["noslip"]["position_rms"] < 0.1
+    assert [g["axis"] for g in content["growth"]] == ["samples", "basis_functions"]
+    assert [c["samples"] for c in content["growth"][0]["cases"]] == [50, 100]
+    assert content["growth"][0]["time_exponent"] is not None
+
+
+def test_tables_show_every_measurement(
+    compared: comparison.Comparison, growths: list[Growth]
+) -> None:
+    shown = io.StringIO()
+    report.show(Console(file=shown, width=140), compared, growths, environment())
+    text = shown.getvalue()
+    for timing in compared.timings.values():
+        assert timing.label in text
+    for name in compared.quality:
+        assert name in text
+    for ratio in compared.ratios:
+        assert ratio.name in text
+    assert "noslip fit" in text
+
+
+def test_without_the_other_library_the_tables_say_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(peers, "MISSING", "movement-primitives is left out: not installed")
+    compared = comparison.compare(**TINY)
+    assert "imitate" not in compared.timings
+    assert [ratio.met for ratio in compared.ratios[1:]] == [None, None]
+    shown = io.StringIO()
+    report.show(Console(file=shown, width=140), compared, [], environment())
+    assert "movement-primitives is left out" in shown.getvalue()
+    assert "not measured" in shown.getvalue()
+    assert json.loads(report.as_json(compared, [], environment()))["left_out"]
+
+
+def test_command_prints_and_writes(
+    compared: comparison.Comparison,
+    growths: list[Growth],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(command, "compare", lambda **_: compared)
+    monkeypatch.setattr(command, "grow", lambda **_: growths)
+    out = tmp_path / "new" / "results.json"
+    assert command.run(["--quick", "--out", str(out)]) == 0
+    assert json.loads(out.read_text())["format"] == report.FORMAT
+    captured = capsys.readouterr()
+    assert "learn with projection" in captured.out
+    assert not captured.err
+
+
+def test_help_has_examples(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        command.run(["--help"])
+    assert stopped.value.code == 0
+    assert "python -m benchmarks --quick" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(5.361, "5.36 s"), (0.0953, "95.3 ms"), (0.000146, "146 µs"), (3e-7, "0.30 µs")],
+)
+def test_durations_have_three_digits(seconds: float, text: str) -> None:
+    assert report.duration(seconds) == text
