@@ -30,11 +30,14 @@ class Ratio:
     value : float or None
         Median of the other over median of noslip; None if the other was not measured.
     target : float
+    of_lowest : float or None
+        The same of the lowest times, which a busy machine disturbs least.
     """
 
     name: str
     value: float | None
     target: float
+    of_lowest: float | None
 
     @property
     def met(self) -> bool | None:
@@ -106,6 +109,7 @@ def compare(
                 name,
                 timings[slow].median / timings[fast].median if slow in timings else None,
                 target,
+                timings[slow].minimum / timings[fast].minimum if slow in timings else None,
             )
             for name, slow, fast, target in RATIOS
         ),

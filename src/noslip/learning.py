@@ -14,7 +14,14 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.primitives.pose import PoseDMP, State, as_demonstrations, default_steps, evenly_sampled
+from noslip.primitives.pose import (
+    MOST_BASIS_FUNCTIONS,
+    PoseDMP,
+    State,
+    as_demonstrations,
+    default_steps,
+    evenly_sampled,
+)
 from noslip.primitives.stepping import Stepper
 from noslip.projection.pointwise import POSITION_ONLY, coupling, project_velocities
 from noslip.projection.trajectory import (
@@ -27,6 +34,7 @@ from noslip.projection.trajectory import (
 )
 from noslip.trajectory import PoseTrajectory
 
+_NO_LEAD = 1e-9
 STABILIZATION = 20.0
 """How fast a violation at the start decays, per duration."""
 
@@ -89,6 +97,8 @@ class ConstrainedDMP(PoseDMP):
     stabilization : float
         Rate at which a violation present at the start decays, per duration.
     record : tuple of LearningRecord
+    projected_step : float or None
+        Step of the projected demonstrations, as a fraction of the duration.
     """
 
     constraints: tuple[Constraint, ...]
@@ -96,6 +106,7 @@ class ConstrainedDMP(PoseDMP):
     inverse_metric: tuple[float, ...] = POSITION_ONLY
     stabilization: float = STABILIZATION
     record: tuple[LearningRecord, ...] = ()
+    projected_step: float | None = None
 
     @cached_property
     def system(self) -> ConstraintSystem:
@@ -105,7 +116,12 @@ class ConstrainedDMP(PoseDMP):
     @cached_property
     def constrained(self) -> ConstrainedDMP:
         """The paper's second comparison: coupled, with the orientation as demonstrated."""
-        return replace(self, position=self.regular.position, orientation=self.regular.orientation)
+        return replace(
+            self,
+            position=self.regular.position,
+            orientation=self.regular.orientation,
+            projected_step=None,
+        )
 
     def initial_state(
         self,
@@ -155,6 +171,15 @@ class ConstrainedDMP(PoseDMP):
         if not self.system.size:
             return super()._stepper
         return Stepper(coupling(self.system, inverse_metric=self.inverse_metric), self.system.size)
+
+    def _rotation_lead(self, step_fraction: float) -> float:
+        # A velocity constraint ties the rotation at the end of a step to the chord of the step,
+        # that is, to the motion half a step earlier.  What was learned from steps of one length is
+        # half the difference early or late in steps of another.
+        if self.projected_step is None or not self.system.row_is_velocity.any():
+            return 0.0
+        lead = (self.projected_step - step_fraction) / 2
+        return lead if abs(lead) > _NO_LEAD else 0.0
 
     @property
     def _residual_rate(self) -> float:
@@ -223,7 +248,7 @@ def learn(
     system = as_system(constraints)
     metric = _arguments.inverse_metric(inverse_metric)
     stabilization = _arguments.not_negative("stabilization", stabilization)
-    basis_functions = _arguments.count("basis_functions", basis_functions)
+    basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     projected, record = [], []
     sampled = [evenly_sampled(d, basis_functions) for d in recorded]
     for index, demonstration in enumerate(sampled):
@@ -261,4 +286,7 @@ def learn(
         inverse_metric=metric,
         stabilization=stabilization,
         record=tuple(record),
+        projected_step=(
+            float(np.mean([1 / (len(d) - 1) for d in projected])) if projected else None
+        ),
     )

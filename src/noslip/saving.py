@@ -47,6 +47,7 @@ def save_primitive(dmp: ConstrainedDMP, path: str | Path) -> Path:
         "stabilization": dmp.stabilization,
         "primitive": _parts(dmp),
         "regular": _parts(dmp.regular),
+        "projected_step": dmp.projected_step,
         "learned_from": [asdict(record) for record in dmp.record],
     }
     document = {
@@ -73,7 +74,7 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         document = json.loads(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a noslip primitive (not JSON: {error})") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(f"{path}: not a noslip primitive (no format {FORMAT!r})")
@@ -99,10 +100,10 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
     position, orientation = read.parts(content, "primitive", attractor, basis)
     try:
         constraints = tuple(restore(entry) for entry in content["constraints"])
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        if isinstance(error, NoslipError):
+            raise InputError(f"{path}: field constraints: {error}") from error
         raise InputError(f"{path}: field constraints is incomplete: {error}") from error
-    except NoslipError as error:
-        raise InputError(f"{path}: {error}") from error
     return ConstrainedDMP(
         position=position,
         orientation=orientation,
@@ -116,6 +117,11 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
             content, "stabilization", lambda x: _arguments.not_negative("stabilization", x)
         ),
         record=tuple(read.records(content)),
+        projected_step=read.field(
+            content,
+            "projected_step",
+            lambda x: None if x is None else _arguments.positive("projected_step", x),
+        ),
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from noslip import _arguments
 from noslip._files import write_beside
 from noslip._pose_files import read_csv, read_npz
 from noslip.errors import InputError
@@ -203,7 +204,8 @@ class PoseTrajectory:
         if rate is not None:
             if not (np.isfinite(rate) and rate > 0):
                 raise InputError(f"{self.name}: rate must be positive, got {rate:g}")
-            count = int(np.floor((self.duration + 2 * self._rounding) * rate * (1 + 1e-12) + 1e-9))
+            intervals = (self.duration + 2 * self._rounding) * rate * (1 + 1e-12) + 1e-9
+            count = _arguments.samples(f"{self.name}: rate={rate:g}", intervals)
             if count < 1:
                 raise InputError(
                     f"{self.name}: {rate:g} samples per second leave fewer than 2 samples "

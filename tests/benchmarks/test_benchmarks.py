@@ -232,7 +232,9 @@ def test_json_holds_everything(compared: comparison.Comparison, growths: list[Gr
     assert content["environment"]["numpy"] == np.__version__
     assert content["demonstration"]["samples"] == 40
     assert {t["key"] for t in content["timings"]} == set(compared.timings)
-    assert [set(r) for r in content["ratios"]] == [{"name", "value", "target", "met"}] * 3
+    assert [set(r) for r in content["ratios"]] == [
+        {"name", "value", "target", "of_lowest", "met"}
+    ] * 3
     assert content["quality"]["noslip"]["position_rms"] < 0.1
     assert [g["axis"] for g in content["growth"]] == ["samples", "basis_functions"]
     assert [c["samples"] for c in content["growth"][0]["cases"]] == [50, 100]

@@ -231,13 +231,14 @@ def test_recorded_velocities_are_not_asked() -> None:
     assert check(lying, Blade()) == check(motion, Blade())
 
 
-def test_a_residual_that_is_no_number_never_counts_as_satisfied() -> None:
+def test_a_residual_that_is_no_number_is_refused_by_the_constraints_name() -> None:
     @velocity_constraint
     def undefined(motion: Motion) -> Any:
         return ca.sqrt(motion.position[0] - 10) * motion.linear_velocity[0]
 
     motion = straight(irregular(7), 1.0, np.array([1.0, 0, 0]), Rotation.identity())
-    assert not check(motion, undefined).satisfied
+    with pytest.raises(ConstraintError, match="'undefined' is nan"):
+        check(motion, undefined)
 
 
 # -------------------------------------------------------------------- the report

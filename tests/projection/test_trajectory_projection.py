@@ -260,8 +260,7 @@ def test_a_feasible_trajectory_comes_back_unchanged(seed: int, hold: bool) -> No
     assert change(again, feasible) < 1e-9
 
 
-# A long trajectory is first projected at 1001 of its samples, whose longer steps it does not
-# satisfy; what that changes is carried over to all of them.
+# Fewer samples of it, with longer steps, would not be feasible.
 def test_a_long_feasible_trajectory_comes_back_unchanged() -> None:
     feasible = project_trajectory(facing(0, 4501), BLADE).trajectory
     assert np.abs(lateral_slip(feasible)).max() <= 1e-10
@@ -286,8 +285,7 @@ def wandering(count: int, rate: float = 120.0, seed: int = 1) -> PoseTrajectory:
     )
 
 
-# In one piece it converges within 30 iterations; the thousand samples it is thinned out to, ten a
-# second, do not follow the path, and there is no way back to all of them.
+# A hundred seconds at 120 Hz: thinned out too much, it would not follow its path.
 @pytest.mark.slow
 def test_a_long_recording_is_projected_as_a_short_one_is() -> None:
     found = project_trajectory(wandering(12001), BLADE, hold_position=True).trajectory
@@ -573,7 +571,7 @@ def test_a_mirrored_motion_has_a_mirrored_result(hold: bool) -> None:
     np.testing.assert_allclose(there.turns, -here.turns * mirror, rtol=0, atol=1e-7)
 
 
-# Positions are divided by the rounded periods of the samples, corrections by their mean.
+# Such stamps are rounded to 0.2 us, which is 2e-4 of a step here.
 def test_stamps_since_1970_leave_no_residual() -> None:
     motion = facing(1, 1001)
     late = replace(motion, times=motion.times + 1.7e9)
@@ -706,7 +704,7 @@ def test_failure_can_be_returned_instead() -> None:
     assert np.all(np.isfinite(result.trajectory.positions))
 
 
-# The first sample's residual is set to zero where its pose is fixed, though it is violated there.
+# Even of a first one that is fixed where the constraint does not hold.
 def test_the_reported_residual_is_the_largest_of_all_samples() -> None:
     motion = facing(1, 101)
     result = project_trajectory(motion, table, start="pose")

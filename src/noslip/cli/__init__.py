@@ -58,10 +58,17 @@ def main() -> None:
     except NoslipError as error:
         print(f"noslip: error: {error}", file=sys.stderr)
         sys.exit(EXIT_VIOLATED if isinstance(error, ConvergenceError) else EXIT_USAGE)
+    except (MemoryError, OverflowError, RecursionError, ArithmeticError) as error:
+        what = str(error) or "too large to compute"
+        print(f"noslip: error: {type(error).__name__}: {what}; check the numbers", file=sys.stderr)
+        sys.exit(EXIT_USAGE)
     except BrokenPipeError:
         # The reader of a pipe has gone: that is its right, and no error of ours.
         sys.stderr.close()
         sys.exit(0)
+    except OSError as error:
+        print(f"noslip: error: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        sys.exit(EXIT_USAGE)
     except KeyboardInterrupt:
         print("noslip: interrupted", file=sys.stderr)
         sys.exit(130)

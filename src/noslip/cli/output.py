@@ -20,7 +20,7 @@ def console() -> Console:
 
 def print_json(data: Any) -> None:
     """Print data as JSON, and nothing else."""
-    typer.echo(json.dumps(data, indent=2))
+    typer.echo(json.dumps(data, indent=2, allow_nan=False))
 
 
 @contextmanager

@@ -89,6 +89,8 @@ def run(
     constraint that it should hold.
     """
     options.output(out)
+    if out is not None and out.suffix not in (".csv", ".npz"):
+        raise InputError(f"--out: {out} must end in .csv or .npz")
     if as_json and out is None:
         raise InputError("--json needs --out: standard output cannot carry both")
     dmp = load_primitive(primitive)
@@ -130,10 +132,8 @@ def run(
 def _write(motion: PoseTrajectory, out: Path) -> None:
     if out.suffix == ".npz":
         motion.to_npz(out)
-    elif out.suffix == ".csv":
-        motion.to_csv(out)
     else:
-        raise InputError(f"--out: {out} must end in .csv or .npz")
+        motion.to_csv(out)
 
 
 def _vector(option: str, text: str | None) -> list[float] | None:

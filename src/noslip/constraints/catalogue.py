@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
-
 from noslip.constraints.blade import Blade
 from noslip.constraints.declaration import Constraint, Level, Motion, constraint_function
+from noslip.constraints.expression import from_data, to_data
 from noslip.errors import ConstraintError
 from noslip.rotations import Expression
 
@@ -41,7 +40,7 @@ def parse_constraint(text: str) -> Constraint:
         tree = ast.parse(
             text.replace("-", "_", text.partition("(")[0].count("-")), mode="eval"
         ).body
-    except SyntaxError:
+    except (SyntaxError, RecursionError, MemoryError, ValueError):
         tree = None
     if isinstance(tree, ast.Name):
         return build(tree.id, {})
@@ -78,41 +77,34 @@ def specification(constraint: Constraint) -> dict[str, Any]:
         "level": constraint.level,
         "lateral": constraint.lateral,
         "edge": constraint.edge,
-        "expression": constraint_function(constraint).serialize(),
+        "expression": to_data(constraint_function(constraint)),
     }
 
 
 def restore(data: dict[str, Any]) -> Constraint:
     """Return the constraint that :func:`specification` described."""
     if data["type"] != "declared":
-        return build(data["type"], dict(data["arguments"]))
-    return _RestoredConstraint(
-        data["name"], data["level"], data["lateral"], data["edge"], data["expression"]
+        return build(str(data["type"]), dict(data["arguments"]))
+    if data["level"] not in ("velocity", "position"):
+        raise ConstraintError(f"level must be velocity or position, got {data['level']!r}")
+    constraint = _RestoredConstraint(
+        str(data["name"]), data["level"], data["lateral"], data["edge"], data["expression"]
     )
+    constraint_function(constraint)
+    return constraint
 
 
 class _RestoredConstraint(Constraint):
-    """A user's constraint read back from its expression graph; the user's code is not needed."""
+    """A user's constraint read back from its expression; the user's code is not needed."""
 
     def __init__(
-        self, name: str, level: Level, lateral: str | None, edge: str | None, expression: str
+        self, name: str, level: Level, lateral: str | None, edge: str | None, expression: Any
     ) -> None:
         self.name, self.level, self.lateral, self.edge = name, level, lateral, edge
-        try:
-            self._function = ca.Function.deserialize(expression)
-        except Exception as error:
-            raise ConstraintError(
-                f"constraint {name!r} was saved with an incompatible CasADi; learn it again"
-            ) from error
+        self._expression = expression
 
     def residual(self, motion: Motion) -> Expression:
-        return self._function(
-            motion.time,
-            motion.position,
-            motion.rotation,
-            motion.linear_velocity,
-            motion.angular_velocity,
-        )
+        return from_data(self._expression, [*vars(motion).values()])
 
     def __repr__(self) -> str:
         return f"<{self.level} constraint {self.name!r}>"
@@ -144,7 +136,7 @@ def _from_file(path: Path, name: str) -> Constraint:
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         reason = " ".join(str(error).split())
         raise ConstraintError(
             f"{path}: importing it failed: {type(error).__name__}: {reason}"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from noslip import _arguments
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
@@ -164,8 +165,12 @@ def check(
     -------
     CheckReport
     """
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise InputError(f"tolerance must be positive, got {tolerance}")
+    if not isinstance(trajectory, PoseTrajectory):
+        raise InputError(
+            f"check takes one PoseTrajectory, got {type(trajectory).__name__}; check several "
+            "one by one"
+        )
+    tolerance = _arguments.positive("tolerance", tolerance)
     system = as_system(constraints)
     if not system.constraints:
         raise InputError("check needs at least one constraint")

@@ -31,7 +31,7 @@ class ConstraintSystem:
     """
 
     def __init__(self, constraints: Constraint | Iterable[Constraint] = ()) -> None:
-        several = isinstance(constraints, Iterable) and not isinstance(constraints, type)
+        several = isinstance(constraints, Iterable) and not isinstance(constraints, (type, str))
         self.constraints: tuple[Constraint, ...] = (
             tuple(constraints) if several else (constraints,)  # type: ignore[arg-type, assignment]
         )
@@ -88,7 +88,14 @@ class ConstraintSystem:
             np.asarray(a, dtype=np.float64).reshape(count, -1).T
             for a in (times, positions, quaternions, linear_velocities, angular_velocities)
         )
-        return np.array(self.function.map(count)(*arguments)).T.reshape(count, self.size)
+        residuals = np.array(self.function.map(count)(*arguments)).T.reshape(count, self.size)
+        if not np.all(np.isfinite(residuals)):
+            sample, row = np.argwhere(~np.isfinite(residuals))[0]
+            raise ConstraintError(
+                f"constraint {self.row_names[row]!r} is {residuals[sample, row]} at sample "
+                f"{sample} of the motion; it must be a finite number wherever the tool may be"
+            )
+        return residuals
 
     def first_order(
         self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression

@@ -54,7 +54,7 @@ class Basis:
         return psi
 
     def stepping_activations(
-        self, begin: float, steps: int, step_fraction: float, alpha: float
+        self, begin: float, steps: int, step_fraction: float, alpha: float, *, starting: bool
     ) -> Iterator[tuple[slice, Floats]]:
         """Activations as the steps of an :class:`Attractor` want them, in blocks.
 
@@ -65,12 +65,14 @@ class Basis:
         Parameters
         ----------
         begin : float
-            Fraction of the duration at which the first step begins; 0 is the start.
+            Fraction of the duration at which the first step begins.
         steps : int
         step_fraction : float
             ``dt / tau``.
         alpha : float
             Of the attractor.
+        starting : bool
+            Whether the first step is the motion's first, with its half kick.
 
         Yields
         ------
@@ -83,16 +85,27 @@ class Basis:
             at = begin + first * step_fraction
             yield (
                 slice(first, first + size),
-                _stepping_activations(self, at, size, step_fraction, alpha),
+                _stepping_activations(
+                    self, at, size, step_fraction, alpha, starting and first == 0
+                ),
             )
 
     def stepping_forces(
-        self, begin: float, steps: int, step_fraction: float, alpha: float, weights: Floats
+        self,
+        begin: float,
+        steps: int,
+        step_fraction: float,
+        alpha: float,
+        weights: Floats,
+        *,
+        starting: bool,
     ) -> Floats:
         """Product of :meth:`stepping_activations` with weights, shape (steps, d)."""
         forces = np.empty((steps, weights.shape[1]))
         portion = max(1, SINGLE_THREADED // weights.size)
-        for rows, activations in self.stepping_activations(begin, steps, step_fraction, alpha):
+        for rows, activations in self.stepping_activations(
+            begin, steps, step_fraction, alpha, starting=starting
+        ):
             out = forces[rows]
             for first in range(0, len(out), portion):
                 part = slice(first, first + portion)
@@ -102,11 +115,13 @@ class Basis:
 
 # Rollouts of one primitive repeat: most of their time would go into the same exponentials.
 @lru_cache(maxsize=4)
-def _stepping_activations(basis: Basis, begin: float, steps: int, h: float, alpha: float) -> Floats:
+def _stepping_activations(
+    basis: Basis, begin: float, steps: int, h: float, alpha: float, starting: bool
+) -> Floats:
     around = basis.activations(basis.phase.at(begin + np.arange(-1, steps + 1) * h))
     before, now, after = around[:-2], around[1:-1], around[2:]
     activations = now + (after - 2 * now + before + alpha * h / 2 * (after - before)) / 12
-    if begin == 0.0:
+    if starting:
         activations[0] = now[0] + (after[0] - now[0]) / 3
     activations.flags.writeable = False
     return np.asarray(activations)

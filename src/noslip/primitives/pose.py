@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 
 SAMPLES_PER_BASIS_FUNCTION = 5
 """A demonstration with fewer samples is splined to this many before fitting."""
+MOST_BASIS_FUNCTIONS = 2000
 FEWEST_STEPS = 200
 """A rollout takes at least this many steps unless told otherwise."""
 
@@ -174,7 +175,7 @@ class PoseDMP:
             If there is no demonstration or a constant is out of range.
         """
         recorded = as_demonstrations(demonstrations)
-        basis_functions = _arguments.count("basis_functions", basis_functions)
+        basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
         ridge = _arguments.not_negative("ridge", ridge)
         phase = Phase(_arguments.positive("alpha_s", alpha_s))
         basis = Basis(basis_functions, phase)
@@ -244,7 +245,13 @@ class PoseDMP:
             time_step = state.duration / steps
         else:
             time_step = _arguments.positive("time_step", time_step, "seconds")
-            steps = max(1, int(np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)))
+            if time_step > state.duration * (1 + 1e-9):
+                raise InputError(
+                    f"time_step of {time_step:g} s is longer than the motion of "
+                    f"{state.duration:g} s; make it shorter"
+                )
+            wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
+            steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
         states, outputs = self._stepper.run(state.vector(), self._table(state, steps, time_step))
         rows = self._stepper.rows
         states = np.concatenate([state.vector()[None], states])
@@ -344,6 +351,23 @@ class PoseDMP:
         parts = (self.position, self.orientation)
         return np.hstack([p.forcing.weights / p.attractor.stiffness for p in parts])
 
+    def _offsets(
+        self, basis: Basis, begin: float, rotation_begin: float, steps: int, h: float, state: State
+    ) -> Floats:
+        """Forces over ``alpha beta`` for each step: position (3), rotation (3)."""
+        alpha, starting = self.position.attractor.alpha, state.previous_step == 0.0
+        weights = self._offset_weights
+        offsets = basis.stepping_forces(begin, steps, h, alpha, weights, starting=starting)
+        if rotation_begin != begin:
+            offsets[:, 3:] = basis.stepping_forces(
+                rotation_begin, steps, h, alpha, weights[:, 3:], starting=starting
+            )
+        return offsets
+
+    def _rotation_lead(self, step_fraction: float) -> float:
+        """How far the orientation is ahead of the phase, as a fraction of the duration."""
+        return 0.0
+
     @property
     def _residual_rate(self) -> float:
         """How fast a residual present at the start decays, per duration."""
@@ -357,13 +381,8 @@ class PoseDMP:
         """Everything about the coming steps that depends on the phase alone."""
         basis, tau = self.position.forcing.basis, state.duration
         begin = self.phase.fraction(state.phase) if state.previous_step else 0.0
-        offsets = basis.stepping_forces(
-            begin,
-            steps,
-            time_step / tau,
-            self.position.attractor.alpha,
-            self._offset_weights,
-        )
+        lead = self._rotation_lead(time_step / tau)
+        offsets = self._offsets(basis, begin, begin + lead, steps, time_step / tau, state)
         kicks = np.full(steps, time_step)
         kicks[0] = (state.previous_step + time_step) / 2
         product, gain = self.position.attractor.factors(kicks / tau)
@@ -378,7 +397,7 @@ class PoseDMP:
         column["gain"][:] = gain / kicks
         column["position_target"][:] = state.goal_position + offsets[:, :3]
         column["rotation_goal"][:] = self.orientation.winding.along(
-            begin, steps, time_step / tau, state.goal_rotation
+            begin + lead, steps, time_step / tau, state.goal_rotation
         )
         column["rotation_offset"][:] = offsets[:, 3:]
         return table

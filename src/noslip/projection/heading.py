@@ -18,6 +18,8 @@ REST = 0.05
 """Fraction of the top speed below which the direction of travel says nothing."""
 BACKWARDS = 0.3
 """Share of its way that a stretch must go backwards, net, to count as backed up on purpose."""
+PLUNGING = 0.2
+"""Share of its speed in the blade's plane up to which a tool that goes backwards just plunges."""
 SIDEWAYS = 0.01
 """Share of the speed within the blade's plane below which its direction there is not trusted."""
 
@@ -76,7 +78,8 @@ def turn_edge_into_path(
         backing += facing < 0
         # Direction within the blade's plane that is to lie along the path, edge leading.
         along, plunge = facing * ahead[stretch], facing * across[stretch]
-        side = np.where(along >= 0, 1.0, -1.0)
+        # A plunging blade goes a hair backwards as often as forwards: no reason to turn it round.
+        side = np.where(along >= -PLUNGING * np.hypot(along, plunge), 1.0, -1.0)
         tilt = np.arctan2(side * plunge, side * along)
         # Moving sideways leaves that direction open: as before and after, or the edge itself.
         open_ = np.hypot(along, plunge) < SIDEWAYS * speed[stretch]

@@ -67,6 +67,8 @@ _ATTEMPTS = ((1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (1000.0, False,
 """Factor on the rotation's smoothing, whether careful, factor on the iterations allowed."""
 _DUAL_REGULARISATION = 1e-12
 _STEP_TOLERANCE = 1e-6
+_STILL = 1e-3
+"""Longest step (rad, or path lengths) of an iteration that may end for want of patience."""
 _RESIDUAL_TOLERANCE = 1e-11
 """Relative to the path's mean speed (velocity level) or length (position level)."""
 _MOST_SAMPLES = 4000
@@ -415,6 +417,8 @@ class _Problem:
                 converged = True
                 break
             if iteration == max_iterations:
+                # Feasible and all but still: nothing that more iterations would change matters.
+                converged = bool(residual <= 10 * self._tolerance and step_size <= _STILL)
                 break
             use_curvature = step_size < _NEAR if careful else iteration >= _GAUSS_NEWTON_STEPS
             step, new = self._newton_step(
