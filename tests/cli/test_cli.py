@@ -135,6 +135,32 @@ def test_learn_prepares_as_the_options_ask(noslip, slipping, tmp_path):
     assert json.loads(result.out)["residual_peak"] <= 1e-10
 
 
+def test_learning_warns_of_what_a_person_should_look_at(noslip, slipping, tmp_path):
+    out = tmp_path / "cut.json"
+    quiet = noslip("learn", slipping, "--constraint", "blade", "--out", out)
+    assert quiet.err == ""
+    wrong = noslip("learn", slipping, "--constraint", "blade(lateral='x',edge='-y')", "--out", out)
+    assert wrong.code == 0
+    assert wrong.err.startswith("noslip: warning: ")
+    assert "turns the tool by" in wrong.err
+
+
+def test_numbers_that_ask_for_too_much_are_refused(noslip, slipping, primitive, tmp_path):
+    out = tmp_path / "motion.csv"
+    for arguments in (
+        ["check", slipping, "--constraint", "blade", "--rate", "1e9"],
+        ["rollout", primitive, "--out", out, "--time-step", "1e-9"],
+        ["rollout", primitive, "--out", out, "--time-step", "1e9"],
+        ["rollout", primitive, "--out", out, "--duration", "1e300", "--time-step", "1"],
+        ["learn", slipping, "--out", out, "--basis-functions", "100000"],
+    ):
+        result = noslip(*arguments)
+        assert result.code == 2
+        assert result.err.startswith("noslip: error: ")
+        assert result.err.count("\n") == 1
+        assert not out.exists()
+
+
 def test_own_constraint_from_a_file_and_calls_with_literals(noslip, slipping, tmp_path):
     rules = tmp_path / "my_rules.py"
     rules.write_text(

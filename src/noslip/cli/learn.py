@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,11 +11,16 @@ import typer
 
 from noslip.cli import options, output
 from noslip.comparison import compare
-from noslip.learning import learn
+from noslip.learning import ConstrainedDMP, learn
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import ROTATION_SMOOTHING
+from noslip.trajectory import PoseTrajectory
 
 NAME = "learn"
+FAR_SHARE = 0.02
+"""Share of the path by which a primitive may leave its demonstration without a warning."""
+FAR_TURN = 75.0
+"""Degrees (rms) by which the constraint may turn the tool without a warning."""
 EXAMPLES = """
 Examples:
 
@@ -103,6 +109,8 @@ def run(
         ],
         "projection": [vars(record) for record in primitive.record],
     }
+    for warning in _warnings(primitive, demonstrations, result["demonstrations"], smoothing):
+        typer.echo(f"noslip: warning: {warning}", err=True)
     if as_json:
         output.print_json(result)
         return
@@ -122,3 +130,33 @@ def run(
     if held:
         typer.echo(f"residual of its motion: {result['residual_peak']:.2g} (peak)")
     typer.echo(f"wrote {out}")
+
+
+def _warnings(
+    primitive: ConstrainedDMP,
+    demonstrations: list[PoseTrajectory],
+    figures: list[dict[str, Any]],
+    smoothing: float,
+) -> Iterator[str]:
+    """What a person should look at before trusting the primitive."""
+    remedy = "low-pass the recording, give the tool's frame, or check the constraint's axes"
+    for record in primitive.record:
+        turned = np.degrees(record.rotation_change)
+        if turned > FAR_TURN:
+            yield (
+                f"{record.demonstration}: the constraint turns the tool by {turned:.0f} degrees "
+                f"(rms); {remedy}"
+            )
+        if record.smoothing > 1.5 * smoothing:
+            yield (
+                f"{record.demonstration}: converged only with "
+                f"{record.smoothing / smoothing:.0f} times the smoothing; {remedy}"
+            )
+    if len(demonstrations) == 1:
+        (demonstration,), (figure,) = demonstrations, figures
+        if figure["position_rms"] > FAR_SHARE * demonstration.path_length:
+            yield (
+                f"{demonstration.name}: the primitive leaves it by "
+                f"{figure['position_rms'] * 1e3:.3g} mm (rms) of a path of "
+                f"{demonstration.path_length * 1e3:.3g} mm; {remedy}, or use more --basis-functions"
+            )
