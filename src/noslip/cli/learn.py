@@ -19,7 +19,7 @@ from noslip.trajectory import PoseTrajectory
 NAME = "learn"
 FAR_SHARE = 0.02
 """Share of the path by which a primitive may leave its demonstration without a warning."""
-FAR_TURN = 75.0
+FAR_TURN = 60.0
 """Degrees (rms) by which the constraint may turn the tool without a warning."""
 EXAMPLES = """
 Examples:
