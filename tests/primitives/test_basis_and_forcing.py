@@ -158,9 +158,7 @@ def test_the_fit_is_the_ridge_solution_of_the_stacked_system(
         np.vstack([forces, np.zeros((basis.count, 3))]),
         rcond=None,
     )[0]
-    fitted = PositionDMP.fit(
-        attractor, basis, paths, [np.zeros(3)] * demonstrations, ridge=ridge
-    ).forcing
+    fitted = PositionDMP.fit(attractor, basis, paths, ridge=ridge).forcing
     np.testing.assert_allclose(fitted.weights, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
     np.testing.assert_allclose(
         rows @ fitted.weights, rows @ expected, rtol=0, atol=1e-7 * np.abs(forces).max()
@@ -171,11 +169,7 @@ def test_more_ridge_means_smaller_weights() -> None:
     times = np.linspace(0, 1, 200)
     path = np.column_stack([times**2, np.sin(3 * times), 0 * times])
     sizes = [
-        np.linalg.norm(
-            PositionDMP.fit(
-                Attractor(), Basis(50), [path], [np.zeros(3)], ridge=ridge
-            ).forcing.weights
-        )
+        np.linalg.norm(PositionDMP.fit(Attractor(), Basis(50), [path], ridge=ridge).forcing.weights)
         for ridge in (1e-6, 1e-3, 1.0, 1e3)
     ]
     assert sizes == sorted(sizes, reverse=True)

@@ -92,8 +92,8 @@ class ConstraintSystem:
         if not np.all(np.isfinite(residuals)):
             sample, row = np.argwhere(~np.isfinite(residuals))[0]
             raise ConstraintError(
-                f"constraint {self.row_names[row]!r} is {residuals[sample, row]} at sample "
-                f"{sample} of the motion; it must be a finite number wherever the tool may be"
+                f"constraint {self.row_names[row]!r} is {residuals[sample, row]} at "
+                f"instant {sample} of the motion; it must be finite wherever the tool may be"
             )
         return residuals
 

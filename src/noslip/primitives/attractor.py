@@ -53,6 +53,21 @@ class Attractor:
         half = np.exp(-self.alpha * h / 2)
         return product, np.expm1(-self.alpha * h / 2) ** 2 + 4 * half * np.sin(root * h / 2) ** 2
 
+    def demonstrated_start(self, pull: Floats, first_step: Floats, fraction: float) -> Floats:
+        """Velocity at the start from which the half kick makes the first step: its exact inverse.
+
+        Parameters
+        ----------
+        pull : array, shape (d,)
+            ``x* - x`` at the start.
+        first_step : array, shape (d,)
+            Velocity of the first step, per duration.
+        fraction : float
+            ``dt / tau``.
+        """
+        product, gain = self.factors(fraction / 2)
+        return np.asarray((first_step - gain / (fraction / 2) * pull) / product)
+
     def demonstrated_target(self, values: Floats, velocities: Floats, fraction: float) -> Floats:
         """Targets x* under which the steps reproduce samples: the step's exact inverse.
 

@@ -43,6 +43,11 @@ class ForcingTerm:
         weights.flags.writeable = False
         object.__setattr__(self, "weights", weights)
 
+    def at_start(self, fraction: float, alpha: float) -> Floats:
+        """Force in the half kick of a first step of a fraction of the duration, shape (d,)."""
+        forces = self.basis.stepping_forces(0.0, 1, fraction, alpha, self.weights, starting=True)
+        return np.asarray(forces[0])
+
     def __call__(self, phases: Floats) -> Floats:
         """Force at each phase, shape (N, d)."""
         return self.basis.activations(np.atleast_1d(phases)) @ self.weights

@@ -47,7 +47,6 @@ class OrientationDMP:
         attractor: Attractor,
         basis: Basis,
         rotations: Sequence[Rotation],
-        start_velocities: Sequence[Floats],
         *,
         ridge: float = 1e-6,
     ) -> OrientationDMP:
@@ -56,8 +55,6 @@ class OrientationDMP:
         Parameters
         ----------
         rotations : sequence of Rotation, length N_i
-        start_velocities : sequence of arrays, shape (3,)
-            Radians per duration.
         """
         goal = _mean([turning[-1] for turning in rotations])
         farthest = max(rotations, key=lambda r: float((r[-1] * r.inv()).magnitude().max()))
@@ -72,13 +69,22 @@ class OrientationDMP:
             # The inverse step wants targets; rotations have them relative to the sample itself.
             pull = attractor.demonstrated_target(np.zeros((count, 3)), steps, fraction)
             forces.append(attractor.stiffness * (pull - error))
+        forcing = ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge)
+        starts = []
+        for turning in rotations:
+            fraction = 1.0 / (len(turning) - 1)
+            leading = winding.at(np.zeros(1), turning[-1])[0]
+            force = forcing.at_start(fraction, attractor.alpha)
+            pull = (leading * turning[0].inv()).as_rotvec() + force / attractor.stiffness
+            first = (turning[1] * turning[0].inv()).as_rotvec() / fraction
+            starts.append(attractor.demonstrated_start(pull, first, fraction))
         start = _mean([turning[0] for turning in rotations])
         return cls(
             attractor,
-            ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge),
+            forcing,
             start.as_quat(scalar_first=True),
             winding,
-            np.mean(np.atleast_2d(start_velocities), axis=0),
+            np.mean(starts, axis=0),
         )
 
     @property

@@ -45,7 +45,6 @@ class PositionDMP:
         attractor: Attractor,
         basis: Basis,
         positions: Sequence[Floats],
-        start_velocities: Sequence[Floats],
         *,
         ridge: float = 1e-6,
     ) -> PositionDMP:
@@ -55,18 +54,24 @@ class PositionDMP:
         ----------
         positions : sequence of arrays, shape (N_i, 3)
             From the first sample of a demonstration to its last, metres.
-        start_velocities : sequence of arrays, shape (3,)
-            Metres per duration.
         """
         forces = []
         for path in positions:
             fraction = 1.0 / (len(path) - 1)
             target = attractor.demonstrated_target(path, np.diff(path, axis=0) / fraction, fraction)
             forces.append(attractor.stiffness * (target - path[-1]))
+        forcing = ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge)
+        starts = []
+        for path in positions:
+            fraction = 1.0 / (len(path) - 1)
+            force = forcing.at_start(fraction, attractor.alpha)
+            pull = path[-1] + force / attractor.stiffness - path[0]
+            first = (path[1] - path[0]) / fraction
+            starts.append(attractor.demonstrated_start(pull, first, fraction))
         return cls(
             attractor,
-            ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge),
+            forcing,
             np.mean([path[0] for path in positions], axis=0),
             np.mean([path[-1] for path in positions], axis=0),
-            np.mean(np.atleast_2d(start_velocities), axis=0),
+            np.mean(starts, axis=0),
         )
