@@ -17,20 +17,23 @@ Floats = NDArray[np.float64]
 def positive(name: str, value: Any, unit: str = "") -> float:
     """Return a finite number above 0."""
     number = _number(value)
-    if not (np.isfinite(number) and number > 0):
+    if not 0 < number <= LARGEST:
         wanted = f"a positive number of {unit}" if unit else "positive"
-        raise InputError(f"{name} must be {wanted}, got {value!r}")
+        limit = f" up to {LARGEST:g}" if number > LARGEST else ""
+        raise InputError(f"{name} must be {wanted}{limit}, got {value!r}")
     return number
 
 
 def not_negative(name: str, value: Any) -> float:
     """Return a finite number, 0 or more."""
     number = _number(value)
-    if not (np.isfinite(number) and number >= 0):
+    if not 0 <= number <= LARGEST:
         raise InputError(f"{name} must be a number, 0 or more, got {value!r}")
     return number
 
 
+LARGEST = 1e12
+"""Beyond any length or weight that means something, and far from where doubles overflow."""
 MOST_SAMPLES = 10_000_000
 """More samples than any recording or motion needs, and about as many as memory holds."""
 
@@ -58,8 +61,10 @@ def vector(name: str, value: Any, unit: str = "m") -> Floats:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.empty(0)
-    if array.shape != (3,) or not np.all(np.isfinite(array)):
-        raise InputError(f"{name} must be 3 finite numbers ({unit}), got {_short(value)}")
+    if array.shape != (3,) or not np.all(np.abs(array) <= LARGEST):
+        raise InputError(
+            f"{name} must be 3 finite numbers up to {LARGEST:g} ({unit}), got {_short(value)}"
+        )
     return array
 
 

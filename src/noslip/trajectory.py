@@ -104,6 +104,12 @@ class PoseTrajectory:
         if not np.all(np.isfinite(array)):
             row = int(np.argwhere(~np.isfinite(array))[0][0])
             raise InputError(f"{self.name}: {name}[{row}] is not finite")
+        if name == "positions" and np.abs(array).max(initial=0.0) > _arguments.LARGEST:
+            row = int(np.argmax(np.abs(array).max(axis=1)))
+            raise InputError(
+                f"{self.name}: positions[{row}] is {np.abs(array[row]).max():.3g} m away; "
+                "positions are metres"
+            )
         array.flags.writeable = False
         object.__setattr__(self, name, array)
         return array

@@ -15,6 +15,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt, zpk2sos
 from scipy.spatial.transform import Rotation
 
+from noslip import _arguments
 from noslip.errors import InputError
 from noslip.trajectory import Floats, PoseTrajectory
 
@@ -279,7 +280,8 @@ def lowpass(
 
     zeros, poles, gain = butter(int(order), cutoff, fs=rate, output="zpk")
     sections = zpk2sos(zeros, poles, gain)
-    padding = int(np.ceil(np.log(RINGING_LEFT) / np.log(np.abs(poles).max())))
+    ringing = np.log(RINGING_LEFT) / np.log(np.abs(poles).max())
+    padding = _arguments.samples(f"{name}: lowpass={cutoff:g} Hz", np.ceil(np.abs(ringing)))
 
     def smooth(samples: Floats) -> Floats:
         # Unlike SciPy's own padding, np.pad reflects again where a short recording ends.

@@ -213,9 +213,18 @@ def residual_rows(
 
 
 def finding(rows: Sequence[ResidualRow]) -> str:
-    """Say what the last and the first motion do to the constraint that is violated most."""
+    """Say what the last and the first motion do to the constraint that is violated most.
+
+    Of more than four motions, which are a set rather than a comparison, it names the worst.
+    """
     worst = max(rows, key=lambda row: row.severity)
     first, *others = worst.values
+    if len(others) > 3:
+        peak = max(worst.peaks, key=lambda name: worst.peaks[name])
+        return (
+            f"{len(others) + 1} motions: the worst, {short_name(peak)}, {worst.verb} "
+            f"{worst.amount(peak)}"
+        )
     last = others[-1] if others else first
     text = f"{capitalised(short_name(last))} {worst.verb} {worst.amount(last)}"
     return f"{text}, {short_name(first)} {worst.amount(first)}" if others else text

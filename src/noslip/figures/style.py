@@ -124,9 +124,9 @@ def name_lines(figure: Figure, names: Iterable[str]) -> None:
 def put_legend(figure: Figure, handles: Mapping[str, Artist]) -> None:
     """Put a legend below a figure, in as many columns as fit."""
     labels = [short_name(name) for name in handles]
-    # An entry is its handle, as wide as 8 characters, its label and some space.
+    # An entry is its handle, as wide as 8 characters, its label and the space between columns.
     characters = figure.get_figwidth() * 72 / (0.52 * SMALL_FONT_SIZE)
-    columns = int(characters / (max(map(len, labels)) + 9))
+    columns = int(characters / (max(map(len, labels)) + 14))
     figure.legend(
         list(handles.values()),
         labels,
