@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 
 BLOCK = 2048
 """Steps whose activations are held in memory at once."""
+NEGLIGIBLE = -50.0
+"""Exponent below which a Gaussian is lost in the rounding of the sum."""
 SINGLE_THREADED = 250_000
 """Multiplications up to which OpenBLAS stays in one thread: on a machine that is busy, waking the
 others would cost a rollout ten times what the product takes."""
@@ -49,7 +51,10 @@ class Basis:
         # The smallest exponent is taken out first, so that no phase leaves every Gaussian at zero.
         exponent = -0.5 * scaled * scaled
         exponent -= exponent.max(axis=1, keepdims=True)
-        psi = np.exp(exponent)
+        # Far ones are zero: as denormal numbers they would take several times as long.
+        far = exponent < NEGLIGIBLE
+        psi = np.exp(np.maximum(exponent, NEGLIGIBLE))
+        psi[far] = 0.0
         psi *= (phases / psi.sum(axis=1))[:, None]
         return psi
 
