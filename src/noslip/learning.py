@@ -8,8 +8,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip.constraints.declaration import Constraint
@@ -123,23 +121,8 @@ class ConstrainedDMP(PoseDMP):
             projected_step=None,
         )
 
-    def initial_state(
-        self,
-        *,
-        goal_position: ArrayLike | None = None,
-        goal_rotation: Rotation | None = None,
-        start_position: ArrayLike | None = None,
-        start_rotation: Rotation | None = None,
-        duration: float | None = None,
-    ) -> State:
-        """Return the state to :meth:`step` from, its velocities projected onto the constraints."""
-        state = super().initial_state(
-            goal_position=goal_position,
-            goal_rotation=goal_rotation,
-            start_position=start_position,
-            start_rotation=start_rotation,
-            duration=duration,
-        )
+    def _admissible(self, state: State) -> State:
+        """Return the state with its velocities projected onto the constraints."""
         pose = (state.position, state.rotation.as_quat(scalar_first=True))
         linear, angular, residual = project_velocities(
             self.system,

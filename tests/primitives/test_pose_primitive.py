@@ -773,3 +773,16 @@ def test_a_motion_introduces_itself_in_one_line(fitted: PoseDMP) -> None:
     motion = fitted.rollout()
     assert isinstance(motion, ConstrainedMotion)
     assert "\n" not in repr(motion)
+
+
+def test_a_measured_state_without_a_step_behind_it_goes_on_from_its_phase() -> None:
+    dmp = PoseDMP.fit(Smooth(4).sampled())
+    motion = dmp.rollout()
+    time_step, state = motion.times[1], dmp.initial_state()
+    for _ in range(dmp.steps // 2):
+        state = dmp.step(state, time_step)
+    state = replace(state, previous_step=0.0)
+    for _ in range(dmp.steps - dmp.steps // 2):
+        state = dmp.step(state, time_step)
+    off = np.linalg.norm(state.position - motion.positions[-1])
+    assert off <= 1e-2 * motion.path_length

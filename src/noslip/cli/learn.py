@@ -99,13 +99,14 @@ def run(
         )
     primitive.save(out)
     motion = primitive.rollout()
+    comparisons = [compare(motion, d, held).to_dict() for d in demonstrations]
     result: dict[str, Any] = {
         "primitive": str(out),
         "constraints": [c.name for c in held],
         "duration": primitive.duration,
-        "residual_peak": compare(motion, demonstrations[0], held).residual_peak,
+        "residual_peak": comparisons[0]["residual_peak"],
         "demonstrations": [
-            {"name": d.name, **compare(motion, d, held).to_dict()} for d in demonstrations
+            {"name": d.name, **c} for d, c in zip(demonstrations, comparisons, strict=True)
         ],
         "projection": [vars(record) for record in primitive.record],
     }

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,7 @@ from noslip.primitives.stepping import Stepper, step_table
 from noslip.trajectory import PoseTrajectory
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 SAMPLES_PER_BASIS_FUNCTION = 5
 """A demonstration with fewer samples is splined to this many before fitting."""
@@ -280,39 +282,34 @@ class PoseDMP:
         start_rotation: Rotation | None = None,
         duration: float | None = None,
     ) -> State:
-        """Return the state to :meth:`step` from; the arguments are those of :meth:`rollout`."""
-        tau = (
-            self.duration
-            if duration is None
-            else _arguments.positive("duration", duration, "seconds")
-        )
-        return State(
-            time=0.0,
-            phase=1.0,
-            position=(
-                self.position.start
-                if start_position is None
-                else _arguments.vector("start_position", start_position)
-            ),
-            rotation=(
-                self.orientation.start
-                if start_rotation is None
-                else _arguments.rotation("start_rotation", start_rotation)
-            ),
-            linear_velocity=self.position.start_velocity / tau,
-            angular_velocity=self.orientation.start_velocity / tau,
-            previous_step=0.0,
-            duration=tau,
-            goal_position=(
-                self.position.goal
-                if goal_position is None
-                else _arguments.vector("goal_position", goal_position)
-            ),
-            goal_rotation=(
-                self.orientation.goal
-                if goal_rotation is None
-                else _arguments.rotation("goal_rotation", goal_rotation)
-            ),
+        """Return the state to :meth:`step` from; the arguments are those of :meth:`rollout`.
+
+        Under constraints its velocities are projected onto them.
+        """
+
+        def chosen(check: Callable[[str, Any], T], name: str, value: Any, default: T) -> T:
+            return default if value is None else check(name, value)
+
+        tau = self.duration
+        if duration is not None:
+            tau = _arguments.positive("duration", duration, "seconds")
+        start, goal = self.position.start, self.position.goal
+        turned, turned_goal = self.orientation.start, self.orientation.goal
+        return self._admissible(
+            State(
+                time=0.0,
+                phase=1.0,
+                position=chosen(_arguments.vector, "start_position", start_position, start),
+                rotation=chosen(_arguments.rotation, "start_rotation", start_rotation, turned),
+                linear_velocity=self.position.start_velocity / tau,
+                angular_velocity=self.orientation.start_velocity / tau,
+                previous_step=0.0,
+                duration=tau,
+                goal_position=chosen(_arguments.vector, "goal_position", goal_position, goal),
+                goal_rotation=chosen(
+                    _arguments.rotation, "goal_rotation", goal_rotation, turned_goal
+                ),
+            )
         )
 
     def step(self, state: State, time_step: float) -> State:
@@ -338,6 +335,10 @@ class PoseDMP:
         )
 
     # ---------------------------------------------------------------- inside
+
+    def _admissible(self, state: State) -> State:
+        """State that a motion may start in, nearest to a given one."""
+        return state
 
     @cached_property
     def _stepper(self) -> Stepper:
@@ -378,7 +379,7 @@ class PoseDMP:
     def _table(self, state: State, steps: int, time_step: float) -> Floats:
         """Everything about the coming steps that depends on the phase alone."""
         basis, tau = self.position.forcing.basis, state.duration
-        begin = self.phase.fraction(state.phase) if state.previous_step else 0.0
+        begin = self.phase.fraction(state.phase)
         lead = self._rotation_lead(time_step / tau)
         offsets = self._offsets(basis, begin, begin + lead, steps, time_step / tau, state)
         kicks = np.full(steps, time_step)

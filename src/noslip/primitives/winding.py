@@ -81,7 +81,11 @@ class Winding:
             rotations = Rotation.from_quat(knot, scalar_first=True)
         else:
             rotations = self._spline(np.clip(fractions, 0.0, 1.0))
-        return rotations if goal is None else _turned(rotations, self.goal.inv() * goal)
+        if goal is None:
+            return rotations
+        # In the tool's frame; most often there is nothing to turn.
+        turn = self.goal.inv() * goal
+        return rotations if turn.magnitude() == 0.0 else rotations * turn
 
     def along(self, begin: float, steps: int, step_fraction: float, goal: Rotation) -> Floats:
         """Quaternions of W, led to a goal, where each of the coming steps begins.
@@ -94,13 +98,8 @@ class Winding:
         turn = self.goal.inv() * goal
         if turn.magnitude() == 0.0:
             return leading
-        turned = _turned(Rotation.from_quat(leading, scalar_first=True), turn)
+        turned = Rotation.from_quat(leading, scalar_first=True) * turn
         return np.asarray(turned.as_quat(scalar_first=True))
-
-
-def _turned(rotations: Rotation, turn: Rotation) -> Rotation:
-    """Turn in the tool's frame."""
-    return rotations if turn.magnitude() == 0.0 else rotations * turn
 
 
 # As for the basis functions: rollouts of one primitive repeat.
