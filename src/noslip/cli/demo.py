@@ -27,6 +27,8 @@ from noslip.figures import (
     orientation_adjustments,
     save_figure,
 )
+from noslip.figures.style import write_title
+from noslip.trajectory import PoseTrajectory
 
 NAME = "demo"
 EXAMPLES = """
@@ -103,10 +105,8 @@ def _write_figures(
         "numerical_example/snapshots": lambda: blade_snapshots(
             snapshots, desired=example.demonstration
         ),
-        "excision/A_demonstrations": lambda: demonstration_spread(
-            demonstrations, [EXCISION_CONSTRAINT]
-        ),
-        "excision/B_trained": lambda: demonstration_spread(trained, [EXCISION_CONSTRAINT]),
+        "excision/A_demonstrations": lambda: _synthetic_spread("demonstrated", demonstrations),
+        "excision/B_trained": lambda: _synthetic_spread("trained", trained),
         "excision/C_adjustments": lambda: orientation_adjustments(demonstrations, trained),
     }
     written = []
@@ -114,6 +114,13 @@ def _write_figures(
         written += [p for p in save_figure(draw(), out / name) if p.suffix == ".png"]
         progress(done, STAGES)
     return written
+
+
+def _synthetic_spread(what: str, motions: list[PoseTrajectory]) -> Figure:
+    """Spread of motions under a title that says that they are synthetic."""
+    figure = demonstration_spread(motions, [EXCISION_CONSTRAINT])
+    write_title(figure, f"Synthetic excisions, {what}. {figure.get_suptitle()}")
+    return figure
 
 
 def _summary(example: NumericalExample, excisions: list[Excision], seed: int) -> dict[str, Any]:

@@ -33,7 +33,7 @@ class Blade(Constraint):
     level = "velocity"
 
     def __post_init__(self) -> None:
-        if axis_index(self.lateral)[0] == axis_index(self.edge)[0]:
+        if axis_index(self.lateral, "blade: lateral")[0] == axis_index(self.edge, "blade: edge")[0]:
             raise ConstraintError(
                 f"blade: the lateral axis and the edge must differ, both are {self.edge!r}"
             )

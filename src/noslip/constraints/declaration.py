@@ -200,9 +200,9 @@ def constraint_function(constraint: Constraint) -> Any:
     return ca.Function("constraint", [*vars(motion).values()], [column])
 
 
-def axis_index(axis: str) -> tuple[int, float]:
+def axis_index(axis: str, name: str = "axis") -> tuple[int, float]:
     """Index and sign of a body axis such as ``"y"`` or ``"-x"``."""
     letter = axis.removeprefix("-") if isinstance(axis, str) else axis
     if letter not in AXES:
-        raise ConstraintError(f"a body axis is one of x, y, z, -x, -y, -z; got {axis!r}")
+        raise ConstraintError(f"{name}: a body axis is one of x, y, z, -x, -y, -z; got {axis!r}")
     return AXES.index(letter), -1.0 if axis.startswith("-") else 1.0
