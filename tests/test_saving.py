@@ -100,7 +100,7 @@ def assert_same_motions(a: ConstrainedDMP, b: ConstrainedDMP, **asked: Any) -> N
             "alpha_s": st.floats(0.3, 3),
             "basis_functions": st.integers(2, 40),
             "stabilization": st.floats(0, 50),
-            "inverse_metric": st.sampled_from([(1, 1, 1, 0, 0, 0), (1, 2, 1, 0.5, 0.5, 3.0)]),
+            "metric": st.sampled_from(["position", "shared", (1, 2, 1, 0.5, 0.5, 3.0)]),
         }
     ),
 )
@@ -136,7 +136,7 @@ def test_steps_are_the_same_to_the_bit_too(dmp: ConstrainedDMP, saved: Path) -> 
 
 
 def test_a_users_constraints_need_no_users_code(tmp_path: Path) -> None:
-    dmp = learn(demonstration(), own_rules(), basis_functions=20, inverse_metric=(1,) * 6)
+    dmp = learn(demonstration(), own_rules(), basis_functions=20, metric=(1,) * 6)
     again = load_primitive(dmp.save(tmp_path / "own.json"))
     assert_same_motions(dmp, again)
     assert [c.name for c in again.constraints] == ["no twist", "blade", "on the table"]
@@ -162,7 +162,8 @@ def test_the_file_is_plain_json_that_says_what_it_is(dmp: ConstrainedDMP, saved:
     assert document["version"] == 1
     content = document["content"]
     assert content["duration"] == dmp.duration
-    assert content["constraints"] == [{"type": "blade", "arguments": {"lateral": "y", "edge": "x"}}]
+    arguments = {"lateral": "y", "edge": "x", "reference_point": [0.0, 0.0, 0.0]}
+    assert content["constraints"] == [{"type": "blade", "arguments": arguments}]
     assert [record["demonstration"] for record in content["learned_from"]] == ["a", "b"]
 
 
@@ -391,7 +392,7 @@ def test_an_unknown_constraint_is_named(saved: Path) -> None:
 
 
 def test_an_expression_that_casadi_cannot_read_is_named(tmp_path: Path) -> None:
-    dmp = learn(demonstration(), own_rules(), basis_functions=5, inverse_metric=(1,) * 6)
+    dmp = learn(demonstration(), own_rules(), basis_functions=5, metric=(1,) * 6)
     path = dmp.save(tmp_path / "own.json")
     document = json.loads(path.read_text())
     where = ("content", "constraints", 0, "expression")

@@ -20,7 +20,7 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     if not 0 < number <= LARGEST:
         wanted = f"a positive number of {unit}" if unit else "positive"
         limit = f" up to {LARGEST:g}" if number > LARGEST else ""
-        raise InputError(f"{name} must be {wanted}{limit}, got {value!r}")
+        raise InputError(f"{name} must be {wanted}{limit}, got {_short(value)}")
     return number
 
 
@@ -28,7 +28,7 @@ def not_negative(name: str, value: Any) -> float:
     """Return a finite number, 0 or more."""
     number = _number(value)
     if not 0 <= number <= LARGEST:
-        raise InputError(f"{name} must be a number, 0 or more, got {value!r}")
+        raise InputError(f"{name} must be a number, 0 or more, got {_short(value)}")
     return number
 
 
@@ -51,7 +51,7 @@ def count(name: str, value: Any, most: int | None = None) -> int:
     if not (np.isfinite(number) and number >= 1 and number == int(number)):
         raise InputError(f"{name} must be a whole number, 1 or more, got {value!r}")
     if most is not None and number > most:
-        raise InputError(f"{name} must be {most} or less, got {value!r}")
+        raise InputError(f"{name} must be {most} or less, got {_short(value)}")
     return int(number)
 
 
@@ -59,7 +59,7 @@ def vector(name: str, value: Any, unit: str = "m") -> Floats:
     """Return 3 finite numbers, shape (3,)."""
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.shape != (3,) or not np.all(np.abs(array) <= LARGEST):
         raise InputError(
@@ -87,10 +87,24 @@ def inverse_metric(value: Sequence[float]) -> tuple[float, ...]:
     return numbers
 
 
+def positive_weights(name: str, value: Sequence[float]) -> tuple[float, ...]:
+    """Return 6 positive numbers; infinite ones hold what they weigh."""
+    try:
+        numbers = tuple(float(x) for x in value)
+    except (TypeError, ValueError):
+        numbers = ()
+    fits = len(numbers) == 6 and all(x > 0 for x in numbers)
+    if not fits or not any(map(np.isfinite, numbers)):
+        raise InputError(
+            f"{name} must be 6 positive numbers, not all infinite; got {_short(value)}"
+        )
+    return numbers
+
+
 def _number(value: Any) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return float("nan")
 
 

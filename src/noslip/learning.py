@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip.constraints.declaration import Constraint
@@ -15,12 +16,15 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.primitives.pose import (
     MOST_BASIS_FUNCTIONS,
     PoseDMP,
+    ProjectStart,
     State,
     as_demonstrations,
     default_steps,
     evenly_sampled,
 )
 from noslip.primitives.stepping import Stepper
+from noslip.projection.feasibility import project_pose, require_consistent
+from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, coupling, project_velocities
 from noslip.projection.trajectory import (
     POSITION_SMOOTHING,
@@ -35,6 +39,8 @@ from noslip.trajectory import PoseTrajectory
 _NO_LEAD = 1e-9
 STABILIZATION = 20.0
 """How fast a violation at the start decays, per duration."""
+BARRIER_RATE = 100.0
+"""How fast the margin of a limit may shrink that names no rate of its own, per duration."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +100,8 @@ class ConstrainedDMP(PoseDMP):
         Diagonal of M^-1: who gives way at run time; position only by default, as in the paper.
     stabilization : float
         Rate at which a violation present at the start decays, per duration.
+    barrier_rate : float
+        Rate at which the margins of limits may shrink that name none of their own, per duration.
     record : tuple of LearningRecord
     projected_step : float or None
         Step of the projected demonstrations, as a fraction of the duration.
@@ -103,6 +111,7 @@ class ConstrainedDMP(PoseDMP):
     regular: PoseDMP
     inverse_metric: tuple[float, ...] = POSITION_ONLY
     stabilization: float = STABILIZATION
+    barrier_rate: float = BARRIER_RATE
     record: tuple[LearningRecord, ...] = ()
     projected_step: float | None = None
 
@@ -121,23 +130,39 @@ class ConstrainedDMP(PoseDMP):
             projected_step=None,
         )
 
-    def _admissible(self, state: State) -> State:
-        """Return the state with its velocities projected onto the constraints."""
-        pose = (state.position, state.rotation.as_quat(scalar_first=True))
-        linear, angular, residual = project_velocities(
-            self.system,
-            0.0,
-            *pose,
-            state.linear_velocity,
-            state.angular_velocity,
-            inverse_metric=self.inverse_metric,
-        )
+    def _admissible(self, state: State, project: ProjectStart) -> State:
+        """Return the state with its velocities, or its pose too, projected onto the constraints."""
+        if not self.system.size:
+            return state
+        position, quaternion = state.position, state.rotation.as_quat(scalar_first=True)
+        if project == "pose":
+            position, quaternion = project_pose(
+                self.system, 0.0, position, quaternion, inverse_metric=self.inverse_metric
+            )
+        linear, angular = state.linear_velocity, state.angular_velocity
+        if project != "nothing":
+            linear, angular, _ = project_velocities(
+                self.system,
+                0.0,
+                position,
+                quaternion,
+                linear,
+                angular,
+                inverse_metric=self.inverse_metric,
+                residual_rate=state.pull_in,
+            )
+        at = (state.time, position, quaternion, linear, angular)
+        equalities, limits = self.system.equalities, self.system.limits
         return replace(
             state,
+            position=position,
+            rotation=Rotation.from_quat(quaternion, scalar_first=True),
             linear_velocity=linear,
             angular_velocity=angular,
-            constraint_residuals=residual,
-            multipliers=np.zeros(self.system.size),
+            constraint_residuals=equalities.residuals(*at)[0],
+            multipliers=np.zeros(equalities.size),
+            margins=limits.residuals(*at)[0],
+            limit_multipliers=np.zeros(limits.size),
         )
 
     def save(self, path: str | Path) -> Path:
@@ -159,7 +184,8 @@ class ConstrainedDMP(PoseDMP):
         # A velocity constraint ties the rotation at the end of a step to the chord of the step,
         # that is, to the motion half a step earlier.  What was learned from steps of one length is
         # half the difference early or late in steps of another.
-        if self.projected_step is None or not self.system.row_is_velocity.any():
+        at_velocity = self.system.equalities.row_is_velocity.any()
+        if self.projected_step is None or not at_velocity:
             return 0.0
         lead = (self.projected_step - step_fraction) / 2
         return lead if abs(lead) > _NO_LEAD else 0.0
@@ -169,8 +195,16 @@ class ConstrainedDMP(PoseDMP):
         return self.stabilization
 
     @property
+    def _barrier_rate(self) -> float:
+        return self.barrier_rate
+
+    @property
     def _constraint_names(self) -> tuple[str, ...]:
-        return tuple(self.system.row_names)
+        return tuple(self.system.equalities.row_names)
+
+    @property
+    def _limit_names(self) -> tuple[str, ...]:
+        return tuple(self.system.limits.row_names)
 
 
 def learn(
@@ -188,8 +222,10 @@ def learn(
     position_weight: float = POSITION_WEIGHT,
     position_smoothing: float = POSITION_SMOOTHING,
     rotation_smoothing: float = ROTATION_SMOOTHING,
-    inverse_metric: Sequence[float] = POSITION_ONLY,
+    metric: Metric | None = None,
+    metric_length: float | None = None,
     stabilization: float = STABILIZATION,
+    barrier_rate: float = BARRIER_RATE,
     progress: Callable[[int, int], None] | None = None,
 ) -> ConstrainedDMP:
     """Learn a primitive from demonstrations that holds constraints exactly.
@@ -203,7 +239,8 @@ def learn(
     demonstrations : PoseTrajectory or several
         Any rate, any start time.
     constraints : Constraint or several
-        Each zero along the motion; none gives an ordinary pose primitive.
+        Equalities, zero along the motion, and limits, not negative; none gives an ordinary pose
+        primitive.
     basis_functions, alpha, beta, alpha_s, ridge
         As for :meth:`PoseDMP.fit`.
     hold_position : bool
@@ -213,10 +250,15 @@ def learn(
         What of the demonstrations' first and last sample the projection must keep.
     position_weight, position_smoothing, rotation_smoothing : float
         See :func:`noslip.project_trajectory`.
-    inverse_metric : 6 numbers
-        Diagonal of M^-1: who gives way at run time; position only by default.
+    metric : "position", "rotation", "shared" or 6 positive weights, optional
+        Who gives way at run time: M of Gauss's principle, see :mod:`noslip.projection.metric`.  By
+        default the position, as in the paper, where that can hold every constraint; else both.
+    metric_length : float, optional
+        Metres that weigh as much as a radian; by default the length of a mean step.
     stabilization : float
         Rate at which a violation present at the start decays, per duration.
+    barrier_rate : float
+        Rate at which the margins of limits may shrink that name none of their own, per duration.
     progress : callable, optional
         Called with (demonstrations done, all) after each projection.
 
@@ -229,9 +271,13 @@ def learn(
     """
     recorded = as_demonstrations(demonstrations)
     system = as_system(constraints)
-    metric = _arguments.inverse_metric(inverse_metric)
+    length = recorded[0].path_length / default_steps(recorded[0])
+    chosen = inverse_metric(system, metric, metric_length, length)
+    barrier_rate = _arguments.positive("barrier_rate", barrier_rate)
     stabilization = _arguments.not_negative("stabilization", stabilization)
     basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
+    for demonstration in recorded:
+        require_consistent(system, demonstration)
     projected, record = [], []
     sampled = [evenly_sampled(d, basis_functions) for d in recorded]
     for index, demonstration in enumerate(sampled):
@@ -266,8 +312,9 @@ def learn(
         steps=regular.steps,
         constraints=system.constraints,
         regular=regular,
-        inverse_metric=metric,
+        inverse_metric=chosen,
         stabilization=stabilization,
+        barrier_rate=barrier_rate,
         record=tuple(record),
         projected_step=(
             float(np.mean([1 / (len(d) - 1) for d in projected])) if projected else None

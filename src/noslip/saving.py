@@ -17,7 +17,7 @@ from noslip._files import write_beside
 from noslip._version import __version__
 from noslip.constraints.catalogue import restore, specification
 from noslip.errors import InputError, NoslipError
-from noslip.learning import ConstrainedDMP, LearningRecord
+from noslip.learning import BARRIER_RATE, ConstrainedDMP, LearningRecord
 from noslip.primitives.attractor import Attractor
 from noslip.primitives.basis import Basis
 from noslip.primitives.forcing import ForcingTerm
@@ -45,6 +45,7 @@ def save_primitive(dmp: ConstrainedDMP, path: str | Path) -> Path:
         "constraints": [specification(constraint) for constraint in dmp.constraints],
         "inverse_metric": list(dmp.inverse_metric),
         "stabilization": dmp.stabilization,
+        "barrier_rate": dmp.barrier_rate,
         "primitive": _parts(dmp),
         "regular": _parts(dmp.regular),
         "projected_step": dmp.projected_step,
@@ -115,6 +116,10 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         inverse_metric=read.field(content, "inverse_metric", _arguments.inverse_metric),
         stabilization=read.field(
             content, "stabilization", lambda x: _arguments.not_negative("stabilization", x)
+        ),
+        # Files written before there were limits have none.
+        barrier_rate=(
+            read.positive(content, "barrier_rate") if "barrier_rate" in content else BARRIER_RATE
         ),
         record=tuple(read.records(content)),
         projected_step=read.field(

@@ -312,7 +312,7 @@ def test_a_constraint_forces_panel_shows_rollouts_alone(every_figure, motions):
 
 def test_angular_constraint_forces_have_a_panel_where_there_are_any(motions):
     dmp = noslip.learn(
-        motions["demonstration"], BLADE, basis_functions=20, inverse_metric=(1.0,) * 6
+        motions["demonstration"], BLADE, basis_functions=20, metric=(1.0,) * 6
     )
     rollout = dmp.constrained.rollout()
     ax = panel(

@@ -208,11 +208,12 @@ def coupled(names: tuple[str, ...], metric: tuple[float, ...]) -> Any:
     """Compile a coupling term as a function of numbers."""
     system = ConstraintSystem([rule for name in names for rule in SETS[name]])
     p, q, v, w = (ca.SX.sym(name, n) for name, n in zip("pqvw", (3, 4, 3, 3), strict=True))
-    dt, t, decay = ca.SX.sym("dt"), ca.SX.sym("t"), ca.SX.sym("decay")
+    dt, t, rate = ca.SX.sym("dt"), ca.SX.sym("t"), ca.SX.sym("rate")
     free = ca.SX.sym("free", 6)
-    symbols = StepSymbols(p, q, v, w, dt, dt, dt, t + dt, decay)
-    outputs = coupling(system, inverse_metric=metric)(symbols, free[:3], free[3:])
-    return ca.Function("step", [p, q, v, w, dt, t, decay, free], list(outputs))
+    symbols = StepSymbols(p, q, v, w, dt, dt, dt, t + dt, rate, rate)
+    held = coupling(system, inverse_metric=metric)(symbols, free[:3], free[3:])
+    outputs = [held.linear, held.angular, held.values, held.multipliers]
+    return ca.Function("step", [p, q, v, w, dt, t, rate, free], outputs)
 
 
 def take(step: Step, name: str, metric: tuple[float, ...], dt: float) -> tuple[Floats, ...]:
@@ -225,7 +226,7 @@ def take(step: Step, name: str, metric: tuple[float, ...], dt: float) -> tuple[F
         step.velocities[3:],
         dt,
         step.time,
-        1.0,
+        0.0,
         free,
     )
     velocities = np.concatenate([np.array(v).ravel(), np.array(w).ravel()])
@@ -539,21 +540,35 @@ def test_the_rate_is_per_duration() -> None:
 
 @pytest.mark.parametrize("rate", [5.0, 20.0])
 @pytest.mark.parametrize(("name", "off"), [("sphere", 0.05), ("moving plane", -0.02)])
-def test_a_position_residual_decays_like_a_critically_damped_oscillator(
-    name: str, off: float, rate: float
+@pytest.mark.parametrize("project_start", ["velocity", "nothing", "pose"])
+def test_a_start_off_a_position_constraint_is_projected_or_pulled_in(
+    name: str, off: float, rate: float, project_start: Any
 ) -> None:
     start = start_on(name)
     outward = (start - CENTRE) / 3 if name == "sphere" else np.array([0, 0, 1.0])
-    motion = constrained(SETS[name], stabilization=rate).rollout(
-        start_position=start + off * outward, time_step=1e-3
-    )
-    found = motion.constraint_residuals[:, 0]
-    # The recursion's double root is d = exp(-kappa dt), begun at rest.
-    k, d = np.arange(len(motion)), np.exp(-rate * 1e-3)
-    np.testing.assert_allclose(found, off * d**k * (1 + k * (1 - d)), rtol=0, atol=1e-11)
-    times = motion.times
-    continuous = off * np.exp(-rate * times) * (1 + rate * times)
-    np.testing.assert_allclose(found, continuous, rtol=0, atol=1e-3 * abs(off) * rate)
+    dmp, off_start = constrained(SETS[name]), start + off * outward
+    choice = {"project_start": project_start, "pull_in": rate}
+    motion = dmp.rollout(start_position=off_start, time_step=1e-3, **choice)
+    found, times = motion.constraint_residuals[:, 0], motion.times
+    if project_start == "pose":
+        np.testing.assert_allclose(found, 0, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(motion.positions[0], start, rtol=0, atol=1e-6)
+        return
+    state = dmp.initial_state(start_position=off_start, **choice)
+    _, (speed,), _ = ConstraintSystem(SETS[name]).instant(0.0, *split(state))
+    if project_start == "velocity":
+        assert speed == pytest.approx(-rate * off, abs=1e-12)
+    # The critically damped oscillator from that speed on, whatever the step; begun with
+    # -rate off it is the exponential alone.
+    expected = (off + (speed + rate * off) * times) * np.exp(-rate * times)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+    if project_start == "velocity":
+        np.testing.assert_allclose(found, off * np.exp(-rate * times), rtol=0, atol=1e-11)
+
+
+def split(state: State) -> tuple[Floats, Floats, Floats, Floats]:
+    vector = state.vector()
+    return vector[:3], vector[3:7], vector[7:10], vector[10:]
 
 
 def test_no_stabilization_keeps_an_offset() -> None:
@@ -691,5 +706,5 @@ def test_a_metric_that_cannot_hold_a_constraint_is_refused() -> None:
     def no_roll(motion: Motion) -> Any:
         return motion.rotation[:, 0].T @ motion.angular_velocity
 
-    with pytest.raises(ConstraintError, match=r"'no roll'.*inverse_metric"):
+    with pytest.raises(ConstraintError, match=r"'no roll'.*metric"):
         constrained([no_roll]).rollout()

@@ -1,19 +1,53 @@
 """What must hold: constraints, each declared once."""
 
 from noslip.constraints.blade import Blade
+from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
 from noslip.constraints.declaration import (
     Constraint,
     Motion,
+    keep_nonnegative,
     position_constraint,
     velocity_constraint,
 )
+from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
+from noslip.constraints.moving_frame import InMovingFrame
+from noslip.constraints.needle import Needle
+from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
+from noslip.constraints.region import Box, DepthLimit, HalfSpace
+from noslip.constraints.remote_centre import RemoteCentre
+from noslip.constraints.rolling import RollingDisc, RollingSphere
 from noslip.constraints.system import ConstraintSystem
+from noslip.constraints.tool_axis import ToolAxis
+from noslip.constraints.travel import ForwardOnly, TurningRadius
+from noslip.constraints.wheel import Wheel
 
 __all__ = [
+    "AccelerationLimit",
+    "AngularRateLimit",
     "Blade",
+    "Box",
     "Constraint",
     "ConstraintSystem",
+    "CylinderContact",
+    "DepthLimit",
+    "ForwardOnly",
+    "HalfSpace",
+    "InMovingFrame",
+    "KeepOutCapsule",
+    "KeepOutSphere",
     "Motion",
+    "Needle",
+    "PlaneContact",
+    "RemoteCentre",
+    "RollingDisc",
+    "RollingSphere",
+    "SpeedLimit",
+    "SphereContact",
+    "SurfaceContact",
+    "ToolAxis",
+    "TurningRadius",
+    "Wheel",
+    "keep_nonnegative",
     "position_constraint",
     "velocity_constraint",
 ]

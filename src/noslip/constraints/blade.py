@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip.constraints.declaration import Constraint, Motion, axis_index
+from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, point, settle
 from noslip.errors import ConstraintError
 from noslip.rotations import Expression
 
@@ -24,21 +25,26 @@ class Blade(Constraint):
     edge : str
         The body axis that leads the cut; ``"-x"`` for a tool recorded backwards.  The constraint
         itself does not depend on it: it tells which of the two ways round the blade faces.
+    reference_point : 3 numbers
+        The point of the tool that must not slip, m, body frame; the blade's own turning moves every
+        other one sideways.
     """
 
     lateral: str = "y"
     edge: str = "x"
+    reference_point: Triple = ORIGIN
 
     name = "blade"
     level = "velocity"
 
     def __post_init__(self) -> None:
-        if axis_index(self.lateral, "blade: lateral")[0] == axis_index(self.edge, "blade: edge")[0]:
+        settle(self, self.name, lateral=axis, edge=axis, reference_point=point)
+        if axis_index(self.lateral)[0] == axis_index(self.edge)[0]:
             raise ConstraintError(
                 f"blade: the lateral axis and the edge must differ, both are {self.edge!r}"
             )
 
     def residual(self, motion: Motion) -> Expression:
-        """Lateral speed (m/s)."""
-        index, sign = axis_index(self.lateral)
-        return sign * ca.dot(motion.rotation[:, index], motion.linear_velocity)
+        """Lateral speed of the reference point (m/s)."""
+        velocity = motion.at(self.reference_point).linear_velocity
+        return ca.dot(body_axis(motion, self.lateral), velocity)

@@ -10,12 +10,46 @@ from pathlib import Path
 from typing import Any
 
 from noslip.constraints.blade import Blade
-from noslip.constraints.declaration import Constraint, Level, Motion, constraint_function
+from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
+from noslip.constraints.declaration import Constraint, Motion, constraint_function, described
 from noslip.constraints.expression import from_data, to_data
+from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
+from noslip.constraints.moving_frame import InMovingFrame
+from noslip.constraints.needle import Needle
+from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
+from noslip.constraints.region import Box, DepthLimit, HalfSpace
+from noslip.constraints.remote_centre import RemoteCentre
+from noslip.constraints.rolling import RollingDisc, RollingSphere
+from noslip.constraints.tool_axis import ToolAxis
+from noslip.constraints.travel import ForwardOnly, TurningRadius
+from noslip.constraints.wheel import Wheel
 from noslip.errors import ConstraintError
 from noslip.rotations import Expression
 
-CATALOGUE: dict[str, type[Constraint]] = {"blade": Blade}
+CATALOGUE: dict[str, type[Constraint]] = {
+    "blade": Blade,
+    "needle": Needle,
+    "wheel": Wheel,
+    "rolling-disc": RollingDisc,
+    "rolling-sphere": RollingSphere,
+    "plane-contact": PlaneContact,
+    "sphere-contact": SphereContact,
+    "cylinder-contact": CylinderContact,
+    "surface-contact": SurfaceContact,
+    "remote-centre": RemoteCentre,
+    "tool-axis": ToolAxis,
+    "in-moving-frame": InMovingFrame,
+    "half-space": HalfSpace,
+    "depth-limit": DepthLimit,
+    "box": Box,
+    "keep-out-sphere": KeepOutSphere,
+    "keep-out-capsule": KeepOutCapsule,
+    "speed-limit": SpeedLimit,
+    "angular-rate-limit": AngularRateLimit,
+    "acceleration-limit": AccelerationLimit,
+    "forward-only": ForwardOnly,
+    "turning-radius": TurningRadius,
+}
 
 
 def parse_constraint(text: str) -> Constraint:
@@ -70,11 +104,17 @@ def specification(constraint: Constraint) -> dict[str, Any]:
         if type(constraint) is factory:
             fields = dataclasses.fields(constraint)  # type: ignore[arg-type]
             arguments = {f.name: getattr(constraint, f.name) for f in fields if f.init}
-            return {"type": name, "arguments": arguments}
+            # What holds a function of the user's is saved by its expression instead.
+            if all(_is_plain(value) for value in arguments.values()):
+                return {"type": name, "arguments": arguments}
     return {
         "type": "declared",
         "name": constraint.name,
         "level": constraint.level,
+        "relation": constraint.relation,
+        "unit": constraint.unit,
+        "barrier_rate": constraint.barrier_rate,
+        "priority": constraint.priority,
         "lateral": constraint.lateral,
         "edge": constraint.edge,
         "expression": to_data(constraint_function(constraint)),
@@ -85,11 +125,7 @@ def restore(data: dict[str, Any]) -> Constraint:
     """Return the constraint that :func:`specification` described."""
     if data["type"] != "declared":
         return build(str(data["type"]), dict(data["arguments"]))
-    if data["level"] not in ("velocity", "position"):
-        raise ConstraintError(f"level must be velocity or position, got {data['level']!r}")
-    constraint = _RestoredConstraint(
-        str(data["name"]), data["level"], data["lateral"], data["edge"], data["expression"]
-    )
+    constraint = _RestoredConstraint(data)
     constraint_function(constraint)
     return constraint
 
@@ -97,17 +133,25 @@ def restore(data: dict[str, Any]) -> Constraint:
 class _RestoredConstraint(Constraint):
     """A user's constraint read back from its expression; the user's code is not needed."""
 
-    def __init__(
-        self, name: str, level: Level, lateral: str | None, edge: str | None, expression: Any
-    ) -> None:
-        self.name, self.level, self.lateral, self.edge = name, level, lateral, edge
-        self._expression = expression
+    def __init__(self, data: dict[str, Any]) -> None:
+        self.name, self.level = str(data["name"]), data["level"]
+        self.lateral, self.edge = data["lateral"], data["edge"]
+        # Files of version 0.1 know equalities alone.
+        self.relation, self.unit = data.get("relation", "zero"), data.get("unit")
+        self.barrier_rate, self.priority = data.get("barrier_rate"), data.get("priority", 0)
+        self._expression = data["expression"]
 
     def residual(self, motion: Motion) -> Expression:
         return from_data(self._expression, [*vars(motion).values()])
 
     def __repr__(self) -> str:
-        return f"<{self.level} constraint {self.name!r}>"
+        return described(self)
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, (list, tuple)):
+        return all(_is_plain(item) for item in value)
+    return value is None or isinstance(value, (str, bool, int, float))
 
 
 def _literal_arguments(text: str, call: ast.Call) -> dict[str, Any]:

@@ -2,27 +2,41 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from functools import cached_property
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from noslip.constraints.declaration import Constraint, constraint_function
+from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, constraint_function
 from noslip.errors import ConstraintError
 from noslip.rotations import Expression, quaternion_product, rotation_matrix
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 
 class ConstraintSystem:
-    """Constraints stacked row by row: velocity- and position-level ones in the order given.
+    """Constraints stacked row by row, in the order given.
+
+    The residual of an inequality is its margin.  Projections treat :attr:`equalities` and
+    :attr:`limits` apart; checks and figures take all rows together.
 
     Parameters
     ----------
     constraints : Constraint or iterable of them
         May be empty.
+
+    Attributes
+    ----------
+    constraints : tuple of Constraint
+    names : tuple of str
+        One a constraint; equal ones are numbered.
+    rows : tuple of int
+        Number of rows of each constraint.
 
     Raises
     ------
@@ -41,36 +55,84 @@ class ConstraintSystem:
                 raise ConstraintError(
                     f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
                 )
+        self.names = _numbered([c.name for c in self.constraints])
         t, p, q, v, w = _state_symbols()
-        columns = [constraint_function(c)(t, p, rotation_matrix(q), v, w) for c in self.constraints]
+        a, alpha = ca.SX.sym("a", 3), ca.SX.sym("alpha", 3)
+        R = rotation_matrix(q)
+        columns = [constraint_function(c)(t, p, R, v, w, a, alpha) for c in self.constraints]
         self.rows: tuple[int, ...] = tuple(column.shape[0] for column in columns)
         stacked = ca.vertcat(ca.SX(0, 1), *columns)
-        self.function = ca.Function("residual", [t, p, q, v, w], [stacked])
+        self.function = ca.Function("residual", [t, p, q, v, w, a, alpha], [stacked])
+
+    @cached_property
+    def equalities(self) -> ConstraintSystem:
+        """Those of the constraints that must be zero."""
+        return self._those("zero")
+
+    @cached_property
+    def limits(self) -> ConstraintSystem:
+        """Those of the constraints that must not be negative."""
+        return self._those("nonnegative")
+
+    def _those(self, relation: Relation) -> ConstraintSystem:
+        chosen = [c for c in self.constraints if c.relation == relation]
+        if len(chosen) == len(self.constraints):
+            return self
+        system = ConstraintSystem(chosen)
+        numbered = zip(self.names, self.constraints, strict=True)
+        system.names = tuple(name for name, c in numbered if c.relation == relation)
+        return system
 
     @property
     def size(self) -> int:
         """Number of rows, all constraints together."""
         return sum(self.rows)
 
+    def per_row(self, values: Iterable[T]) -> list[T]:
+        """Repeat a value of each constraint for each of its rows."""
+        return [value for value, rows in zip(values, self.rows, strict=True) for _ in range(rows)]
+
+    @cached_property
+    def row_levels(self) -> list[Level]:
+        """For each row, the level at which its constraint is declared."""
+        return self.per_row(c.level for c in self.constraints)
+
     @cached_property
     def row_is_velocity(self) -> NDArray[np.bool_]:
         """For each row, whether it stems from a velocity-level constraint."""
-        return np.repeat([c.level == "velocity" for c in self.constraints], self.rows).astype(bool)
+        return np.array([level == "velocity" for level in self.row_levels], dtype=bool)
+
+    @cached_property
+    def row_is_limit(self) -> NDArray[np.bool_]:
+        """For each row, whether it is an inequality."""
+        return np.array(self.per_row(c.relation != "zero" for c in self.constraints), dtype=bool)
+
+    @cached_property
+    def row_units(self) -> list[str]:
+        """For each row, the unit of its residual."""
+        return self.per_row(c.unit or UNITS[c.level] for c in self.constraints)
 
     @cached_property
     def row_names(self) -> list[str]:
         """For each row, the constraint's name, numbered where a constraint has several rows."""
         return [
-            constraint.name if rows == 1 else f"{constraint.name} [{row}]"
-            for constraint, rows in zip(self.constraints, self.rows, strict=True)
+            name if rows == 1 else f"{name} [{row}]"
+            for name, rows in zip(self.names, self.rows, strict=True)
             for row in range(rows)
         ]
 
     def residual(
-        self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression
+        self,
+        t: Expression,
+        p: Expression,
+        q: Expression,
+        v: Expression,
+        w: Expression,
+        a: Expression = 0,
+        alpha: Expression = 0,
     ) -> Expression:
         """Stacked residual as an expression of other expressions."""
-        return self.function(t, p, q, v, w)
+        return self.function(t, p, q, v, w, a, alpha)
 
     def residuals(
         self,
@@ -79,15 +141,24 @@ class ConstraintSystem:
         quaternions: ArrayLike,
         linear_velocities: ArrayLike,
         angular_velocities: ArrayLike,
+        linear_accelerations: ArrayLike | None = None,
+        angular_accelerations: ArrayLike | None = None,
     ) -> Floats:
         """Residuals of many instants, shape (N, m); arguments have time first."""
         count = len(np.atleast_1d(times))
         if self.size == 0:
             return np.zeros((count, 0))
-        arguments = (
-            np.asarray(a, dtype=np.float64).reshape(count, -1).T
-            for a in (times, positions, quaternions, linear_velocities, angular_velocities)
+        still = np.zeros((count, 3))
+        given = (
+            times,
+            positions,
+            quaternions,
+            linear_velocities,
+            angular_velocities,
+            still if linear_accelerations is None else linear_accelerations,
+            still if angular_accelerations is None else angular_accelerations,
         )
+        arguments = (np.asarray(a, dtype=np.float64).reshape(count, -1).T for a in given)
         residuals = np.array(self.function.map(count)(*arguments)).T.reshape(count, self.size)
         if not np.all(np.isfinite(residuals)):
             sample, row = np.argwhere(~np.isfinite(residuals))[0]
@@ -97,19 +168,21 @@ class ConstraintSystem:
             )
         return residuals
 
+    @cached_property
+    def _first_order(self) -> ca.Function:
+        state = _state_symbols()
+        value = self.residual(*state)
+        rate = _time_derivative(value, *state)
+        rows = [
+            rate[i] if level == "position" else value[i] for i, level in enumerate(self.row_levels)
+        ]
+        return ca.Function("first_order", [*state], [ca.vertcat(ca.SX(0, 1), *rows)])
+
     def first_order(
         self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression
     ) -> Expression:
         """Rows as conditions on velocities: phi itself, and d psi/dt for position level."""
-        value = self.residual(t, p, q, v, w)
-        rate = _time_derivative(value, t, p, q, v, w)
-        return ca.vertcat(
-            ca.SX(0, 1),
-            *(
-                value[i] if is_velocity else rate[i]
-                for i, is_velocity in enumerate(self.row_is_velocity)
-            ),
-        )
+        return self._first_order(t, p, q, v, w)
 
     @cached_property
     def _instant(self) -> ca.Function:
@@ -147,6 +220,8 @@ class ConstraintSystem:
 
     @cached_property
     def _acceleration_form(self) -> ca.Function:
+        if "acceleration" in self.row_levels:
+            raise ConstraintError("limits of accelerations have no form A a = b; leave them out")
         t, p, q, v, w = state = _state_symbols()
         kappa, zeta = ca.SX.sym("kappa"), ca.SX.sym("zeta")
         value = self.residual(*state)
@@ -208,6 +283,16 @@ def as_system(
     if isinstance(constraints, ConstraintSystem):
         return constraints
     return ConstraintSystem(constraints)
+
+
+def _numbered(names: Sequence[str]) -> tuple[str, ...]:
+    """Names, those that occur more than once with their number from the second on."""
+    seen: Counter[str] = Counter()
+    numbered = []
+    for name in names:
+        seen[name] += 1
+        numbered.append(name if seen[name] == 1 else f"{name} {seen[name]}")
+    return tuple(numbered)
 
 
 def _state_symbols() -> tuple[Expression, ...]:

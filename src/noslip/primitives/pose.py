@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,9 @@ T = TypeVar("T")
 SAMPLES_PER_BASIS_FUNCTION = 5
 """A demonstration with fewer samples is splined to this many before fitting."""
 MOST_BASIS_FUNCTIONS = 2000
+HELD = 1e-9
+"""A margin above minus this counts as kept."""
+ProjectStart = Literal["velocity", "pose", "nothing"]
 FEWEST_STEPS = 200
 """A rollout takes at least this many steps unless told otherwise."""
 
@@ -52,7 +55,12 @@ class State:
         tau (s).
     goal_position : array, shape (3,)
     goal_rotation : Rotation
+    pull_in : float
+        Rate at which a violation decays (1/s).
     constraint_residuals, multipliers : array, shape (m,)
+        Of the equalities.
+    margins, limit_multipliers : array, shape (k,)
+        Of the limits.
     constraint_forces : array, shape (6,)
         What the constraints added to the acceleration of that step (m/s^2, rad/s^2).
     """
@@ -67,8 +75,11 @@ class State:
     duration: float
     goal_position: Floats
     goal_rotation: Rotation
+    pull_in: float = 0.0
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros(0))
     multipliers: Floats = field(default_factory=lambda: np.zeros(0))
+    margins: Floats = field(default_factory=lambda: np.zeros(0))
+    limit_multipliers: Floats = field(default_factory=lambda: np.zeros(0))
     constraint_forces: Floats = field(default_factory=lambda: np.zeros(6))
 
     def vector(self) -> Floats:
@@ -83,6 +94,27 @@ class State:
         )
 
 
+@dataclass(frozen=True)
+class GaveWay:
+    """A limit that did not hold throughout.
+
+    Attributes
+    ----------
+    name : str
+    amount : float
+        Largest violation, in the margin's unit.
+    time : float
+        When (s).
+    share : float
+        Share of the samples in violation.
+    """
+
+    name: str
+    amount: float
+    time: float
+    share: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ConstrainedMotion(PoseTrajectory):
     """A rolled-out motion and what the constraints did to it.
@@ -93,26 +125,69 @@ class ConstrainedMotion(PoseTrajectory):
     Attributes
     ----------
     constraint_residuals : array, shape (N, m)
-        m/s, or the constraint's own unit; one column a row of the constraints.
+        m/s, or the constraint's own unit; one column a row of the equalities.
     multipliers : array, shape (N, m)
         Lagrange multipliers lambda of the accelerations.
     constraint_forces : array, shape (N, 6)
         ``a - a_unconstrained``: linear (m/s^2), then angular (rad/s^2), world frame.
     constraint_names : tuple of str
         One a column.
+    margins, limit_multipliers : array, shape (N, k)
+        The same of the limits; a margin below zero is a violation, a multiplier above zero a push.
+    limit_names : tuple of str
+    row_forces : array, shape (N, m + k, 6)
+        The part of ``constraint_forces`` that each equality, then each limit, causes.
     """
 
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     constraint_forces: Floats = field(default_factory=lambda: np.zeros((0, 6)))
     constraint_names: tuple[str, ...] = ()
+    margins: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    limit_multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    limit_names: tuple[str, ...] = ()
+    row_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 6)))
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        rows = len(self.constraint_names)
+        rows, limits = len(self.constraint_names), len(self.limit_names)
         self._freeze("constraint_residuals", self.constraint_residuals, (rows,))
         self._freeze("multipliers", self.multipliers, (rows,))
         self._freeze("constraint_forces", self.constraint_forces, (6,))
+        if not limits and not len(self.margins):
+            none = np.zeros((len(self.times), 0))
+            object.__setattr__(self, "margins", none)
+            object.__setattr__(self, "limit_multipliers", none)
+        if not len(self.row_forces):
+            object.__setattr__(self, "row_forces", np.zeros((len(self.times), rows + limits, 6)))
+        self._freeze("margins", self.margins, (limits,))
+        self._freeze("limit_multipliers", self.limit_multipliers, (limits,))
+        self._freeze("row_forces", self.row_forces, (rows + limits, 6))
+
+    def force_of(self, name: str) -> Floats:
+        """What one constraint or limit added to the acceleration, shape (N, 6).
+
+        Parameters
+        ----------
+        name : str
+            Of a constraint, all of its rows together, or of a single row ("needle [0]").
+        """
+        names = (*self.constraint_names, *self.limit_names)
+        columns = [i for i, row in enumerate(names) if row == name or row.startswith(f"{name} [")]
+        if not columns:
+            raise InputError(f"no constraint {name!r} took part; there are {', '.join(names)}")
+        return np.asarray(self.row_forces[:, columns].sum(axis=1))
+
+    @property
+    def gave_way(self) -> tuple[GaveWay, ...]:
+        """Limits that did not hold throughout, and by how much; empty if all did."""
+        found = []
+        for name, margin in zip(self.limit_names, self.margins.T, strict=True):
+            worst = int(np.argmin(margin))
+            if margin[worst] < -HELD:
+                share = float(np.mean(margin < -HELD))
+                found.append(GaveWay(name, float(-margin[worst]), float(self.times[worst]), share))
+        return tuple(found)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,6 +288,8 @@ class PoseDMP:
         start_rotation: Rotation | None = None,
         duration: float | None = None,
         time_step: float | None = None,
+        project_start: ProjectStart = "velocity",
+        pull_in: float | None = None,
     ) -> ConstrainedMotion:
         """Integrate the primitive from its start to the end of its duration.
 
@@ -227,6 +304,12 @@ class PoseDMP:
             Seconds.  By default the motion has as many samples as the demonstration (200 or more),
             whatever its duration.  If the duration is no multiple of it, the last sample lies
             beyond the duration by less than a step.
+        project_start : "velocity", "pose" or "nothing"
+            What of a start that violates the constraints is replaced by the nearest that does not.
+            By default the velocity (as in the paper).
+        pull_in : float, optional
+            Rate (1/s) at which what is still violated then decays, as ``exp(-rate t)``; by default
+            the primitive's ``stabilization`` over the duration.
 
         Returns
         -------
@@ -239,6 +322,8 @@ class PoseDMP:
             start_position=start_position,
             start_rotation=start_rotation,
             duration=duration,
+            project_start=project_start,
+            pull_in=pull_in,
         )
         if time_step is None:
             steps = self.steps
@@ -253,12 +338,14 @@ class PoseDMP:
             wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
             steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
         states, outputs = self._stepper.run(state.vector(), self._table(state, steps, time_step))
-        rows = self._stepper.rows
         states = np.concatenate([state.vector()[None], states])
-        first = np.concatenate([state.constraint_residuals, np.zeros(rows + 6)])
-        outputs = np.concatenate([first[None], outputs])
         # The acceleration of the first sample is that of the step which leaves it.
-        outputs[0, rows:] = outputs[1, rows:]
+        outputs = np.concatenate([outputs[:1], outputs])
+        column = self._stepper.outputs
+        outputs[0, column["values"]] = np.concatenate([state.constraint_residuals, state.margins])
+        names, limits = self._constraint_names, self._limit_names
+        rows, all_rows = len(names), len(names) + len(limits)
+        values, multipliers = outputs[:, column["values"]], outputs[:, column["multipliers"]]
         return ConstrainedMotion(
             times=np.arange(steps + 1, dtype=np.float64) * time_step,
             positions=states[:, 0:3],
@@ -266,10 +353,14 @@ class PoseDMP:
             rotations=Rotation(states[:, 3:7], normalize=False, scalar_first=True),
             linear_velocities=states[:, 7:10],
             angular_velocities=states[:, 10:13],
-            constraint_residuals=outputs[:, :rows],
-            multipliers=outputs[:, rows : 2 * rows],
-            constraint_forces=outputs[:, 2 * rows :],
-            constraint_names=self._constraint_names,
+            constraint_residuals=values[:, :rows],
+            multipliers=multipliers[:, :rows],
+            constraint_forces=outputs[:, column["force"]],
+            constraint_names=names,
+            margins=values[:, rows:],
+            limit_multipliers=multipliers[:, rows:],
+            limit_names=limits,
+            row_forces=outputs[:, column["parts"]].reshape(len(outputs), all_rows, 6),
             name="rollout",
         )
 
@@ -281,11 +372,15 @@ class PoseDMP:
         start_position: ArrayLike | None = None,
         start_rotation: Rotation | None = None,
         duration: float | None = None,
+        project_start: ProjectStart = "velocity",
+        pull_in: float | None = None,
     ) -> State:
-        """Return the state to :meth:`step` from; the arguments are those of :meth:`rollout`.
-
-        Under constraints its velocities are projected onto them.
-        """
+        """Return the state to :meth:`step` from; the arguments are those of :meth:`rollout`."""
+        if project_start not in get_args(ProjectStart):
+            raise InputError(
+                f"project_start is one of {', '.join(get_args(ProjectStart))}; got "
+                f"{project_start!r}"
+            )
 
         def chosen(check: Callable[[str, Any], T], name: str, value: Any, default: T) -> T:
             return default if value is None else check(name, value)
@@ -309,7 +404,11 @@ class PoseDMP:
                 goal_rotation=chosen(
                     _arguments.rotation, "goal_rotation", goal_rotation, turned_goal
                 ),
-            )
+                pull_in=chosen(
+                    _arguments.not_negative, "pull_in", pull_in, self._residual_rate / tau
+                ),
+            ),
+            project_start,
         )
 
     def step(self, state: State, time_step: float) -> State:
@@ -319,7 +418,9 @@ class PoseDMP:
         """
         time_step = _arguments.positive("time_step", time_step, "seconds")
         states, outputs = self._stepper.run(state.vector(), self._table(state, 1, time_step))
-        vector, rows = states[0], self._stepper.rows
+        vector, column = states[0], self._stepper.outputs
+        rows = len(self._constraint_names)
+        values, multipliers = outputs[0, column["values"]], outputs[0, column["multipliers"]]
         return replace(
             state,
             time=state.time + time_step,
@@ -329,14 +430,16 @@ class PoseDMP:
             linear_velocity=vector[7:10],
             angular_velocity=vector[10:13],
             previous_step=time_step,
-            constraint_residuals=outputs[0, :rows],
-            multipliers=outputs[0, rows : 2 * rows],
-            constraint_forces=outputs[0, 2 * rows :],
+            constraint_residuals=values[:rows],
+            multipliers=multipliers[:rows],
+            margins=values[rows:],
+            limit_multipliers=multipliers[rows:],
+            constraint_forces=outputs[0, column["force"]],
         )
 
     # ---------------------------------------------------------------- inside
 
-    def _admissible(self, state: State) -> State:
+    def _admissible(self, state: State, project: ProjectStart) -> State:
         """State that a motion may start in, nearest to a given one."""
         return state
 
@@ -373,7 +476,16 @@ class PoseDMP:
         return 0.0
 
     @property
+    def _barrier_rate(self) -> float:
+        """How fast the margin of a limit may shrink, per duration."""
+        return 0.0
+
+    @property
     def _constraint_names(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def _limit_names(self) -> tuple[str, ...]:
         return ()
 
     def _table(self, state: State, steps: int, time_step: float) -> Floats:
@@ -391,7 +503,8 @@ class PoseDMP:
         column["previous_step"][:] = time_step
         column["previous_step"][0] = state.previous_step
         column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
-        column["residual_decay"][:] = np.exp(-self._residual_rate / tau * time_step)
+        column["residual_rate"][:] = state.pull_in
+        column["barrier_rate"][:] = self._barrier_rate / tau
         column["decay"][:] = product
         column["gain"][:] = gain / kicks
         column["position_target"][:] = state.goal_position + offsets[:, :3]

@@ -46,8 +46,10 @@ class StepSymbols:
         Length of the step that led here (s); 0 at the start.
     time : expression
         At the end of the step (s).
-    residual_decay : expression
-        What is left of a residual after the step; 1 keeps it, 0 removes it at once.
+    residual_rate : expression
+        How fast a residual decays (1/s); 0 keeps it.
+    barrier_rate : expression
+        How fast the margin of a limit may shrink that names no rate of its own (1/s).
     """
 
     position: Expression
@@ -58,7 +60,8 @@ class StepSymbols:
     kick: Expression
     previous_step: Expression
     time: Expression
-    residual_decay: Expression
+    residual_rate: Expression
+    barrier_rate: Expression
 
     def advance(self, linear: Expression, angular: Expression) -> tuple[Expression, Expression]:
         """Pose after the step at given velocities: ``p + dt v``, ``Exp(dt w) R``."""
@@ -66,17 +69,42 @@ class StepSymbols:
         return self.position + self.time_step * linear, turned
 
 
-Coupling = Callable[
-    [StepSymbols, Expression, Expression], tuple[Expression, Expression, Expression, Expression]
-]
-"""(symbols, unconstrained v+, w+) -> (v+, w+, residuals (m,), multipliers (m,))."""
+@dataclass(frozen=True)
+class Coupled:
+    """What a coupling term makes of the velocities.
+
+    Attributes
+    ----------
+    linear, angular : expression, shape (3,)
+        Velocities after the step.
+    values : expression, shape (m,)
+        Residuals and margins after the step.
+    multipliers : expression, shape (m,)
+        Of accelerations.
+    forces : expression, shape (6, m)
+        What each row adds to the acceleration.
+    yielding : expression, shape (m,)
+        1 for limits that gave way.
+    """
+
+    linear: Expression
+    angular: Expression
+    values: Expression
+    multipliers: Expression
+    forces: Expression
+    yielding: Expression
+
+
+Coupling = Callable[[StepSymbols, Expression, Expression], Coupled]
+"""(symbols, unconstrained v+, w+) -> what the constraints make of them."""
 
 STEP_FIELDS = {
     "time_step": 1,
     "kick": 1,
     "previous_step": 1,
     "time": 1,
-    "residual_decay": 1,
+    "residual_rate": 1,
+    "barrier_rate": 1,
     "decay": 1,
     "gain": 1,
     "position_target": 3,
@@ -96,6 +124,16 @@ def step_table(count: int) -> tuple[Floats, dict[str, Floats]]:
     return table, views
 
 
+def output_columns(rows: int) -> dict[str, slice]:
+    """Where a step's outputs stand that has so many constraint rows."""
+    widths = {"force": 6, "values": rows, "multipliers": rows, "yielding": rows, "parts": 6 * rows}
+    columns, first = {}, 0
+    for name, width in (widths | {"end": 0}).items():
+        columns[name] = slice(first, first + width)
+        first += width
+    return columns
+
+
 class Stepper:
     """The step of a pose primitive, with a coupling term or without.
 
@@ -109,7 +147,7 @@ class Stepper:
 
     def __init__(self, coupling: Coupling | None = None, rows: int = 0) -> None:
         self.rows = rows
-        self.output_size = 2 * rows + 6
+        self.outputs = output_columns(rows)
         self._function = _step_function(coupling)
         self._accumulated = lru_cache(maxsize=8)(self._accumulate)
 
@@ -123,12 +161,12 @@ class Stepper:
         -------
         states : array, shape (count, STATE_SIZE)
             After each step.
-        outputs : array, shape (count, 2 m + 6)
-            Residuals, multipliers, and constraint force (linear, angular acceleration).
+        outputs : array, shape (count, ...)
+            Columns as :func:`output_columns` says.
         """
         count = len(table)
         states = np.empty((count, STATE_SIZE))
-        outputs = np.empty((count, self.output_size))
+        outputs = np.empty((count, self.outputs["end"].stop))
         # CasADi reads and writes these arrays in place: a call that converts costs 80 us.
         start = np.ascontiguousarray(state, dtype=np.float64)
         steps = np.ascontiguousarray(table, dtype=np.float64)
@@ -157,7 +195,8 @@ def _step_function(coupling: Coupling | None) -> Any:
         kick=field["kick"],
         previous_step=field["previous_step"],
         time=field["time"],
-        residual_decay=field["residual_decay"],
+        residual_rate=field["residual_rate"],
+        barrier_rate=field["barrier_rate"],
     )
     decay, gain = field["decay"], field["gain"]
     turn = quaternion_log(
@@ -165,15 +204,16 @@ def _step_function(coupling: Coupling | None) -> Any:
     )
     linear = decay * symbols.linear_velocity + gain * (field["position_target"] - symbols.position)
     angular = decay * symbols.angular_velocity + gain * (turn + field["rotation_offset"])
-    residuals = multipliers = ca.SX(0, 1)
-    force = ca.SX(6, 1)
+    output = force = ca.SX(6, 1)
     if coupling is not None:
-        held_linear, held_angular, residuals, multipliers = coupling(symbols, linear, angular)
-        force = ca.vertcat(held_linear - linear, held_angular - angular) / symbols.kick
-        linear, angular = held_linear, held_angular
+        held = coupling(symbols, linear, angular)
+        force = ca.vertcat(held.linear - linear, held.angular - angular) / symbols.kick
+        output = ca.vertcat(
+            force, held.values, held.multipliers, held.yielding, ca.vec(held.forces)
+        )
+        linear, angular = held.linear, held.angular
     position, quaternion = symbols.advance(linear, angular)
     quaternion = quaternion / ca.norm_2(quaternion)
     after = ca.densify(ca.vertcat(position, quaternion, linear, angular))
-    output = ca.densify(ca.vertcat(residuals, multipliers, force))
     # The coupling term evaluates poses and residuals more than once; each is computed once.
-    return ca.Function("step", [state, step], ca.cse([after, output]))
+    return ca.Function("step", [state, step], ca.cse([after, ca.densify(output)]))

@@ -9,6 +9,11 @@ Evaluated once a step, this formula leaves an error of the order of the step.  H
 ``v+, w+`` are chosen such that the *next state* of the discrete motion, ``p+ = p + dt v+``,
 ``R+ = Exp(dt w+) R``, satisfies the constraint itself: the same projection, iterated by Newton's
 method in the same metric a fixed number of times, unrolled in the expression graph.
+
+Limits ``h >= 0`` take part in the same projection as barrier rows, so that each pass is a quadratic
+program (:mod:`noslip.projection.quadratic`).  Equality and limit share one rule for what a residual
+may be after a step (:func:`_residual_after`): the equality must equal it, the limit must not fall
+below it.
 """
 
 from __future__ import annotations
@@ -24,7 +29,8 @@ from noslip import _arguments
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
-from noslip.primitives.stepping import Coupling, StepSymbols
+from noslip.primitives.stepping import Coupled, Coupling, StepSymbols
+from noslip.projection.quadratic import Pushes, least_push
 from noslip.rotations import Expression, quaternion_exp, quaternion_product
 from noslip.trajectory import PoseTrajectory
 
@@ -34,10 +40,17 @@ POSITION_ONLY: tuple[float, ...] = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """M^-1 of the paper: infinite rotational inertia, so that only the position gives way."""
 
 RELATIVE_TIKHONOV = 1e-12
-"""Added to ``A M^-1 A^T`` relative to its trace: makes repeated and dependent rows harmless."""
+"""Added to ``A M^-1 A^T``, its rows scaled to unit norm: makes dependent rows harmless."""
+_VANISHED = 1e-14
+"""A row this much smaller than the others, squared, has vanished."""
 _SMALLEST_PIVOT = 1e-200
 _APPROACHING, _RESTORING = 3, 3
 """Newton steps to the nearest point, and then straight onto the constraint."""
+_LIMIT_APPROACHING, _LIMIT_RESTORING = 2, 3
+"""The same with limits: who pushes is settled in the first, each of the others may mend it."""
+_HARD_CAP, _SOFT_CAPS = 1e9, (1e3, 1e7)
+"""Largest multiplier of a hard limit, and of the least and most important soft one, over the
+velocity that the limits ask for."""
 _MOST_ITERATIONS = 50
 
 
@@ -71,120 +84,264 @@ def coupling(
 ) -> Coupling:
     """Build the coupling term that holds constraints at each step.
 
-    A violation present before a step shrinks by the step's ``residual_decay``: like
-    ``exp(-kappa t)`` at velocity level, like a critically damped oscillator of that rate at
-    position level.
+    A violation present before a step shrinks at the step's ``residual_rate``: like
+    ``exp(-rate t)`` at velocity level, like a critically damped oscillator of that rate at
+    position level.  The margin of a limit shrinks no faster than that, at its ``barrier_rate``.
 
     Parameters
     ----------
     constraints : ConstraintSystem or constraints
+        Equalities and limits.
     inverse_metric : 6 numbers
         Diagonal of M^-1; position only by default, as in the paper.
 
     Returns
     -------
     Coupling
-        For :class:`noslip.primitives.stepping.Stepper`.
+        For :class:`noslip.primitives.stepping.Stepper`; rows of equalities first.
     """
     system = as_system(constraints)
     metric = _arguments.inverse_metric(inverse_metric)
-    weights = ca.DM(list(metric))
     _require_holdable(system, metric)
 
-    def couple(
-        s: StepSymbols, linear: Expression, angular: Expression
-    ) -> tuple[Expression, Expression, Expression, Expression]:
-        target = _decayed_residual(system, s)
-        unconstrained = ca.vertcat(linear, angular)
-        unknown = ca.SX.sym("nu", 6)
-        # What the metric holds stays a known value: it then drops out of the derivatives.
-        held = [weight == 0 for weight in metric]
-        free = ca.vertcat(*(unconstrained[i] if held[i] else unknown[i] for i in range(6)))
-        position, quaternion = s.advance(free[:3], free[3:])
-        # Position-level rows over the step's length have the scale of velocities, and multipliers
-        # of accelerations, as velocity-level rows do.
-        scale = ca.vertcat(
-            ca.SX(0, 1), *(1 if v else 1 / s.time_step for v in system.row_is_velocity)
+    def couple(s: StepSymbols, linear: Expression, angular: Expression) -> Coupled:
+        step = _Step(system, metric, s, ca.vertcat(linear, angular))
+        velocities, multipliers, forces, yielding = step.solve()
+        return Coupled(
+            velocities[:3],
+            velocities[3:],
+            step.values(velocities),
+            multipliers / s.kick,
+            forces / s.kick,
+            yielding,
         )
-        phi = scale * system.residual(s.time, position, quaternion, free[:3], free[3:])
-        goal = scale * target
-        jacobian = ca.jacobian(phi, unknown)
-        if not ca.depends_on(jacobian, unknown):
-            # One row is divided by exactly; several are regularised, which further passes undo.
-            approaching, restoring = (1 if system.size == 1 else 3), 0
-        else:
-            approaching, restoring = _APPROACHING, _RESTORING
-        velocities, impulse = unconstrained, ca.SX(system.size, 1)
-        for iteration in range(approaching + restoring):
-            value, rows = ca.substitute([phi, jacobian], [unknown], [velocities])
-            weighted = ca.mtimes(ca.diag(weights), rows.T)
-            # Newton on the nearest point: the multipliers are corrected, not found anew, so that
-            # what the regularisation leaves out of one iteration is made up for in the next.
-            normal = ca.mtimes(rows, weighted)
-            if iteration < approaching:
-                moved = ca.mtimes(rows, velocities - unconstrained) - ca.mtimes(normal, impulse)
-                impulse += _solve_regularised(normal, goal - value + moved)
-                velocities = unconstrained + ca.mtimes(weighted, impulse)
-            else:
-                # Straight onto the constraint: quadratic, where the nearest point is linear.
-                correction = _solve_regularised(normal, goal - value)
-                impulse += correction
-                velocities += ca.mtimes(weighted, correction)
-        end_position, end_quaternion = s.advance(velocities[:3], velocities[3:])
-        residual = system.residual(
-            s.time, end_position, end_quaternion, velocities[:3], velocities[3:]
-        )
-        return velocities[:3], velocities[3:], residual, impulse / s.kick
 
     return couple
 
 
+class _Step:
+    """The projection of one step's velocities: equalities first, then limits, row by row."""
+
+    def __init__(
+        self,
+        system: ConstraintSystem,
+        metric: tuple[float, ...],
+        s: StepSymbols,
+        unconstrained: Expression,
+    ) -> None:
+        self.s, self.unconstrained = s, unconstrained
+        self.weights = ca.DM(list(metric))
+        self.equalities, self.limits = system.equalities, system.limits
+        self.unknown = ca.SX.sym("nu", 6)
+        # What the metric holds stays a known value: it then drops out of the derivatives.
+        self.free = ca.vertcat(
+            *(unconstrained[i] if metric[i] == 0 else self.unknown[i] for i in range(6))
+        )
+        # Position-level rows over the step's length have the scale of velocities, and multipliers
+        # of accelerations, as velocity-level rows do.
+        levels = self.equalities.row_levels + self.limits.row_levels
+        scale = ca.vertcat(
+            ca.SX(0, 1),
+            *(1 / s.time_step if level == "position" else ca.SX(1) for level in levels),
+        )
+        after = ca.vertcat(
+            _residual_after(self.equalities, s, [s.residual_rate] * self.equalities.size),
+            _residual_after(self.limits, s, _barrier_rates(self.limits, s)),
+        )
+        self.phi = scale * self.values(self.free)
+        self.goal = scale * after
+        self.jacobian = ca.jacobian(self.phi, self.unknown)
+
+    def values(self, velocities: Expression) -> Expression:
+        """Residuals, then margins, of the next state."""
+        s, v, w = self.s, velocities[:3], velocities[3:]
+        position, quaternion = s.advance(v, w)
+        state = (s.time, position, quaternion, v, w)
+        linear, angular = (v - s.linear_velocity) / s.kick, (w - s.angular_velocity) / s.kick
+        return ca.vertcat(
+            self.equalities.residual(*state), self.limits.residual(*state, linear, angular)
+        )
+
+    def solve(self) -> tuple[Expression, Expression, Expression, Expression]:
+        """Velocities, impulses (m,), their parts of the velocities (6, m), who yields (m,)."""
+        approaching, restoring = self._passes()
+        velocities, impulses = self.unconstrained, ca.SX(self.phi.shape[0], 1)
+        parts = ca.SX(6, self.phi.shape[0])
+        pushes = None
+        for iteration in range(approaching + restoring):
+            value, rows = ca.substitute([self.phi, self.jacobian], [self.unknown], [velocities])
+            reach = self.goal - value
+            if iteration < approaching:
+                # Nearest to the unconstrained velocities.  Multipliers are corrected, not found
+                # anew: what the regularisation leaves out of one pass the next makes up for.
+                reach += ca.mtimes(rows, velocities - self.unconstrained)
+                impulses, pushes = self._push(rows, reach, iteration, impulses, pushes, False)
+                parts = _columns(self.weights, rows, impulses)
+                velocities = self.unconstrained + ca.sum2(parts)
+            else:
+                # Straight onto the constraint: quadratic, where the nearest point is linear.
+                more, pushes = self._push(rows, reach, iteration, impulses, pushes, True)
+                impulses += more
+                added = _columns(self.weights, rows, more)
+                parts += added
+                velocities += ca.sum2(added)
+        yielding = ca.SX(self.phi.shape[0], 1)
+        if pushes is not None:
+            yielding[self.equalities.size :] = pushes.yielding
+        return velocities, impulses, parts, yielding
+
+    def _passes(self) -> tuple[int, int]:
+        if self.limits.size:
+            return _LIMIT_APPROACHING, _LIMIT_RESTORING
+        if not ca.depends_on(self.jacobian, self.unknown):
+            # One row is divided by exactly; several are regularised, which further passes undo.
+            return (1 if self.equalities.size == 1 else 3), 0
+        return _APPROACHING, _RESTORING
+
+    def _push(
+        self,
+        rows: Expression,
+        reach: Expression,
+        iteration: int,
+        before: Expression,
+        pushes: Pushes | None,
+        restoring: bool,
+    ) -> tuple[Expression, Pushes | None]:
+        """Impulses such that ``A d = reach`` and ``G d >= reach`` for the d that they cause.
+
+        All of them when approaching, those to be added to the ones before when restoring.
+        """
+        m, k = self.equalities.size, self.limits.size
+        A, G = rows[:m, :], rows[m:, :]
+        weighted = ca.mtimes(ca.diag(self.weights), A.T)
+        normal = ca.mtimes(A, weighted)
+        known = ca.SX(m, 1) if restoring else before[:m]
+        left = reach[:m] - ca.mtimes(normal, known)
+        if not k:
+            return known + _solve_regularised(normal, left), None
+        # Limits of unit norm, in the freedom that the equalities leave.
+        pushed = ca.mtimes(ca.diag(self.weights), G.T)
+        norms = ca.sqrt(ca.sum2(G * pushed.T) + _SMALLEST_PIVOT)
+        pushed, reached = pushed / ca.repmat(norms.T, 6, 1), reach[m:] / norms
+        both = ca.mtimes(A, pushed)
+        solved = _solve_regularised(normal, ca.horzcat(left, both))
+        across = ca.mtimes(G / ca.repmat(norms, 1, 6), weighted)
+        Q = ca.mtimes(pushed.T, G.T) / ca.repmat(norms.T, k, 1) - ca.mtimes(across, solved[:, 1:])
+        q = ca.mtimes(across, known + solved[:, 0]) - reached
+        exchanges = 2 * k if iteration == 0 else 1 + k // 3
+        found = least_push(
+            Q,
+            q,
+            self._caps(q),
+            exchanges,
+            before=before[m:] * norms if restoring else None,
+            start=pushes,
+        )
+        equal = known + solved[:, 0] - ca.mtimes(solved[:, 1:], found.multipliers)
+        return ca.vertcat(equal, found.multipliers / norms), found
+
+    def _caps(self, q: Expression) -> Expression:
+        """How hard each limit may push, over the velocity that the limits ask for."""
+        priorities = self.limits.per_row(c.priority for c in self.limits.constraints)
+        soft = sorted({p for p in priorities if p > 0})
+        graded = np.geomspace(_SOFT_CAPS[1], _SOFT_CAPS[0], max(2, len(soft)))
+        caps = [_HARD_CAP if p == 0 else graded[soft.index(p)] for p in priorities]
+        return ca.fmax(-ca.mmin(q), 0) * ca.DM(caps)
+
+
+def _columns(weights: Expression, rows: Expression, impulses: Expression) -> Expression:
+    """What each row adds to the velocities, shape (6, m)."""
+    return ca.mtimes(ca.mtimes(ca.diag(weights), rows.T), ca.diag(impulses))
+
+
 def _require_holdable(system: ConstraintSystem, metric: tuple[float, ...]) -> None:
     """Refuse a constraint that nothing which the metric leaves free can influence."""
-    t, p, q = ca.SX.sym("t"), ca.SX.sym("p", 3), ca.SX.sym("q", 4)
-    v, w = ca.SX.sym("v", 3), ca.SX.sym("w", 3)
-    rows = ca.jacobian(system.first_order(t, p, q, v, w), ca.vertcat(v, w))
-    for name, row in zip(system.row_names, range(system.size), strict=True):
-        influenced = rows[row, :].sparsity().get_triplet()[1]
-        if not any(metric[i] for i in influenced):
+    for name, holdable in zip(system.row_names, holdable_rows(system, metric), strict=True):
+        if not holdable:
             raise ConstraintError(
-                f"constraint {name!r} asks nothing of what inverse_metric leaves free; let the "
-                "rotation give way too: inverse_metric=(1, 1, 1, 1, 1, 1)"
+                f"constraint {name!r} asks nothing of what the metric leaves free; let position "
+                'and rotation give way: metric="shared"'
             )
 
 
-def _decayed_residual(system: ConstraintSystem, s: StepSymbols) -> Expression:
-    """What the residual may be after the step: zero, once it was zero.
+def holdable_rows(system: ConstraintSystem, metric: Sequence[float]) -> list[bool]:
+    """For each row, whether what a metric leaves free influences it within a step."""
+    t, p, q = ca.SX.sym("t"), ca.SX.sym("p", 3), ca.SX.sym("q", 4)
+    v, w, h = ca.SX.sym("v", 3), ca.SX.sym("w", 3), ca.SX.sym("h")
+    a, alpha = ca.SX.sym("a", 3), ca.SX.sym("alpha", 3)
+    turned = quaternion_product(quaternion_exp(h * w), q)
+    after = system.residual(t, p + h * v, turned, v, w, a, alpha)
+    influence = ca.vertcat(v, w), ca.vertcat(a, alpha)
+    rows = [ca.jacobian(after, by).sparsity() for by in influence]
+    influenced = {(i, j) for row in rows for i, j in zip(*row.get_triplet(), strict=True)}
+    return [any(metric[j] and (i, j) in influenced for j in range(6)) for i in range(system.size)]
 
-    At position level the previous sample is needed too.  It is where the discrete motion came from,
-    so a motion on the constraint stays on it to rounding.
+
+def _residual_after(
+    system: ConstraintSystem, s: StepSymbols, rates: Sequence[Expression]
+) -> Expression:
+    """What residuals may be after the step: zero, once they were zero.
+
+    At velocity level ``exp(-rate dt)`` times what they are.  At position level the solution of the
+    critically damped oscillator, ``(r + c dt) exp(-rate dt)`` with ``c = dr/dt + rate r`` found
+    from the previous sample; that is where the discrete motion came from, so a motion on the
+    constraint stays on it to rounding.
+
+    The margin of a limit may shrink like that.  A limit not yet violated that was approached faster
+    (c < 0) is still never crossed.
     """
-    before = s.time - s.time_step
-    now = system.residual(before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
-    decay = s.residual_decay
-    back = quaternion_exp(-s.previous_step * s.angular_velocity)
+    before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
+    state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
+    now, drift = system.residual(*state), system.first_order(*state)
+    back = quaternion_exp(-previous * s.angular_velocity)
     earlier = system.residual(
-        before - s.previous_step,
-        s.position - s.previous_step * s.linear_velocity,
+        before - previous,
+        s.position - previous * s.linear_velocity,
         quaternion_product(back, s.quaternion),
         s.linear_velocity,
         s.angular_velocity,
     )
-    targets = [
-        decay * now[i] if is_velocity else decay * (2 * now[i] - decay * earlier[i])
-        for i, is_velocity in enumerate(system.row_is_velocity)
-    ]
-    return ca.vertcat(ca.SX(0, 1), *targets)
+    targets = [ca.SX(0, 1)]
+    for i, (level, is_limit, rate) in enumerate(
+        zip(system.row_levels, system.row_is_limit, rates, strict=True)
+    ):
+        if level == "acceleration":
+            targets.append(ca.SX(0))
+            continue
+        left = ca.exp(-rate * dt)
+        if level == "velocity":
+            targets.append(left * now[i])
+            continue
+        # No step has led to the start; there the velocities tell.
+        change = ca.if_else(
+            previous > 0,
+            (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous,
+            (drift[i] + rate * now[i]) * dt,
+        )
+        if is_limit:
+            change = ca.if_else(now[i] >= 0, ca.fmax(change, 0), change)
+        targets.append(left * (now[i] + change))
+    return ca.vertcat(*targets)
+
+
+def _barrier_rates(limits: ConstraintSystem, s: StepSymbols) -> list[Expression]:
+    rates = limits.per_row(c.barrier_rate for c in limits.constraints)
+    return [s.barrier_rate if rate is None else ca.SX(rate) for rate in rates]
 
 
 def _solve_regularised(matrix: Expression, right: Expression) -> Expression:
     """Solve a positive semi-definite system; dependent and vanished rows do no harm."""
     size = matrix.shape[0]
+    if size == 0:
+        return right
     if size == 1:
         return right / (matrix + _SMALLEST_PIVOT)
-    shift = RELATIVE_TIKHONOV * ca.trace(matrix) + _SMALLEST_PIVOT
-    regular = ca.densify(matrix) + shift * ca.SX.eye(size)
-    return ca.ldl_solve(right, *ca.ldl(regular))
+    # Rows of unit norm: what is small against the others is not therefore dependent.
+    diagonal = ca.diag(matrix)
+    scale = 1 / ca.sqrt(diagonal + _VANISHED * ca.sum1(diagonal) + _SMALLEST_PIVOT)
+    scaled = matrix * ca.mtimes(scale, scale.T) + RELATIVE_TIKHONOV * ca.SX.eye(size)
+    solution = ca.ldl_solve(ca.diag(scale) @ right, *ca.ldl(ca.densify(scaled)))
+    return ca.diag(scale) @ solution
 
 
 def project_velocities(
@@ -196,25 +353,37 @@ def project_velocities(
     angular_velocity: ArrayLike,
     *,
     inverse_metric: Sequence[float] = POSITION_ONLY,
+    residual_rate: float = 0.0,
 ) -> tuple[Floats, Floats, Floats]:
     """Nearest velocities, in the metric, that the constraints allow at a pose.
 
     For the blade and the paper's metric this is the paper's projection of the initial velocity onto
     the blade's plane, ``P (P^T P)^-1 P^T v``.
 
+    Parameters
+    ----------
+    residual_rate : float
+        At a pose off a position-level constraint, ``d psi/dt = - rate psi`` is asked for (1/s).
+
     Returns
     -------
     linear_velocity, angular_velocity : array, shape (3,)
     residual : array, shape (m,)
-        Of the constraints at this pose and the projected velocities.
+        Of the equalities at this pose and the projected velocities.
     """
     system = as_system(constraints)
+    levels = np.array(system.row_levels, dtype=object)
+    counts = ~system.row_is_limit
     given = np.concatenate([np.ravel(linear_velocity), np.ravel(angular_velocity)]).astype(float)
     weights = np.asarray(inverse_metric, dtype=np.float64)
     found = given
-    residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
     close = 1e-15 * max(1.0, np.abs(given).max())
     for iteration in range(_MOST_ITERATIONS):
+        residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
+        phi = phi + np.where(levels == "position", residual_rate * residual, 0.0)
+        # A limit on velocities takes part once it is violated, and then stays.
+        counts = counts | (system.row_is_limit & (levels == "velocity") & (phi < -close))
+        phi, rows = np.where(counts, phi, 0.0), np.where(counts[:, None], rows, 0.0)
         if np.abs(phi).max(initial=0.0) <= close:
             break
         weighted = weights[:, None] * rows.T
@@ -223,8 +392,7 @@ def project_velocities(
             found = given + weighted @ (inverse @ (rows @ (found - given) - phi))
         else:
             found = found - weighted @ (inverse @ phi)
-        residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
-    return found[:3], found[3:], residual
+    return found[:3], found[3:], residual[~system.row_is_limit]
 
 
 def project_initial_velocity(

@@ -154,7 +154,7 @@ def project_trajectory(
     ConvergenceError
         If no attempt converges (unless ``on_failure="return"``).
     """
-    system = as_system(constraints)
+    system = as_system(constraints).equalities
     if not trajectory.is_uniform or len(trajectory) < 4:
         raise InputError(
             f"{trajectory.name}: a trajectory projection needs 4 or more uniform samples; "

@@ -1,0 +1,100 @@
+"""Checked arguments of the catalogue's constraints, and what they name in a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from noslip import _arguments
+from noslip.constraints.declaration import AXES, Constraint, Motion, axis_index
+from noslip.errors import ConstraintError, InputError
+from noslip.rotations import Expression
+
+Triple = Sequence[float]
+"""Three numbers; kept as a tuple, so that constraints compare equal and can be saved."""
+
+ORIGIN = (0.0, 0.0, 0.0)
+_SHORTEST_DIRECTION = 1e-9
+_HARMLESS = 1e-30
+"""Added to a squared length: below rounding for all but lengths under 1e-7."""
+
+Check = Callable[[str, Any], Any]
+"""(what an error calls the argument, value) -> the value as it is kept."""
+
+
+def settle(constraint: Constraint, name: str, /, **checks: Check) -> None:
+    """Check the fields of a frozen constraint and keep what the checks return.
+
+    Raises
+    ------
+    ConstraintError
+        One line that names the constraint and the argument.
+    """
+    for field, check in checks.items():
+        try:
+            value = check(f"{name}: {field}", getattr(constraint, field))
+        except InputError as error:
+            raise ConstraintError(str(error)) from None
+        object.__setattr__(constraint, field, value)
+
+
+def point(name: str, value: Any, unit: str = "m") -> tuple[float, ...]:
+    """Three finite numbers, as a tuple."""
+    return tuple(_arguments.vector(name, value, unit).tolist())
+
+
+def direction(name: str, value: Any) -> tuple[float, ...]:
+    """Three finite numbers, not all 0; the length is kept but means nothing."""
+    numbers = point(name, value, "a direction")
+    if np.linalg.norm(numbers) < _SHORTEST_DIRECTION:
+        raise ConstraintError(f"{name} must not be zero, got {value!r}")
+    return numbers
+
+
+def length(name: str, value: Any) -> float:
+    """Metres, above 0."""
+    return _arguments.positive(name, value, "metres")
+
+
+def number(name: str, value: Any, unit: str = "") -> float:
+    """One finite number."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        found = np.nan
+    if not abs(found) <= _arguments.LARGEST:
+        raise ConstraintError(
+            f"{name} must be a finite number{f' of {unit}' if unit else ''}, got {value!r}"
+        )
+    return found
+
+
+def axis(name: str, value: Any) -> str:
+    """A body axis with its sign, such as ``"-x"``."""
+    axis_index(value, name)
+    return str(value)
+
+
+def body_axis(motion: Motion, name: str) -> Expression:
+    """World direction of a body axis such as ``"-x"``."""
+    index, sign = axis_index(name)
+    return sign * motion.rotation[:, index]
+
+
+def other_axes(name: str) -> tuple[str, str]:
+    """Return the two body axes perpendicular to one, in cyclic order: z and x for ``"-y"``."""
+    index, _ = axis_index(name)
+    return AXES[(index + 1) % 3], AXES[(index + 2) % 3]
+
+
+def unit_vector(numbers: Triple) -> Expression:
+    """Constant column of length 1 along a direction."""
+    return ca.DM(list(np.array(numbers) / np.linalg.norm(numbers)))
+
+
+def safe_norm(vector: Expression) -> Expression:
+    """Length of a vector, differentiable at 0 too (where the derivative is 0)."""
+    return ca.sqrt(ca.sumsqr(vector) + _HARMLESS)

@@ -1,0 +1,98 @@
+"""Where the tool must not go: obstacles with round boundaries.
+
+All take ``barrier_rate`` and ``priority`` too, see :class:`noslip.constraints.limit.Limit`.
+The margins are distances: inside an obstacle they are negative, and lead out the nearest way.  At
+the very centre no way is nearest: there the margin has slope 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from noslip import _arguments
+from noslip.constraints.declaration import Motion
+from noslip.constraints.limit import ROUNDING, Limit, Triple, rounded_length, three_numbers
+from noslip.rotations import Expression
+
+
+@dataclass(frozen=True)
+class KeepOutSphere(Limit):
+    """``|p - c| - r >= 0``: the tool stays out of a sphere.
+
+    Parameters
+    ----------
+    centre : 3 numbers
+        c (m, world frame).
+    radius : float
+        r (m); add the tool's own size to that of the obstacle.
+    reference_point : 3 numbers
+        The point of the tool that must stay out (m, body frame).
+    """
+
+    centre: Triple = (0.0, 0.0, 0.0)
+    radius: float = 0.05
+    reference_point: Triple = (0.0, 0.0, 0.0)
+
+    name = "keep-out-sphere"
+    level = "position"
+
+    def __post_init__(self) -> None:
+        self._check(centre=three_numbers, radius=_arguments.positive, reference_point=three_numbers)
+
+    def residual(self, motion: Motion) -> Expression:
+        """Distance to the sphere (m)."""
+        position = motion.at(self.reference_point).position
+        return _clearance(position - ca.DM(self.centre), self.radius)
+
+
+@dataclass(frozen=True)
+class KeepOutCapsule(Limit):
+    """``min_s |p - a - s (b - a)| - r >= 0`` over s in [0, 1]: the tool stays out of a capsule.
+
+    A capsule is what lies within a radius of a line segment: vessels, fingers, clamps.  The nearest
+    point of the segment has ``s = (p - a) . (b - a) / |b - a|^2``, clamped to [0, 1] (Ericson,
+    Real-Time Collision Detection, section 5.1.2).
+
+    Parameters
+    ----------
+    start, end : 3 numbers
+        a and b (m, world frame); equal ones make a sphere.
+    radius : float
+        r (m); add the tool's own size to that of the obstacle.
+    reference_point : 3 numbers
+        The point of the tool that must stay out (m, body frame).
+    """
+
+    start: Triple = (0.0, 0.0, 0.0)
+    end: Triple = (0.0, 0.0, 0.1)
+    radius: float = 0.02
+    reference_point: Triple = (0.0, 0.0, 0.0)
+
+    name = "keep-out-capsule"
+    level = "position"
+
+    def __post_init__(self) -> None:
+        self._check(
+            start=three_numbers,
+            end=three_numbers,
+            radius=_arguments.positive,
+            reference_point=three_numbers,
+        )
+
+    def residual(self, motion: Motion) -> Expression:
+        """Distance to the capsule (m)."""
+        axis = np.subtract(self.end, self.start)
+        offset = motion.at(self.reference_point).position - ca.DM(self.start)
+        square = float(axis @ axis)
+        if square > 0:
+            along = ca.dot(ca.DM(axis), offset) / square
+            offset = offset - ca.fmax(0, ca.fmin(1, along)) * ca.DM(axis)
+        return _clearance(offset, self.radius)
+
+
+def _clearance(offset: Expression, radius: float) -> Expression:
+    # Less what the rounding may add: the distance is never overestimated.
+    return rounded_length(offset, radius) - (1 + ROUNDING) * radius

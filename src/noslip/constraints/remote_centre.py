@@ -1,0 +1,44 @@
+"""A shaft through a fixed point: the remote centre of motion of keyhole surgery."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from noslip.constraints.declaration import Constraint, Motion
+from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, other_axes, point, settle
+from noslip.rotations import Expression
+
+
+@dataclass(frozen=True)
+class RemoteCentre(Constraint):
+    """The shaft's line passes through a point: ``(R e_1) . (c - p) = (R e_2) . (c - p) = 0``.
+
+    Holonomic: the trocar constraint of laparoscopic robots, whose instruments pivot about the
+    incision and slide through it.  e_1, e_2 are the body axes perpendicular to the shaft.
+
+    Parameters
+    ----------
+    point : 3 numbers
+        c, the incision, m, world frame.
+    shaft : str
+        The body axis along the shaft.
+    reference_point : 3 numbers
+        p, any point of the shaft's line, m, body frame.
+    """
+
+    point: Triple = ORIGIN
+    shaft: str = "z"
+    reference_point: Triple = ORIGIN
+
+    name = "remote-centre"
+    level = "position"
+
+    def __post_init__(self) -> None:
+        settle(self, self.name, point=point, shaft=axis, reference_point=point)
+
+    def residual(self, motion: Motion) -> Expression:
+        """Where the point lies beside the shaft (m), along both perpendicular body axes."""
+        away = ca.DM(list(self.point)) - motion.at(self.reference_point).position
+        return ca.vertcat(*(ca.dot(body_axis(motion, e), away) for e in other_axes(self.shaft)))

@@ -1,0 +1,99 @@
+"""Which way the tool may travel: edge first, and not round too tight a bend.
+
+All take ``barrier_rate`` and ``priority`` too, see :class:`noslip.constraints.limit.Limit`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from noslip import _arguments
+from noslip.constraints.declaration import Motion, axis_index
+from noslip.constraints.limit import Limit, Triple, body_axis, three_numbers
+from noslip.errors import ConstraintError
+from noslip.rotations import Expression
+
+
+@dataclass(frozen=True)
+class ForwardOnly(Limit):
+    """``(R e_b) . v - s >= 0``: the edge leads; the tool never backs up.
+
+    Parameters
+    ----------
+    edge : str
+        e_b, the body axis that leads; ``"-x"`` for a tool recorded backwards.
+    minimum : float
+        s (m/s), the least speed along the edge.  A motion that starts or ends at rest satisfies no
+        minimum above 0 there.
+    reference_point : 3 numbers
+        The point of the tool that must not back up (m, body frame).
+    """
+
+    edge: str = "x"
+    minimum: float = 0.0
+    reference_point: Triple = (0.0, 0.0, 0.0)
+
+    name = "forward-only"
+    level = "velocity"
+
+    def __post_init__(self) -> None:
+        self._check(edge=body_axis, minimum=_arguments.not_negative, reference_point=three_numbers)
+
+    def residual(self, motion: Motion) -> Expression:
+        """Speed along the edge, less the minimum (m/s)."""
+        velocity = motion.at(self.reference_point).linear_velocity
+        return ca.dot(_axis(motion, self.edge), velocity) - self.minimum
+
+
+@dataclass(frozen=True)
+class TurningRadius(Limit):
+    """``v_f - r |w_u| >= 0``: the tool's path bends no tighter than a radius, as a car's (Dubins).
+
+    With the forward speed ``v_f = (R e_b) . v`` and the turning rate ``w_u = (R u_b) . w``, the
+    path's radius is ``v_f / |w_u|``.  Two rows that are linear in the velocities say the same
+    without the kink: ``v_f - r w_u >= 0`` and ``v_f + r w_u >= 0``.  Their sum is ``2 v_f >= 0``:
+    the tool moves forward only, and does not turn on the spot.
+
+    Parameters
+    ----------
+    radius : float
+        r (m).
+    edge : str
+        e_b, the body axis that leads.
+    up : str
+        u_b, the body axis about which the tool turns into the bend.
+    reference_point : 3 numbers
+        The point of the tool whose path it is (m, body frame).
+    """
+
+    radius: float = 0.05
+    edge: str = "x"
+    up: str = "z"
+    reference_point: Triple = (0.0, 0.0, 0.0)
+
+    name = "turning-radius"
+    level = "velocity"
+
+    def __post_init__(self) -> None:
+        self._check(
+            radius=_arguments.positive, edge=body_axis, up=body_axis, reference_point=three_numbers
+        )
+        if axis_index(self.up)[0] == axis_index(self.edge)[0]:
+            raise ConstraintError(
+                f"turning-radius: up and edge must be different axes, got {self.up!r} and "
+                f"{self.edge!r}"
+            )
+
+    def residual(self, motion: Motion) -> Expression:
+        """Forward speed beyond what bends to the left, and to the right, need (m/s)."""
+        forward = ca.dot(_axis(motion, self.edge), motion.at(self.reference_point).linear_velocity)
+        turning = ca.dot(_axis(motion, self.up), motion.angular_velocity)
+        return [forward - self.radius * turning, forward + self.radius * turning]
+
+
+def _axis(motion: Motion, axis: str) -> Expression:
+    """Body axis in the world frame."""
+    index, sign = axis_index(axis)
+    return sign * motion.rotation[:, index]
