@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
-from noslip.projection.pointwise import project_velocities
+from noslip.projection.pointwise import least_change, project_velocities
 from noslip.trajectory import PoseTrajectory
 
 Floats = NDArray[np.float64]
@@ -142,28 +142,20 @@ def _nearest_pose(
     given = np.array(position, dtype=np.float64)
     turned = Rotation.from_quat(np.asarray(quaternion, dtype=np.float64), scalar_first=True)
     here, rotation = given, turned
-    weights = np.asarray(inverse_metric, dtype=np.float64)
-    touched = np.zeros(system.size, dtype=bool)
+    is_limit = system.row_is_limit
     residual = 0.0
     for iteration in range(_MOST_ITERATIONS):
         quat = rotation.as_quat(scalar_first=True)
         value, _, rows = system.instant(time, here, quat, np.zeros(3), np.zeros(3))
-        # A limit takes part once it is violated, and then stays: it is what stands in the way.
-        touched |= system.row_is_limit & (value < 0)
-        left = np.where(system.row_is_limit & ~touched, 0.0, value)
-        residual = float(
-            np.abs(np.where(system.row_is_limit, np.minimum(left, 0), left)).max(initial=0.0)
-        )
+        missed = np.where(is_limit, np.minimum(value, 0), value)
+        residual = float(np.abs(missed).max(initial=0.0))
         if residual <= _ON:
             break
-        rows = np.where((~system.row_is_limit | touched)[:, None], rows, 0.0)
-        weighted = weights[:, None] * rows.T
-        inverse = np.linalg.pinv(rows @ weighted, rcond=1e-10, hermitian=True)
         if iteration < _APPROACHING:
             offset = np.concatenate([here - given, (rotation * turned.inv()).as_rotvec()])
-            offset = weighted @ (inverse @ (rows @ offset - left))
-            here, rotation = given + offset[:3], Rotation.from_rotvec(offset[3:]) * turned
+            change = least_change(rows, rows @ offset - value, is_limit, inverse_metric)
+            here, rotation = given + change[:3], Rotation.from_rotvec(change[3:]) * turned
         else:
-            step = -weighted @ (inverse @ left)
-            here, rotation = here + step[:3], Rotation.from_rotvec(step[3:]) * rotation
+            change = least_change(rows, -value, is_limit, inverse_metric)
+            here, rotation = here + change[:3], Rotation.from_rotvec(change[3:]) * rotation
     return (here, rotation.as_quat(scalar_first=True)), residual

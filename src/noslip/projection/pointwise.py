@@ -24,6 +24,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
 
 from noslip import _arguments
 from noslip.constraints.declaration import Constraint
@@ -44,14 +45,23 @@ RELATIVE_TIKHONOV = 1e-12
 _VANISHED = 1e-14
 """A row this much smaller than the others, squared, has vanished."""
 _SMALLEST_PIVOT = 1e-200
+_NEGLIGIBLE = 1e-12
+"""Violation of a limit, over the velocity that the limits ask for, that is left alone."""
+_REACHED, _STOPPING, _AT_REST = 1e-7, 0.1, 1e-11
+"""Violation, over the velocity that the limits ask for, up to which a hard limit is kept; by how
+much less a stop must violate it; and the residual that the equalities must not exceed then."""
+_STILL = 1e-11
+"""Speed (m/s) of a tool at rest."""
 _APPROACHING, _RESTORING = 3, 3
 """Newton steps to the nearest point, and then straight onto the constraint."""
-_LIMIT_APPROACHING, _LIMIT_RESTORING = 2, 3
+_LIMIT_APPROACHING, _LIMIT_RESTORING = 2, 4
 """The same with limits: who pushes is settled in the first, each of the others may mend it."""
 _HARD_CAP, _SOFT_CAPS = 1e9, (1e3, 1e7)
 """Largest multiplier of a hard limit, and of the least and most important soft one, over the
 velocity that the limits ask for."""
 _MOST_ITERATIONS = 50
+_CONTRADICTION = 1e-7
+"""What least distance programming leaves of 1 where no change keeps all limits."""
 
 
 def gauss_acceleration(
@@ -151,6 +161,23 @@ class _Step:
         self.phi = scale * self.values(self.free)
         self.goal = scale * after
         self.jacobian = ca.jacobian(self.phi, self.unknown)
+        self.at_position = [i for i, level in enumerate(levels) if level == "position"]
+        self.start_rows = self._start_rows()
+        self.caps, self.asked = _caps(self.limits), ca.SX(_SMALLEST_PIVOT)
+        # Slower than this, a turn can do nothing for a tool that must not slip.
+        self.floor = ca.sum1(self.weights) * (_STILL * s.time_step) ** 2 + _SMALLEST_PIVOT
+
+    def _start_rows(self) -> Expression:
+        """Rows as they are before the step, for those at position level.
+
+        Forces that act along these keep the energy of a holonomic system, and make the step one of
+        second order (SHAKE, Ryckaert et al. 1977); along the rows at its end they would damp.
+        """
+        s, state = self.s, self.unknown
+        at = (s.time - s.time_step, s.position, s.quaternion, state[:3], state[3:])
+        rates = ca.vertcat(self.equalities.first_order(*at), self.limits.first_order(*at))
+        held = ca.DM([float(weight != 0) for weight in np.array(self.weights).ravel()])
+        return ca.jacobian(rates, state) @ ca.diag(held)
 
     def values(self, velocities: Expression) -> Expression:
         """Residuals, then margins, of the next state."""
@@ -172,6 +199,7 @@ class _Step:
             value, rows = ca.substitute([self.phi, self.jacobian], [self.unknown], [velocities])
             reach = self.goal - value
             if iteration < approaching:
+                rows[self.at_position, :] = self.start_rows[self.at_position, :]
                 # Nearest to the unconstrained velocities.  Multipliers are corrected, not found
                 # anew: what the regularisation leaves out of one pass the next makes up for.
                 reach += ca.mtimes(rows, velocities - self.unconstrained)
@@ -185,10 +213,47 @@ class _Step:
                 added = _columns(self.weights, rows, more)
                 parts += added
                 velocities += ca.sum2(added)
+        if pushes is not None and self.equalities.size:
+            # Where limits contradict each other, their multipliers are large and inexact; the
+            # equalities are not to suffer from that.
+            value, rows = ca.substitute([self.phi, self.jacobian], [self.unknown], [velocities])
+            more = self._hold(rows, self.goal - value)
+            impulses += more
+            added = _columns(self.weights, rows, more)
+            parts += added
+            velocities += ca.sum2(added)
         yielding = ca.SX(self.phi.shape[0], 1)
         if pushes is not None:
             yielding[self.equalities.size :] = pushes.yielding
+            stop = self._stop(velocities)
+            velocities = velocities + stop
+            # A stop serves all limits alike.
+            parts[:, self.equalities.size :] += ca.repmat(
+                stop / self.limits.size, 1, self.limits.size
+            )
         return velocities, impulses, parts, yielding
+
+    def _stop(self, velocities: Expression) -> Expression:
+        """What brings the tool to rest, if that keeps hard limits which the passes did not reach.
+
+        Where limits all but contradict each other, a fixed number of passes may not suffice.  To
+        stand still violates no limit that allows it.
+        """
+        m = self.equalities.size
+        hard = [m + i for i, cap in enumerate(_priorities(self.limits)) if cap == 0]
+        if not hard:
+            return ca.SX(6, 1)
+        held = ca.DM([float(weight == 0) for weight in np.array(self.weights).ravel()])
+        rest = held * velocities
+        missed = []
+        for candidate in (velocities, rest):
+            left = self.goal - ca.substitute(self.phi, self.unknown, candidate)
+            over = ca.fmax(ca.mmax(left[hard, :] - ca.fmax(self.goal[hard, :], 0)), 0)
+            off = ca.mmax(ca.fabs(left[:m, :])) if m else ca.SX(0)
+            missed.append((over, off))
+        (over, _), (over_at_rest, off_at_rest) = missed
+        better = (over_at_rest < _STOPPING * over) * (off_at_rest < _AT_REST)
+        return ca.if_else((over > _REACHED * self.asked) * better, rest - velocities, 0)
 
     def _passes(self) -> tuple[int, int]:
         if self.limits.size:
@@ -215,38 +280,53 @@ class _Step:
         A, G = rows[:m, :], rows[m:, :]
         weighted = ca.mtimes(ca.diag(self.weights), A.T)
         normal = ca.mtimes(A, weighted)
-        known = ca.SX(m, 1) if restoring else before[:m]
-        left = reach[:m] - ca.mtimes(normal, known)
+        known = ca.SX(m, 1) if restoring else before[:m, :]
+        left = reach[:m, :] - ca.mtimes(normal, known)
         if not k:
-            return known + _solve_regularised(normal, left), None
+            return known + _solve_regularised(normal, left, self.floor), None
         # Limits of unit norm, in the freedom that the equalities leave.
         pushed = ca.mtimes(ca.diag(self.weights), G.T)
         norms = ca.sqrt(ca.sum2(G * pushed.T) + _SMALLEST_PIVOT)
-        pushed, reached = pushed / ca.repmat(norms.T, 6, 1), reach[m:] / norms
+        pushed, reached = pushed / ca.repmat(norms.T, 6, 1), reach[m:, :] / norms
         both = ca.mtimes(A, pushed)
-        solved = _solve_regularised(normal, ca.horzcat(left, both))
+        solved = _solve_regularised(normal, ca.horzcat(left, both), self.floor)
         across = ca.mtimes(G / ca.repmat(norms, 1, 6), weighted)
         Q = ca.mtimes(pushed.T, G.T) / ca.repmat(norms.T, k, 1) - ca.mtimes(across, solved[:, 1:])
         q = ca.mtimes(across, known + solved[:, 0]) - reached
-        exchanges = 2 * k if iteration == 0 else 1 + k // 3
+        # In later passes little is left to ask for; what pushed before may go on.
+        self.asked = ca.fmax(self.asked, -ca.mmin(q))
+        exchanges = k + 3 if iteration == 0 else 1 + k // 6
         found = least_push(
             Q,
             q,
-            self._caps(q),
+            self.asked * self.caps,
+            _NEGLIGIBLE * self.asked,
             exchanges,
-            before=before[m:] * norms if restoring else None,
+            before=before[m:, :] * norms if restoring else None,
             start=pushes,
         )
         equal = known + solved[:, 0] - ca.mtimes(solved[:, 1:], found.multipliers)
         return ca.vertcat(equal, found.multipliers / norms), found
 
-    def _caps(self, q: Expression) -> Expression:
-        """How hard each limit may push, over the velocity that the limits ask for."""
-        priorities = self.limits.per_row(c.priority for c in self.limits.constraints)
-        soft = sorted({p for p in priorities if p > 0})
-        graded = np.geomspace(_SOFT_CAPS[1], _SOFT_CAPS[0], max(2, len(soft)))
-        caps = [_HARD_CAP if p == 0 else graded[soft.index(p)] for p in priorities]
-        return ca.fmax(-ca.mmin(q), 0) * ca.DM(caps)
+    def _hold(self, rows: Expression, reach: Expression) -> Expression:
+        """Impulses of the equalities alone, straight onto them."""
+        m = self.equalities.size
+        A = rows[:m, :]
+        normal = A @ ca.diag(self.weights) @ A.T
+        held = _solve_regularised(normal, reach[:m, :], self.floor)
+        return ca.vertcat(held, ca.SX(self.limits.size, 1))
+
+
+def _caps(limits: ConstraintSystem) -> Expression:
+    """How hard each limit may push, over the velocity that the limits ask for."""
+    priorities = _priorities(limits)
+    soft = sorted({p for p in priorities if p > 0})
+    graded = np.geomspace(_SOFT_CAPS[1], _SOFT_CAPS[0], max(2, len(soft)))
+    return ca.DM([_HARD_CAP if p == 0 else graded[soft.index(p)] for p in priorities])
+
+
+def _priorities(limits: ConstraintSystem) -> list[int]:
+    return limits.per_row(c.priority for c in limits.constraints)
 
 
 def _columns(weights: Expression, rows: Expression, impulses: Expression) -> Expression:
@@ -287,8 +367,11 @@ def _residual_after(
     from the previous sample; that is where the discrete motion came from, so a motion on the
     constraint stays on it to rounding.
 
-    The margin of a limit may shrink like that.  A limit not yet violated that was approached faster
-    (c < 0) is still never crossed.
+    The margin of a limit may shrink like that, which is a barrier of relative degree one or two;
+    two things are kept besides.  It never falls below zero from above, however fast the limit is
+    approached (c < 0).  And standing still is always allowed, so that limits which allow rest never
+    contradict each other: at position level no more is asked for than to come no closer, at
+    velocity level no more than not to violate it, unless a rate is named.
     """
     before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
     state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
@@ -302,6 +385,7 @@ def _residual_after(
         s.angular_velocity,
     )
     targets = [ca.SX(0, 1)]
+    named = system.per_row(c.barrier_rate is not None for c in system.constraints)
     for i, (level, is_limit, rate) in enumerate(
         zip(system.row_levels, system.row_is_limit, rates, strict=True)
     ):
@@ -310,7 +394,8 @@ def _residual_after(
             continue
         left = ca.exp(-rate * dt)
         if level == "velocity":
-            targets.append(left * now[i])
+            asked = left * now[i]
+            targets.append(asked if named[i] or not is_limit else ca.fmin(asked, 0))
             continue
         # No step has led to the start; there the velocities tell.
         change = ca.if_else(
@@ -318,9 +403,11 @@ def _residual_after(
             (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous,
             (drift[i] + rate * now[i]) * dt,
         )
+        asked = left * (now[i] + change)
         if is_limit:
-            change = ca.if_else(now[i] >= 0, ca.fmax(change, 0), change)
-        targets.append(left * (now[i] + change))
+            kept = ca.fmin(ca.fmax(asked, left * now[i]), now[i])
+            asked = ca.if_else(now[i] >= 0, kept, asked)
+        targets.append(asked)
     return ca.vertcat(*targets)
 
 
@@ -329,19 +416,18 @@ def _barrier_rates(limits: ConstraintSystem, s: StepSymbols) -> list[Expression]
     return [s.barrier_rate if rate is None else ca.SX(rate) for rate in rates]
 
 
-def _solve_regularised(matrix: Expression, right: Expression) -> Expression:
+def _solve_regularised(matrix: Expression, right: Expression, floor: Expression) -> Expression:
     """Solve a positive semi-definite system; dependent and vanished rows do no harm."""
     size = matrix.shape[0]
     if size == 0:
         return right
     if size == 1:
-        return right / (matrix + _SMALLEST_PIVOT)
+        return right / (matrix + floor)
     # Rows of unit norm: what is small against the others is not therefore dependent.
     diagonal = ca.diag(matrix)
-    scale = 1 / ca.sqrt(diagonal + _VANISHED * ca.sum1(diagonal) + _SMALLEST_PIVOT)
-    scaled = matrix * ca.mtimes(scale, scale.T) + RELATIVE_TIKHONOV * ca.SX.eye(size)
-    solution = ca.ldl_solve(ca.diag(scale) @ right, *ca.ldl(ca.densify(scaled)))
-    return ca.diag(scale) @ solution
+    scale = ca.diag(1 / ca.sqrt(diagonal + _VANISHED * ca.sum1(diagonal) + floor))
+    scaled = scale @ matrix @ scale + RELATIVE_TIKHONOV * ca.SX.eye(size)
+    return scale @ ca.ldl_solve(scale @ right, *ca.ldl(ca.densify(scaled)))
 
 
 def project_velocities(
@@ -373,26 +459,53 @@ def project_velocities(
     """
     system = as_system(constraints)
     levels = np.array(system.row_levels, dtype=object)
-    counts = ~system.row_is_limit
+    # Limits of poses say nothing of velocities yet: their barriers do, step by step.
+    counts = ~system.row_is_limit | (levels == "velocity")
+    is_limit = system.row_is_limit[counts]
     given = np.concatenate([np.ravel(linear_velocity), np.ravel(angular_velocity)]).astype(float)
     weights = np.asarray(inverse_metric, dtype=np.float64)
     found = given
     close = 1e-15 * max(1.0, np.abs(given).max())
     for iteration in range(_MOST_ITERATIONS):
         residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
-        phi = phi + np.where(levels == "position", residual_rate * residual, 0.0)
-        # A limit on velocities takes part once it is violated, and then stays.
-        counts = counts | (system.row_is_limit & (levels == "velocity") & (phi < -close))
-        phi, rows = np.where(counts, phi, 0.0), np.where(counts[:, None], rows, 0.0)
-        if np.abs(phi).max(initial=0.0) <= close:
+        phi = (phi + np.where(levels == "position", residual_rate * residual, 0.0))[counts]
+        rows = rows[counts]
+        if np.abs(np.where(is_limit, np.minimum(phi, 0), phi)).max(initial=0.0) <= close:
             break
-        weighted = weights[:, None] * rows.T
-        inverse = np.linalg.pinv(rows @ weighted, hermitian=True)
-        if iteration < _APPROACHING:
-            found = given + weighted @ (inverse @ (rows @ (found - given) - phi))
-        else:
-            found = found - weighted @ (inverse @ phi)
+        base = given if iteration < _APPROACHING else found
+        found = base + least_change(rows, rows @ (found - base) - phi, is_limit, weights)
     return found[:3], found[3:], residual[~system.row_is_limit]
+
+
+def least_change(
+    rows: Floats, reach: Floats, is_limit: NDArray[np.bool_], inverse_metric: ArrayLike
+) -> Floats:
+    """Least d, in the metric, with ``rows d = reach``, or ``>= reach`` for limits.
+
+    Without limits the pseudo-inverse's, with them by non-negative least squares (Lawson and Hanson
+    1974, least distance programming).  Where not all limits can be kept, they are left out.
+    """
+    weights = np.asarray(inverse_metric, dtype=np.float64)
+    if not np.any(is_limit & (reach > 0)):
+        A, wanted = rows[~is_limit], reach[~is_limit]
+        weighted = weights[:, None] * A.T
+        d = weighted @ (np.linalg.pinv(A @ weighted, hermitian=True) @ wanted)
+        if np.all((rows @ d)[is_limit] >= reach[is_limit]):
+            return np.asarray(d)
+    roots = np.sqrt(weights)
+    A, wanted = rows * roots, reach
+    scale = np.abs(wanted).max() or 1.0
+    # An equality is two limits.
+    G = np.concatenate([A, -A[~is_limit]])
+    h = np.concatenate([wanted, -wanted[~is_limit]]) / scale
+    end = np.zeros(7)
+    end[-1] = 1.0
+    E = np.vstack([G.T, h])
+    push, distance = nnls(E, end)
+    left = E @ push - end
+    if distance < _CONTRADICTION:
+        return least_change(rows[~is_limit], reach[~is_limit], is_limit[~is_limit], weights)
+    return np.asarray(roots * (-scale * left[:6] / left[6]))
 
 
 def project_initial_velocity(

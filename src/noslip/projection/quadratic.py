@@ -24,12 +24,9 @@ from noslip.rotations import Expression
 
 REGULAR = 1e-11
 """Added to the diagonal of Q, whose rows have unit norm: keeps dependent rows solvable."""
-_TOLERANCE = 1e-11
-"""Violation, relative to the largest of all, that is left to the next pass."""
 _FLAT = 1e-9
 """A driven row that moves less than this per unit of its multiplier cannot be satisfied."""
 _NEVER = 1e300
-_LEAST = 1e-250
 
 
 @dataclass(frozen=True)
@@ -53,6 +50,7 @@ def least_push(
     Q: Expression,
     q: Expression,
     cap: Expression,
+    tolerance: Expression,
     exchanges: int,
     before: Expression | None = None,
     start: Pushes | None = None,
@@ -67,6 +65,8 @@ def least_push(
         Margin of each row without any push.
     cap : expression, shape (k,)
         Largest multiplier of each row.
+    tolerance : expression
+        Violation that is left alone.
     exchanges : int
         Rows that may arrive or leave.  From nothing, 2 k suffice for 99.9 % of random problems.
     before : expression, shape (k,), optional
@@ -76,13 +76,13 @@ def least_push(
     """
     size = q.shape[0]
     before = ca.SX(size, 1) if before is None else before
-    Q = ca.densify(Q) + REGULAR * ca.SX.eye(size)
-    tolerance = _TOLERANCE * ca.fmax(-ca.mmin(q), 0) + _LEAST
+    Q = ca.densify(Q)
+    regular = Q + REGULAR * ca.SX.eye(size)
     pushing, yielding = ca.SX(size, 1), ca.SX(size, 1)
     multipliers, margins = ca.SX(size, 1), q
     if start is not None:
         pushing, yielding = start.pushing, start.yielding
-        multipliers = -_solve_masked(Q, pushing, q)
+        multipliers = -_solve_masked(regular, pushing, q)
         margins = q + ca.mtimes(Q, multipliers)
     driven = ca.SX(size, 1)
     for _ in range(exchanges):
@@ -92,7 +92,7 @@ def least_push(
         new = _first(violation, largest) * (largest > tolerance)
         driven = ca.if_else(ca.sum1(driven) > 0, driven, new)
         is_driven = ca.sum1(driven) > 0
-        direction = driven - _solve_masked(Q, pushing, ca.mtimes(Q, driven))
+        direction = driven - _solve_masked(regular, pushing, ca.mtimes(Q, driven))
         rates = ca.mtimes(Q, direction)
         rate, margin = ca.dot(driven, rates), ca.dot(driven, margins)
         full = ca.if_else(rate > _FLAT, -margin / rate, _NEVER)
@@ -103,11 +103,12 @@ def least_push(
         spent = ca.if_else((pushing + driven) * (direction > 0), room / direction, _NEVER)
         nearest = ca.mmin(ca.fmin(lost, spent))
         arrives = full <= nearest
-        length = ca.if_else(is_driven, ca.fmin(full, nearest), 0)
+        # Leaves: another row, or the driven one itself that cannot be satisfied; then none moves.
+        leaves = _first(-ca.fmin(lost, spent), -nearest) * (1 - arrives) * is_driven
+        hopeless = ca.dot(leaves, driven)
+        length = ca.if_else(is_driven * (1 - hopeless), ca.fmin(full, nearest), 0)
         multipliers += length * direction
         margins += length * rates
-        # Either the driven row arrives, or another (or itself, its cap spent) leaves.
-        leaves = _first(-ca.fmin(lost, spent), -nearest) * (1 - arrives) * is_driven
         gives_way = leaves * (spent <= lost)
         yielding += gives_way
         multipliers = ca.if_else(leaves * (1 - gives_way), -before, multipliers)
@@ -116,7 +117,7 @@ def least_push(
     # From the set alone: what yields pushes with its whole cap against those that hold, which
     # moves nothing and would only eat up precision.
     held = q - ca.mtimes(Q, (1 - pushing) * before)
-    multipliers = -_solve_masked(Q, pushing, held) - (1 - pushing) * before
+    multipliers = -_solve_masked(regular, pushing, held) - (1 - pushing) * before
     return Pushes(multipliers, pushing, yielding)
 
 
