@@ -39,14 +39,13 @@ G = 9.81
 RESIDUAL_RATE = 10.0
 IDENTITY = Rotation.identity()
 
-# The constraints' forces act along the rows of the step's *end*: the velocities are the nearest
-# that the next state allows.  Along those of its start (A of the Udwadia-Kalaba equation) steps at
-# position level would be Verlet's (SHAKE): of second order, with no drift of energies and with
-# momenta kept to rounding; and a blade would exert no torque on a free body.  The tests marked so
-# pass once a step approaches along its start's rows before it goes straight onto the constraint.
-# Until then, those beside them hold the first order, and what it costs.
+# At position level the constraints' forces act along the rows before the step: the steps are
+# Verlet's (SHAKE), of second order, with no drift of energies and with momenta kept to rounding.
+# At velocity level they act along the rows after the step, which the turn within the step is part
+# of: so the rotation can share a blade's correction, as a metric asks.  The price is a torque
+# of the order of the step on a body that is free to turn, and the tests marked so do not pass.
 END_OF_STEP = pytest.mark.xfail(
-    reason="constraint forces along the rows of the step's end, not of its start",
+    reason="forces of velocity constraints act along the rows of the step's end",
     raises=AssertionError,
 )
 
@@ -473,10 +472,7 @@ def upright(motion: Motion) -> Any:
 DISC = masses(2.0, 0.15)
 
 
-@pytest.mark.parametrize(
-    ("order", "accuracy"), [(0.9, 0.3), pytest.param(1.9, 1e-5, marks=END_OF_STEP)]
-)
-def test_an_upright_disc_rolls_in_a_circle(order: float, accuracy: float) -> None:
+def test_an_upright_disc_rolls_in_a_circle() -> None:
     """Spin s and yaw rate w stay as they are: a circle of radius r s / w."""
     spin, yaw = 3.0, 1.1
     start = Start(velocity=[RADIUS * spin, 0, 0], spin=[0, spin, yaw])
@@ -489,7 +485,7 @@ def test_an_upright_disc_rolls_in_a_circle(order: float, accuracy: float) -> Non
         turns = Rotation.from_euler("ZY", np.column_stack([yaw * t, spin * t]))
         return max(farthest(path.positions, where), angle_between(path.rotations, turns))
 
-    converges(error, 1000, accuracy=accuracy, order=order)
+    converges(error, 1000, accuracy=1e-5, order=1.9)
 
 
 def tilted_disc() -> Callable[[float, Floats], Floats]:
@@ -584,16 +580,9 @@ def great_circle_error(speed: float, duration: float, direction: Rotation) -> An
 @settings(max_examples=5)
 def test_a_free_bead_on_a_sphere_follows_a_great_circle(speed: float, seed: int) -> None:
     error = great_circle_error(speed, 4 / speed, Rotation.random(random_state=seed))
-    converges(error, 500, accuracy=1e-2)
-
-
-@END_OF_STEP
-def test_a_free_bead_on_a_sphere_follows_a_great_circle_to_second_order() -> None:
-    error = great_circle_error(1.0, 4.0, Rotation.random(random_state=1))
     converges(error, 500, accuracy=1e-5, order=1.9)
 
 
-@END_OF_STEP
 def test_a_free_bead_on_a_sphere_keeps_its_speed() -> None:
     path = simulate([on_sphere], Start([SPHERE, 0, 0], [0, 1, 0]), 10.0, 1000)
     speeds = np.linalg.norm(path.velocities[1:], axis=1)
@@ -629,35 +618,20 @@ def spherical_pendulum() -> Any:
     return Start(position=positions(np.zeros(1))[0], velocity=velocity), positions
 
 
-@pytest.mark.parametrize(
-    ("order", "accuracy"), [(0.9, 0.1), pytest.param(1.9, 1e-3, marks=END_OF_STEP)]
-)
-def test_a_bead_on_a_sphere_swings_as_a_spherical_pendulum(order: float, accuracy: float) -> None:
+def test_a_bead_on_a_sphere_swings_as_a_spherical_pendulum() -> None:
     start, positions = spherical_pendulum()
 
     def error(steps: int) -> float:
         path = simulate([on_sphere], start, 4.0, steps, external=falling)
         return farthest(path.positions, positions(path.times))
 
-    converges(error, 1000, accuracy=accuracy, order=order)
+    converges(error, 1000, accuracy=1e-3, order=1.9)
 
 
 def momentum_about_the_vertical(path: Path) -> Floats:
     return np.cross(path.positions[1:], path.velocities[1:])[:, 2]
 
 
-def test_a_swinging_beads_momentum_about_the_vertical_stays_to_first_order() -> None:
-    start, _ = spherical_pendulum()
-
-    def error(steps: int) -> float:
-        path = simulate([on_sphere], start, 4.0, steps, external=falling)
-        about = momentum_about_the_vertical(path)
-        return float(np.ptp(about) / np.abs(about).max())
-
-    converges(error, 1000, accuracy=5e-2)
-
-
-@END_OF_STEP
 def test_a_swinging_beads_momentum_about_the_vertical_is_conserved() -> None:
     start, _ = spherical_pendulum()
     path = simulate([on_sphere], start, 4.0, 1000, external=falling)
@@ -700,23 +674,9 @@ def energies(path: Path) -> Floats:
 @given(st.floats(0.3, 1.5))
 @settings(max_examples=5)
 def test_a_pendulums_period_is_an_elliptic_integral(amplitude: float) -> None:
-    converges(period_error(amplitude), 3000, accuracy=1e-2)
+    converges(period_error(amplitude), 500, accuracy=5e-5, order=1.9)
 
 
-@END_OF_STEP
-def test_a_pendulums_period_is_right_to_second_order() -> None:
-    converges(period_error(1.0), 500, accuracy=1e-5, order=1.9)
-
-
-def test_what_a_pendulum_loses_of_its_energy_is_of_first_order() -> None:
-    def error(steps: int) -> float:
-        found = energies(pendulum(1.0, 2.0, steps))
-        return float(np.ptp(found))
-
-    converges(error, 2000, accuracy=0.2)
-
-
-@END_OF_STEP
 def test_a_pendulums_energy_stays_over_many_periods() -> None:
     found = energies(pendulum(1.0, 20.0, 8000))
     swing = G * (1 - np.cos(1.0))
@@ -1020,10 +980,6 @@ def test_a_blade_that_steers_into_its_path_rests_without_a_turn(kind: str) -> No
     np.testing.assert_allclose(path.spins[6:, 2], spins[5:], atol=1e-4)
 
 
-@pytest.mark.xfail(
-    reason="a row that vanishes is followed down to speeds of rounding errors",
-    raises=AssertionError,
-)
 def test_a_resting_blade_is_not_turned_by_rounding_errors() -> None:
     path, heading = steering("once", drift=1e-18, steps=900)
     assert angle_between(path.rotations, Rotation.from_euler("z", heading[:, None])) < 1e-3

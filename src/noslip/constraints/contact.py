@@ -142,7 +142,7 @@ class SurfaceContact(Constraint):
         settle(self, self.name, surface=checked_surface, unit=_unit, reference_point=point)
 
     def residual(self, motion: Motion) -> Expression:
-        """F at the reference point, in f's own unit."""
+        """What f is at the reference point, in its own unit."""
         return surface_value(self.surface, motion.at(self.reference_point).position)
 
 

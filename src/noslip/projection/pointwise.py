@@ -52,7 +52,7 @@ _REACHED, _STOPPING, _AT_REST = 1e-7, 0.1, 1e-11
 much less a stop must violate it; and the residual that the equalities must not exceed then."""
 _STILL = 1e-11
 """Speed (m/s) of a tool at rest."""
-_APPROACHING, _RESTORING = 3, 3
+_APPROACHING, _RESTORING = 2, 4
 """Newton steps to the nearest point, and then straight onto the constraint."""
 _LIMIT_APPROACHING, _LIMIT_RESTORING = 2, 4
 """The same with limits: who pushes is settled in the first, each of the others may mend it."""
