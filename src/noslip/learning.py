@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -58,6 +59,8 @@ class LearningRecord:
         Rms over the samples, metres and radians.
     smoothing : float
         Rotation smoothing with which it converged.
+    left_out : tuple of str
+        Limits that the projection could not heed; they hold at run time alone.
     """
 
     demonstration: str
@@ -68,6 +71,7 @@ class LearningRecord:
     position_change: float
     rotation_change: float
     smoothing: float
+    left_out: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, demonstration: PoseTrajectory, projected: ProjectedTrajectory) -> LearningRecord:
@@ -81,6 +85,7 @@ class LearningRecord:
             float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
             float(np.sqrt(np.mean(np.sum(projected.turns**2, axis=1)))),
             projected.smoothing,
+            projected.left_out,
         )
 
 
@@ -282,7 +287,7 @@ def learn(
     sampled = [evenly_sampled(d, basis_functions) for d in recorded]
     for index, demonstration in enumerate(sampled):
         if system.size:
-            result = project_trajectory(
+            result = _projected(
                 demonstration,
                 system,
                 hold_position=hold_position,
@@ -320,3 +325,15 @@ def learn(
             float(np.mean([1 / (len(d) - 1) for d in projected])) if projected else None
         ),
     )
+
+
+def _projected(
+    demonstration: PoseTrajectory, system: ConstraintSystem, **options: Any
+) -> ProjectedTrajectory:
+    """Project a demonstration; limits that it cannot heed are left to the run time."""
+    if system.limits.size:
+        result = project_trajectory(demonstration, system, **options, on_failure="return")
+        if result.converged:
+            return result
+    result = project_trajectory(demonstration, system.equalities, **options)
+    return replace(result, left_out=system.limits.names)

@@ -216,9 +216,13 @@ class _Reader:
         )
 
     def records(self, content: dict[str, Any]) -> list[LearningRecord]:
-        names = [f.name for f in fields(LearningRecord)]
+        # Records written before there were limits left none out.
+        names = [f.name for f in fields(LearningRecord) if f.name != "left_out"]
         entries = self.field(content, "learned_from", _list_of_parts)
         return [
-            LearningRecord(**{name: self.field(entry, name, lambda x: x) for name in names})
+            LearningRecord(
+                **{name: self.field(entry, name, lambda x: x) for name in names},
+                left_out=tuple(entry.get("left_out", ())),
+            )
             for entry in entries
         ]

@@ -16,6 +16,10 @@ new goal or start is the case with other boundary values.
 
 Newton steps on the optimality conditions, whose matrix is banded when samples and multipliers are
 interleaved: time and memory grow linearly with the number of samples.
+
+Limits join as further rows, by the primal-dual interior-point method: a slack s > 0 and a
+multiplier mu > 0 with ``h - s = 0`` and ``mu s = tau``, tau going to zero.  In the matrix a limit
+is a row like an equality's, with ``-s / mu`` on its diagonal.
 """
 
 from __future__ import annotations
@@ -38,6 +42,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError
 from noslip.projection.heading import turn_edge_into_path
 from noslip.rotations import (
+    Expression,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
@@ -71,6 +76,20 @@ _STILL = 1e-3
 """Longest step (rad, or path lengths) of an iteration that may end for want of patience."""
 _RESIDUAL_TOLERANCE = 1e-11
 """Relative to the path's mean speed (velocity level) or length (position level)."""
+_LIMIT_ATTEMPTS = ((1.0, 1e-2), (1.0, 1.0), (100.0, 1.0))
+"""Factor on the rotation's smoothing, first tau over the step in time normalised."""
+_LAST_BARRIER = 1e-11
+_LIMIT_TOLERANCE = 1e-8
+"""As for equalities, of which no such precision is asked."""
+_STUCK, _MOST_STUCK = 1e-2, 6
+"""An iteration that goes no farther than this fraction of its step, and how many may in a row."""
+_BARRIER_FALL, _SHORT_STEP_FALL, _LONG_STEP = 0.1, 0.8, 0.7
+"""tau relative to the mean of mu s, after steps longer than this fraction, and after others."""
+_LEAST_SLACK = 1e-3
+"""First slack of a limit that is violated, relative to the path's mean speed or length."""
+_TO_THE_BOUNDARY = 0.99
+_LIMIT_PATIENCE = 4
+"""Iterations with limits over those without."""
 _MOST_SAMPLES = 4000
 """Beyond this, the fourth power of the count in the smoothing terms eats up the precision."""
 
@@ -87,13 +106,19 @@ class ProjectedTrajectory:
     converged : bool
     iterations : int
     residual : float
-        Largest residual over all samples and rows, in the constraints' own units.
+        Largest residual over all samples and rows of the equalities, in the constraints' own units.
     residuals : array, shape (N, m)
-    multipliers : array, shape (N, m)
+        Of the equalities.
+    multipliers : array, shape (N, m + k)
+        Of equalities, then limits.
+    margins : array, shape (N, k)
+        Of the limits; infinite where they do not apply (no step, no acceleration).
     backing : int
         Stretches in which the demonstration moves backwards, left so (see ``heading``).
     smoothing : float
         mu_R with which it converged.
+    left_out : tuple of str
+        Soft limits with which it did not converge, and which it therefore does not heed.
     """
 
     trajectory: PoseTrajectory
@@ -103,8 +128,10 @@ class ProjectedTrajectory:
     residual: float
     residuals: Floats
     multipliers: Floats
+    margins: Floats
     backing: int
     smoothing: float
+    left_out: tuple[str, ...] = ()
 
 
 def project_trajectory(
@@ -124,7 +151,7 @@ def project_trajectory(
     max_iterations: int = MAX_ITERATIONS,
     on_failure: Literal["raise", "return"] = "raise",
 ) -> ProjectedTrajectory:
-    """Find the nearest trajectory that satisfies equality constraints at every step.
+    """Find the nearest trajectory that satisfies constraints and limits at every step.
 
     Parameters
     ----------
@@ -154,7 +181,7 @@ def project_trajectory(
     ConvergenceError
         If no attempt converges (unless ``on_failure="return"``).
     """
-    system = as_system(constraints).equalities
+    system = as_system(constraints)
     if not trajectory.is_uniform or len(trajectory) < 4:
         raise InputError(
             f"{trajectory.name}: a trajectory projection needs 4 or more uniform samples; "
@@ -172,7 +199,10 @@ def project_trajectory(
         _arguments.not_negative("position_smoothing", position_smoothing),
         _arguments.positive("rotation_smoothing", rotation_smoothing),
     )
-    best = _project(trajectory, system, hold_position, boundaries, weights, max_iterations)
+    arguments = (hold_position, boundaries, weights, max_iterations)
+    best = _project(trajectory, system.equalities, *arguments)
+    if best.converged and system.limits.size:
+        best = _heed_limits(trajectory, system, best, *arguments)
     if best.converged or on_failure == "return":
         return best
     names = ", ".join(c.name for c in system.constraints)
@@ -213,6 +243,67 @@ def _project(
             return result
         if best is None or result.residual < best.residual:
             best = result
+    assert best is not None
+    return best
+
+
+def _heed_limits(
+    trajectory: PoseTrajectory,
+    system: ConstraintSystem,
+    without: ProjectedTrajectory,
+    hold_position: bool,
+    boundaries: _Boundaries,
+    weights: tuple[float, float, float],
+    max_iterations: int,
+) -> ProjectedTrajectory:
+    """Go on from the projection without limits; leave out soft ones, the least important first."""
+    kept, left_out = list(system.constraints), list[str]()
+    names = dict(zip(map(id, system.constraints), system.names, strict=True))
+    while True:
+        result = _project_within(
+            trajectory,
+            ConstraintSystem(kept) if left_out else system,
+            without,
+            hold_position,
+            boundaries,
+            weights,
+            max_iterations,
+        )
+        least = max((c.priority for c in kept if c.relation == "nonnegative"), default=0)
+        if result.converged or least == 0:
+            return replace(result, left_out=tuple(left_out))
+        left_out += [names[id(c)] for c in kept if c.priority == least]
+        kept = [c for c in kept if c.priority < least]
+
+
+def _project_within(
+    trajectory: PoseTrajectory,
+    system: ConstraintSystem,
+    without: ProjectedTrajectory,
+    hold_position: bool,
+    boundaries: _Boundaries,
+    weights: tuple[float, float, float],
+    max_iterations: int,
+) -> ProjectedTrajectory:
+    """Interior-point iterations from a trajectory that satisfies the equalities."""
+    weights = (*weights[:2], without.smoothing)
+    turns = np.asarray(without.turns)
+    best: ProjectedTrajectory | None = None
+    for factor, barrier in _LIMIT_ATTEMPTS:
+        attempted = (*weights[:2], weights[2] * factor)
+        problem = _Problem(trajectory, system, hold_position, boundaries, attempted, turns)
+        problem.begin_at(without.trajectory)
+        if problem.keeps_limits():
+            held = np.zeros((len(trajectory), system.size))
+            held[:, : system.equalities.size] = without.multipliers
+            kept = problem.result(True, without.iterations, held)
+            return replace(kept, backing=without.backing)
+        result = problem.solve(_LIMIT_PATIENCE * max_iterations, careful=False, barrier=barrier)
+        result = replace(result, iterations=without.iterations + result.iterations)
+        if result.converged or best is None:
+            best = replace(result, backing=without.backing)
+        if result.converged:
+            break
     assert best is not None
     return best
 
@@ -322,14 +413,22 @@ class _Problem:
         turns: Floats,
     ) -> None:
         self.given, self.system, self.smoothing = trajectory, system, weights[2]
+        self.equalities, self.limits = system.equalities, system.limits
         count, rows = len(trajectory), system.size
         self.count, self.rows = count, rows
         self.unknowns = 3 if hold_position else 6
         self.stage = self.unknowns + rows
         self.time_step = trajectory.duration / (count - 1)
         self.length = trajectory.path_length or 1.0
+        levels = np.array(self.equalities.row_levels + self.limits.row_levels, dtype=object)
+        self.is_limit = np.arange(rows) >= self.equalities.size
         speed_scale = self.length / trajectory.duration
-        self.row_scale = np.where(system.row_is_velocity, 1 / speed_scale, 1 / self.length)
+        scales = {
+            "position": self.length,
+            "velocity": speed_scale,
+            "acceleration": speed_scale / trajectory.duration,
+        }
+        self.row_scale = np.array([1 / scales[level] for level in levels])
 
         self.z = np.zeros((count, self.unknowns))
         self.reference = trajectory.rotations
@@ -343,12 +442,29 @@ class _Problem:
         self._evaluate = _stage_function(system, hold_position, count)
         self.parameters = self._stage_parameters()
         # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
-        decided = system.row_is_velocity.copy()
+        decided = levels != "position"
         first = boundaries["start"]
         if (first.fixes_position or hold_position) and first.fixes_rotation:
             decided[:] = True
         self.active = np.ones((count, rows), dtype=bool)
         self.active[0] = ~decided
+        # An acceleration is that from the step before a sample to the step after it.
+        self.active[-1] = levels != "acceleration"
+        self.slack = np.ones((count, rows))
+
+    def begin_at(self, trajectory: PoseTrajectory) -> None:
+        """Take a trajectory as the first guess."""
+        turned = (trajectory.rotations * self.reference.inv()).as_rotvec()
+        self.z[:, :3] += np.where(self.fixed[:, :3], 0.0, turned - self.z[:, :3])
+        if self.unknowns == 6:
+            moved = (trajectory.positions - self.given.positions) / self.length
+            self.z[:, 3:] += np.where(self.fixed[:, 3:], 0.0, moved - self.z[:, 3:])
+
+    def keeps_limits(self) -> bool:
+        """Whether the first guess keeps all limits as it is."""
+        value, _, _ = self._evaluate(self.z, self.parameters, np.zeros((self.count, self.rows)))
+        heeded = self.active & self.is_limit
+        return bool(np.all((value >= 0) | ~heeded))
 
     def _fix(self, boundaries: _Boundaries) -> NDArray[np.bool_]:
         """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
@@ -383,6 +499,7 @@ class _Problem:
     def _stage_parameters(self) -> Floats:
         quaternions = self.reference.as_quat(scalar_first=True)
         previous = np.concatenate([[0], np.arange(self.count - 1)])
+        following = np.concatenate([np.arange(1, self.count), [self.count - 1]])
         positions = self.given.positions
         # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
         velocities = np.diff(positions, axis=0, prepend=positions[:1]) / self.time_step
@@ -391,8 +508,10 @@ class _Problem:
             [
                 quaternions[previous],
                 quaternions,
+                quaternions[following],
                 positions,
                 velocities,
+                velocities[following],
                 times,
                 np.full(self.count, self.time_step),
                 np.full(self.count, self.length),
@@ -401,36 +520,61 @@ class _Problem:
 
     # ------------------------------------------------------------ Newton
 
-    def solve(self, max_iterations: int, careful: bool) -> ProjectedTrajectory:
-        """Iterate from the first guess; ``careful`` converges from farther, and more slowly."""
+    def solve(
+        self, max_iterations: int, careful: bool, barrier: float = 0.0
+    ) -> ProjectedTrajectory:
+        """Iterate from the first guess; ``careful`` converges from farther, and more slowly.
+
+        With limits, ``barrier`` is the first tau over the step in time normalised.
+        """
         multipliers = np.zeros((self.count, self.rows))
+        heeded = self.active & self.is_limit
+        barrier, last_barrier, stuck = barrier / self.count, _LAST_BARRIER / self.count, 0
+        tolerance = np.where(self.is_limit, max(_LIMIT_TOLERANCE, self._tolerance), self._tolerance)
+        if heeded.any():
+            value, _, _ = self._evaluate(self.z, self.parameters, multipliers)
+            self.slack = np.where(heeded, np.maximum(value * self.row_scale, _LEAST_SLACK), 1.0)
+            multipliers = np.where(heeded, -barrier / self.slack, 0.0)
         converged, iteration, step_size = False, 0, np.inf
         for iteration in range(max_iterations + 1):
             value, jacobian, curvature = self._evaluate(
                 self.z, self.parameters, multipliers * self.row_scale
             )
             value = np.where(self.active, value * self.row_scale, 0.0)
-            residual = np.abs(value).max(initial=0.0)
-            if not np.isfinite(residual):
+            missed = np.where(heeded, value - self.slack, value)
+            residual = float(np.max(np.abs(missed) / tolerance, initial=0.0))
+            if not np.isfinite(residual) or stuck > _MOST_STUCK:
                 break
-            if residual <= self._tolerance and step_size <= _STEP_TOLERANCE:
+            is_last = barrier <= last_barrier
+            if residual <= 1 and step_size <= _STEP_TOLERANCE and is_last:
                 converged = True
                 break
             if iteration == max_iterations:
                 # Feasible and all but still: nothing that more iterations would change matters.
-                converged = bool(residual <= 10 * self._tolerance and step_size <= _STILL)
+                still = residual <= 10 and step_size <= _STILL
+                converged = bool(still and is_last)
                 break
             use_curvature = step_size < _NEAR if careful else iteration >= _GAUSS_NEWTON_STEPS
             step, new = self._newton_step(
-                value, jacobian, curvature if use_curvature else None, multipliers
+                value, jacobian, curvature if use_curvature else None, multipliers, barrier
             )
             if not (np.all(np.isfinite(step)) and np.all(np.isfinite(new))):
                 break
             step_size = float(np.abs(step).max(initial=0.0))
             fraction = min(1.0, _LARGEST_TURN / max(step_size, 1e-300))
+            if heeded.any():
+                push, more = -multipliers[heeded], multipliers[heeded] - new[heeded]
+                slack = self.slack[heeded]
+                widened = (barrier - push * slack - slack * more) / push
+                fraction = min(fraction, _room(slack, widened), _room(push, more))
+                self.slack[heeded] = slack + fraction * widened
+                products = self.slack[heeded] * (push + fraction * more)
+                fall = _BARRIER_FALL if fraction > _LONG_STEP else _SHORT_STEP_FALL
+                barrier = min(barrier, max(fall * float(products.mean()), last_barrier))
+                stuck = stuck + 1 if fraction < _STUCK else 0
             self.z += fraction * step
             multipliers += fraction * (new - multipliers)
-        return self._result(converged, iteration, multipliers)
+        return self.result(converged, iteration, multipliers)
 
     def is_solved(self) -> bool:
         """Whether the trajectory as given satisfies everything: then it is the nearest."""
@@ -457,30 +601,37 @@ class _Problem:
         jacobian: _Entries,
         curvature: _Entries | None,
         multipliers: Floats,
+        barrier: float,
     ) -> tuple[Floats, Floats]:
-        band = _Band(self.count, self.stage)
+        reaches_over = "acceleration" in self.limits.row_levels
+        band = _Band(self.count, self.stage, self.unknowns if reaches_over else 0)
         for j in range(self.unknowns):
             band.add_bending(j, self.bending[j])
             band.add(0, j, j, self.weights[:, j])
         scaled_active = self.active * self.row_scale
         for (row, column), entries in jacobian.items():
             entries = entries * scaled_active[:, row]
-            previous, unknown = divmod(column, self.unknowns)
+            block, unknown = divmod(column, self.unknowns)
             i = self.unknowns + row
-            # Columns 0 .. n-1 belong to the sample before, n .. 2n-1 to the one itself.
-            shift = 0 if previous else -1
+            # Columns 0 .. n-1 belong to the sample before, then come the one itself and the next.
+            shift = block - 1
             band.add(shift, i, unknown, entries)
             band.add_transposed(shift, i, unknown, entries)
         for (row, column), entries in (curvature or {}).items():
             (a, i), (b, j) = divmod(row, self.unknowns), divmod(column, self.unknowns)
             band.add_between(a - 1, i, b - 1, j, entries)
+        heeded = self.active & self.is_limit
+        softness = np.where(self.active, _DUAL_REGULARISATION, 1.0)
+        softness[heeded] = self.slack[heeded] / -multipliers[heeded]
         for row in range(self.rows):
             i = self.unknowns + row
-            band.add(0, i, i, np.where(self.active[:, row], -_DUAL_REGULARISATION, -1.0))
+            band.add(0, i, i, -softness[:, row])
 
         right = np.zeros((self.count, self.stage))
         right[:, : self.unknowns] = -self._cost_gradient()
-        right[:, self.unknowns :] = -value - _DUAL_REGULARISATION * multipliers
+        asked = -value - _DUAL_REGULARISATION * multipliers
+        asked[heeded] = self.slack[heeded] - value[heeded] - barrier / multipliers[heeded]
+        right[:, self.unknowns :] = asked
         right[:, self.unknowns :][~self.active] = 0.0
         for k in (0, self.count - 1):
             for j in np.flatnonzero(self.fixed[k]).tolist():
@@ -497,7 +648,8 @@ class _Problem:
         gradient[:-2] += bend
         return gradient
 
-    def _result(self, converged: bool, iterations: int, multipliers: Floats) -> ProjectedTrajectory:
+    def result(self, converged: bool, iterations: int, multipliers: Floats) -> ProjectedTrajectory:
+        """What the iterations have come to."""
         rotations = Rotation.from_rotvec(self.z[:, :3]) * self.reference
         positions = self.given.positions.copy()
         if self.unknowns == 6:
@@ -508,16 +660,7 @@ class _Problem:
             rotations=rotations,
             name=self.given.name,
         )
-        linear, angular = trajectory.step_velocities()
-        residuals = self.system.residuals(
-            trajectory.times - trajectory.times[0],
-            trajectory.positions,
-            trajectory.quaternions,
-            np.concatenate([linear[:1], linear]),
-            np.concatenate([angular[:1], angular]),
-        )
-        # No step leads to the first sample.
-        residuals[0, self.system.row_is_velocity] = 0.0
+        residuals, margins = self._residuals(trajectory)
         return ProjectedTrajectory(
             trajectory=trajectory,
             turns=(rotations * self.given.rotations.inv()).as_rotvec(),
@@ -526,9 +669,35 @@ class _Problem:
             residual=float(np.abs(residuals).max(initial=0.0)),
             residuals=residuals,
             multipliers=multipliers,
+            margins=margins,
             backing=0,
             smoothing=self.smoothing,
         )
+
+    def _residuals(self, trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
+        """Residuals (N, m) and margins (N, k) of a trajectory."""
+        linear, angular = trajectory.step_velocities()
+        times = trajectory.times - trajectory.times[0]
+        pose = (times, trajectory.positions, trajectory.quaternions)
+        velocities = [np.concatenate([v[:1], v]) for v in (linear, angular)]
+        accelerations = [
+            np.pad(np.diff(v, axis=0) / self.time_step, ((1, 1), (0, 0))) for v in (linear, angular)
+        ]
+        residuals = self.equalities.residuals(*pose, *velocities)
+        margins = self.limits.residuals(*pose, *velocities, *accelerations)
+        # No step leads to the first sample.
+        residuals[0, self.equalities.row_is_velocity] = 0.0
+        applies = np.ones((self.count, self.rows), dtype=bool)
+        applies[0] = np.array(self.equalities.row_levels + self.limits.row_levels) == "position"
+        applies[-1] = self.active[-1]
+        margins[~applies[:, self.equalities.size :]] = np.inf
+        return residuals, margins
+
+
+def _room(values: Floats, steps: Floats) -> float:
+    """Fraction of the steps that leaves positive values positive."""
+    falling = steps < 0
+    return float(np.min(-_TO_THE_BOUNDARY * values[falling] / steps[falling], initial=1.0))
 
 
 _Entries = dict[tuple[int, int], Floats]
@@ -541,41 +710,56 @@ _Evaluation = Callable[[Floats, Floats, Floats], tuple[Floats, _Entries, _Entrie
 # Building and differentiating the graph takes as long as two Newton steps.
 @lru_cache(maxsize=16)
 def _stage_function(system: ConstraintSystem, hold_position: bool, count: int) -> _Evaluation:
-    """Residual, Jacobian and curvature of the constraints of one step, for all steps at once."""
-    unknowns = 3 if hold_position else 6
-    before, here = ca.SX.sym("z_before", unknowns), ca.SX.sym("z", unknowns)
-    q_before, q_here = ca.SX.sym("q_before", 4), ca.SX.sym("q", 4)
-    p, v = ca.SX.sym("p", 3), ca.SX.sym("v", 3)
-    time, time_step, length = ca.SX.sym("t"), ca.SX.sym("dt"), ca.SX.sym("L")
-    multipliers = ca.SX.sym("lambda", system.size)
+    """Residual, Jacobian and curvature of the constraints of one step, for all steps at once.
 
-    quaternion_before = quaternion_product(quaternion_exp(before[:3]), q_before)
-    quaternion = quaternion_product(quaternion_exp(here[:3]), q_here)
-    position, velocity = p, v
+    Rows of equalities come first, then those of limits.
+    """
+    unknowns = 3 if hold_position else 6
+    z = [ca.SX.sym(f"z_{name}", unknowns) for name in ("before", "here", "after")]
+    q = [ca.SX.sym(f"q_{name}", 4) for name in ("before", "here", "after")]
+    p, v, v_after = ca.SX.sym("p", 3), ca.SX.sym("v", 3), ca.SX.sym("v_after", 3)
+    time, time_step, length = ca.SX.sym("t"), ca.SX.sym("dt"), ca.SX.sym("L")
+    equalities, limits = system.equalities, system.limits
+    rows = system.size
+    multipliers = ca.SX.sym("lambda", rows)
+
+    turned = [
+        quaternion_product(quaternion_exp(part[:3]), reference)
+        for part, reference in zip(z, q, strict=True)
+    ]
+
+    def rate(first: int) -> Expression:
+        turn = quaternion_product(turned[first + 1], quaternion_conjugate(turned[first]))
+        return quaternion_log(turn) / time_step
+
+    position, velocity, next_velocity = p, v, v_after
     if not hold_position:
-        position = p + length * here[3:]
-        velocity = v + length * (here[3:] - before[3:]) / time_step
-    turn = quaternion_product(quaternion, quaternion_conjugate(quaternion_before))
-    angular = quaternion_log(turn) / time_step
-    phi = system.residual(time, position, quaternion, velocity, angular)
-    z = ca.vertcat(before, here)
-    jacobian = ca.jacobian(phi, z)
-    curvature, _ = ca.hessian(ca.dot(multipliers, phi), z)
-    parameters = ca.vertcat(q_before, q_here, p, v, time, time_step, length)
+        position = p + length * z[1][3:]
+        velocity = v + length * (z[1][3:] - z[0][3:]) / time_step
+        next_velocity = v_after + length * (z[2][3:] - z[1][3:]) / time_step
+    state = (time, position, turned[1], velocity, rate(0))
+    linear = (next_velocity - velocity) / time_step
+    angular = (rate(1) - rate(0)) / time_step
+    phi = ca.vertcat(equalities.residual(*state), limits.residual(*state, linear, angular))
+    jacobian = ca.jacobian(phi, ca.vertcat(*z))
+    curvature, _ = ca.hessian(ca.dot(multipliers, phi), ca.vertcat(*z))
+    parameters = ca.vertcat(*q, p, v, v_after, time, time_step, length)
     outputs = ca.vertcat(ca.densify(phi), *jacobian.nonzeros(), *curvature.nonzeros())
-    function = ca.Function("stage", [before, here, parameters, multipliers], [outputs])
+    function = ca.Function("stage", [*z, parameters, multipliers], [ca.cse(outputs)])
     mapped = function.map(count)
     jacobian_places = _places(jacobian)
     curvature_places = _places(curvature)
-    rows, width = system.size, outputs.shape[0]
+    width = outputs.shape[0]
 
     def evaluate(
         unknown: Floats, stage_parameters: Floats, weights: Floats
     ) -> tuple[Floats, _Entries, _Entries]:
         previous = np.concatenate([unknown[:1], unknown[:-1]])
+        following = np.concatenate([unknown[1:], unknown[-1:]])
         result = np.empty((count, width))
         arguments = [
-            np.ascontiguousarray(a) for a in (previous, unknown, stage_parameters, weights)
+            np.ascontiguousarray(a)
+            for a in (previous, unknown, following, stage_parameters, weights)
         ]
         buffer, run = mapped.buffer()
         for index, argument in enumerate(arguments):
@@ -602,11 +786,12 @@ class _Band:
     """A banded matrix of stages, in LAPACK's layout.
 
     Entry (i, j) of stages k and k + s stands at row ``2 w + i - j - s n`` and column
-    ``(k + s) n + j``, with n unknowns a stage and w = 2 n diagonals on either side.
+    ``(k + s) n + j``, with n unknowns a stage and w = 2 n diagonals on either side; a few more
+    where entries two stages apart are not on a block's diagonal alone.
     """
 
-    def __init__(self, count: int, stage: int) -> None:
-        self.count, self.stage, self.width = count, stage, 2 * stage
+    def __init__(self, count: int, stage: int, more: int) -> None:
+        self.count, self.stage, self.width = count, stage, 2 * stage + more
         self.storage = np.zeros((3 * self.width + 1, count * stage), order="F")
         self.view = self.storage.reshape((-1, stage, count), order="F")
 
@@ -623,10 +808,10 @@ class _Band:
         self.view[row, i, first:last] += values[first:last]
 
     def add_between(self, a: int, i: int, b: int, j: int, values: Floats) -> None:
-        """Add ``values[k]`` at (stage k + a, i) x (stage k + b, j), with a and b 0 or -1."""
+        """Add ``values[k]`` at (stage k + a, i) x (stage k + b, j), with a and b from -1 to 1."""
         row = 2 * self.width + i - j - (b - a) * self.stage
-        first = 1 if min(a, b) < 0 else 0
-        self.view[row, j, first + b : self.count + b] += values[first:]
+        first, last = max(0, -a, -b), self.count - max(0, a, b)
+        self.view[row, j, first + b : last + b] += values[first:last]
 
     def add_bending(self, j: int, strength: float) -> None:
         """Add ``strength * D^T D`` of the second differences of unknown j."""
