@@ -40,7 +40,7 @@ from noslip.trajectory import PoseTrajectory
 _NO_LEAD = 1e-9
 STABILIZATION = 20.0
 """How fast a violation at the start decays, per duration."""
-BARRIER_RATE = 100.0
+BARRIER_RATE = 300.0
 """How fast the margin of a limit may shrink that names no rate of its own, per duration."""
 
 

@@ -122,7 +122,7 @@ class Constraint(ABC):
         Of the residual; by default that of a length, a velocity, or an acceleration.
     barrier_rate : float or None
         Of inequalities: 1/s; the margin h may shrink no faster than like ``exp(-rate t)``.  None
-        leaves it to the primitive (100 per duration).
+        leaves it to the primitive (300 per duration).
     priority : int
         Of inequalities: 0 is hard.  Where not all can hold, soft ones (1, 2, ...) give way, the
         largest number first.
@@ -267,7 +267,7 @@ def keep_nonnegative(
         By default "velocity" if the margin depends on a velocity, else "position".  At
         "acceleration", the motion has ``linear_acceleration`` and ``angular_acceleration`` too.
     barrier_rate : float, optional
-        1/s; the higher, the later and the harder the limit acts.  By default 100 per duration.
+        1/s; the higher, the later and the harder the limit acts.  By default 300 per duration.
     priority : int
         0 is hard.  Where not all can hold, soft limits (1, 2, ...) give way, the largest number
         first.

@@ -76,8 +76,8 @@ _STILL = 1e-3
 """Longest step (rad, or path lengths) of an iteration that may end for want of patience."""
 _RESIDUAL_TOLERANCE = 1e-11
 """Relative to the path's mean speed (velocity level) or length (position level)."""
-_LIMIT_ATTEMPTS = ((1.0, 1e-2), (1.0, 1.0), (100.0, 1.0))
-"""Factor on the rotation's smoothing, first tau over the step in time normalised."""
+_LIMIT_ATTEMPTS = ((1.0, 1e-2, False), (1.0, 1.0, False), (1.0, 1.0, True), (100.0, 1.0, True))
+"""Factor on the rotation's smoothing, first tau over the step in time normalised, careful."""
 _LAST_BARRIER = 1e-11
 _LIMIT_TOLERANCE = 1e-8
 """As for equalities, of which no such precision is asked."""
@@ -289,7 +289,7 @@ def _project_within(
     weights = (*weights[:2], without.smoothing)
     turns = np.asarray(without.turns)
     best: ProjectedTrajectory | None = None
-    for factor, barrier in _LIMIT_ATTEMPTS:
+    for factor, barrier, careful in _LIMIT_ATTEMPTS:
         attempted = (*weights[:2], weights[2] * factor)
         problem = _Problem(trajectory, system, hold_position, boundaries, attempted, turns)
         problem.begin_at(without.trajectory)
@@ -298,7 +298,7 @@ def _project_within(
             held[:, : system.equalities.size] = without.multipliers
             kept = problem.result(True, without.iterations, held)
             return replace(kept, backing=without.backing)
-        result = problem.solve(_LIMIT_PATIENCE * max_iterations, careful=False, barrier=barrier)
+        result = problem.solve(_LIMIT_PATIENCE * max_iterations, careful, barrier)
         result = replace(result, iterations=without.iterations + result.iterations)
         if result.converged or best is None:
             best = replace(result, backing=without.backing)
@@ -464,7 +464,7 @@ class _Problem:
         """Whether the first guess keeps all limits as it is."""
         value, _, _ = self._evaluate(self.z, self.parameters, np.zeros((self.count, self.rows)))
         heeded = self.active & self.is_limit
-        return bool(np.all((value >= 0) | ~heeded))
+        return bool(np.all((value * self.row_scale >= -_LIMIT_TOLERANCE) | ~heeded))
 
     def _fix(self, boundaries: _Boundaries) -> NDArray[np.bool_]:
         """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
