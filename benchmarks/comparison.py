@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from benchmarks import paper_method, peers
 from benchmarks.example import ALPHA, ALPHA_S, BASIS_FUNCTIONS, BETA, demonstration
 from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
-from noslip import Blade, ConstrainedDMP, PoseDMP, PoseTrajectory, learn
+from noslip import Blade, Box, ConstrainedDMP, PoseDMP, PoseTrajectory, learn
 
 PAPER, PEER, OURS = "the paper's method", "movement-primitives", "noslip"
 
@@ -46,6 +47,24 @@ class Ratio:
 
 
 @dataclass(frozen=True)
+class StepCost:
+    """What a step costs within a rollout, everything that the rollout does shared out.
+
+    Attributes
+    ----------
+    name : str
+    seconds : float
+        Median.
+    target : float
+        Of the machine that the project's targets were set for.
+    """
+
+    name: str
+    seconds: float
+    target: float
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Result of the comparison on one demonstration."""
 
@@ -54,6 +73,7 @@ class Comparison:
     timings: Mapping[str, Timing]
     quality: Mapping[str, Quality]
     ratios: tuple[Ratio, ...]
+    step_costs: tuple[StepCost, ...]
     paper_evaluations: int
     paper_unconverged: int
 
@@ -65,6 +85,17 @@ RATIOS = (
     ("learn with projection, against movement-primitives' imitate", "imitate", "learn", 1.0),
 )  # fmt: skip
 """(name, slow, fast, target)"""
+
+STEP_COSTS = (
+    ("blade, the position gives way", "rollout", 8e-6),
+    ("blade, position and rotation share", "rollout_shared", 8e-6),
+    ("blade and six barrier rows, the position gives way", "rollout_limits", 60e-6),
+    ("blade and six barrier rows, both share", "rollout_limits_shared", 60e-6),
+)
+"""(name, rollout, target)"""
+
+CORNER = Box(lower=(0.2, 0.2, -0.1), upper=(0.8, 0.8, 0.1))
+"""The path begins outside of it, and leaves it again: limits are active most of the time."""
 
 
 def compare(
@@ -112,6 +143,10 @@ def compare(
                 timings[slow].minimum / timings[fast].minimum if slow in timings else None,
             )
             for name, slow, fast, target in RATIOS
+        ),
+        step_costs=tuple(
+            StepCost(name, timings[key].median / (samples - 1), target)
+            for name, key, target in STEP_COSTS
         ),
         paper_evaluations=paper.evaluations,
         paper_unconverged=paper.unconverged,
@@ -217,6 +252,10 @@ def _noslip(
 
     time_step = given.duration / (len(given) - 1)
     regular = ours.regular
+    shared = learn(given, Blade(), basis_functions=basis_functions, metric="shared")
+    # Run-time limits alone: the primitive itself goes on pressing against them.
+    limited = replace(ours, constraints=(Blade(), CORNER))
+    limited_shared = replace(shared, constraints=(Blade(), CORNER))
     walk = _Walk(lambda: None, lambda state: ours.step(state, time_step), ours.initial_state)
     few = max(1, repeat_fast // 4)
     return [
@@ -267,6 +306,20 @@ def _noslip(
             OURS,
             lambda: regular.rollout(time_step=time_step),
             per_round=2 * repeat_fast,
+        ),
+        *(
+            Candidate(
+                key,
+                f"rollout, constrained, {label}",
+                OURS,
+                partial(dmp.rollout, time_step=time_step),
+                per_round=repeat_fast,
+            )
+            for key, label, dmp in (
+                ("rollout_shared", "shared metric", shared),
+                ("rollout_limits", "six barrier rows", limited),
+                ("rollout_limits_shared", "six barrier rows, shared metric", limited_shared),
+            )
         ),
         Candidate(
             "step",

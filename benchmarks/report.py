@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import peers
-from benchmarks.comparison import OURS, PEER, Comparison, Ratio
+from benchmarks.comparison import OURS, PEER, Comparison, Ratio, StepCost
 from benchmarks.example import ALPHA, ALPHA_S, BETA, DURATION
 from benchmarks.growth import LEAST_MEMORY, THEIRS, Growth
 
@@ -40,6 +40,7 @@ def as_json(
         },
         "timings": [asdict(timing) for timing in comparison.timings.values()],
         "ratios": [{**asdict(ratio), "met": ratio.met} for ratio in comparison.ratios],
+        "step_costs": [asdict(cost) for cost in comparison.step_costs],
         "quality": {name: asdict(quality) for name, quality in comparison.quality.items()},
         "paper_optimiser": {
             "loss_evaluations": comparison.paper_evaluations,
@@ -70,7 +71,12 @@ def show(
     """Print all tables."""
     for line in _head(comparison, environment):
         console.print(line, highlight=False)
-    tables = [_timings(comparison), _ratios(comparison.ratios), _quality(comparison)]
+    tables = [
+        _timings(comparison),
+        _ratios(comparison.ratios),
+        _step_costs(comparison.step_costs),
+        _quality(comparison),
+    ]
     for axis in _AXES:
         along = [growth for growth in growths if growth.axis == axis and growth.cases]
         if along:
@@ -139,6 +145,13 @@ def _ratios(ratios: Iterable[Ratio]) -> Table:
             )
     table.caption = "ratio of the medians, which the targets are for; beside it that of the lowest"
     table.caption_justify = "left"
+    return table
+
+
+def _step_costs(costs: Iterable[StepCost]) -> Table:
+    table = _table("A step of noslip's rollout, uncompiled", "what", "median", "target")
+    for cost in costs:
+        table.add_row(cost.name, duration(cost.seconds), f"{duration(cost.target)} or less")
     return table
 
 
