@@ -47,9 +47,12 @@ _VANISHED = 1e-14
 _SMALLEST_PIVOT = 1e-200
 _NEGLIGIBLE = 1e-12
 """Violation of a limit, over the velocity that the limits ask for, that is left alone."""
-_REACHED, _STOPPING, _AT_REST = 1e-7, 0.1, 1e-11
-"""Violation, over the velocity that the limits ask for, up to which a hard limit is kept; by how
-much less a stop must violate it; and the residual that the equalities must not exceed then."""
+_REACHED, _STOPPING = 1e-7, 0.1
+"""Violation, so relative, up to which a hard limit is kept; how much less a stop's must be."""
+_OFF, _AT_REST = 1e-8, 1e-11
+"""Residual at which an equality is missed, and that it may have at rest."""
+_LARGEST_TURN = 0.5
+"""Longest correction of a step's turn (rad)."""
 _STILL = 1e-11
 """Speed (m/s) of a tool at rest."""
 _APPROACHING, _RESTORING = 2, 4
@@ -225,35 +228,39 @@ class _Step:
         yielding = ca.SX(self.phi.shape[0], 1)
         if pushes is not None:
             yielding[self.equalities.size :] = pushes.yielding
+        if restoring:
             stop = self._stop(velocities)
             velocities = velocities + stop
-            # A stop serves all limits alike.
-            parts[:, self.equalities.size :] += ca.repmat(
-                stop / self.limits.size, 1, self.limits.size
-            )
+            # A stop serves all rows alike.
+            parts += ca.repmat(stop / parts.shape[1], 1, parts.shape[1])
         return velocities, impulses, parts, yielding
 
     def _stop(self, velocities: Expression) -> Expression:
-        """What brings the tool to rest, if that keeps hard limits which the passes did not reach.
+        """What brings the tool to rest where the passes have not come to what they should.
 
-        Where limits all but contradict each other, a fixed number of passes may not suffice.  To
-        stand still violates no limit that allows it.
+        Where constraints or limits all but contradict each other, a fixed number of passes may not
+        suffice: a hard limit or an equality is missed, or the tool is turned by more than a step's
+        linearisation can bear.  To stand still violates no limit that allows it.
         """
         m = self.equalities.size
-        hard = [m + i for i, cap in enumerate(_priorities(self.limits)) if cap == 0]
-        if not hard:
-            return ca.SX(6, 1)
+        hard = [m + i for i, priority in enumerate(_priorities(self.limits)) if priority == 0]
         held = ca.DM([float(weight == 0) for weight in np.array(self.weights).ravel()])
         rest = held * velocities
         missed = []
         for candidate in (velocities, rest):
             left = self.goal - ca.substitute(self.phi, self.unknown, candidate)
-            over = ca.fmax(ca.mmax(left[hard, :] - ca.fmax(self.goal[hard, :], 0)), 0)
-            off = ca.mmax(ca.fabs(left[:m, :])) if m else ca.SX(0)
+            over, off = ca.SX(0), ca.SX(0)
+            if hard:
+                over = ca.fmax(ca.mmax(left[hard, :] - ca.fmax(self.goal[hard, :], 0)), 0)
+            if m:
+                off = ca.mmax(ca.fabs(left[:m, :]))
             missed.append((over, off))
-        (over, _), (over_at_rest, off_at_rest) = missed
-        better = (over_at_rest < _STOPPING * over) * (off_at_rest < _AT_REST)
-        return ca.if_else((over > _REACHED * self.asked) * better, rest - velocities, 0)
+        (over, off), (over_at_rest, off_at_rest) = missed
+        turn = self.s.time_step * ca.norm_inf(velocities[3:] - self.unconstrained[3:])
+        lost = ca.logic_or(off > _OFF, turn > _LARGEST_TURN)
+        over_more = (over > _REACHED * self.asked) * (over_at_rest < _STOPPING * over)
+        stop = ca.logic_or(lost, over_more) * (off_at_rest < _AT_REST)
+        return ca.if_else(stop, rest - velocities, 0)
 
     def _passes(self) -> tuple[int, int]:
         if self.limits.size:
