@@ -257,7 +257,8 @@ def learn(
         See :func:`noslip.project_trajectory`.
     metric : "position", "rotation", "shared" or 6 positive weights, optional
         Who gives way at run time: M of Gauss's principle, see :mod:`noslip.projection.metric`.  By
-        default the position, as in the paper, where that can hold every constraint; else both.
+        default the position, as in the paper, where that can hold every constraint and no limit is
+        about turning; else both.
     metric_length : float, optional
         Metres that weigh as much as a radian; by default the length of a mean step.
     stabilization : float

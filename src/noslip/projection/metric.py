@@ -18,6 +18,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
+import casadi as ca
+
 from noslip import _arguments
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
@@ -35,7 +37,8 @@ def inverse_metric(
     ----------
     system : ConstraintSystem
     metric : "position", "rotation", "shared" or 6 positive weights, or None
-        None is "position" where that can hold every constraint, else "shared".
+        None is "position" where that can hold every constraint and no limit is about turning (a
+        tool that goes on turning cannot stand still for it), else "shared".
     length : float or None
         L (m); None is ``step_length``.
     step_length : float
@@ -51,7 +54,8 @@ def inverse_metric(
     length = _arguments.positive("metric_length", length, "m")
     turn = 1 / length**2
     if metric is None:
-        metric = "position" if all(holdable_rows(system, POSITION_ONLY)) else "shared"
+        position = all(holdable_rows(system, POSITION_ONLY)) and not _limits_turning(system.limits)
+        metric = "position" if position else "shared"
     if isinstance(metric, str):
         if metric not in _NAMED:
             raise InputError(
@@ -59,6 +63,12 @@ def inverse_metric(
             )
         return _scaled(_NAMED[metric], turn)
     return _scaled([1 / weight for weight in _arguments.positive_weights("metric", metric)], turn)
+
+
+def _limits_turning(limits: ConstraintSystem) -> bool:
+    motion = [ca.SX.sym(name, n) for name, n in zip("tpqvwab", (1, 3, 4, 3, 3, 3, 3), strict=True)]
+    rows = ca.vertcat(limits.first_order(*motion[:5]), limits.residual(*motion))
+    return bool(ca.depends_on(rows, ca.vertcat(motion[4], motion[6])))
 
 
 def _scaled(inverse_weights: Sequence[float], turn: float) -> tuple[float, ...]:
