@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from noslip.constraints.check import step_residuals
+from noslip.constraints.check import check, step_residuals
 from noslip.constraints.declaration import Constraint, axis_index
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.trajectory import PoseTrajectory
@@ -21,7 +21,7 @@ class Comparison:
     Attributes
     ----------
     residual_peak, residual_rms : float
-        Over all steps and rows, in the constraints' units.
+        Of the equalities, over all steps and rows, in the constraints' units.
     position_rms, position_end : float
         Distance from the demonstration at the same fraction of the motion (m).
     rotation_rms, rotation_peak : float
@@ -32,6 +32,8 @@ class Comparison:
         rad/s^2.
     slowest_edge_speed : float or None
         Least speed along the constraint's edge (m/s); negative where the tool moves backwards.
+    least_margins : dict
+        Of each limit over all steps and rows, by name, in the limits' units; negative if violated.
     """
 
     residual_peak: float
@@ -43,6 +45,7 @@ class Comparison:
     angular_speed_peak: float
     angular_acceleration_peak: float
     slowest_edge_speed: float | None
+    least_margins: dict[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -71,7 +74,7 @@ def compare(
     linear, angular = motion.step_velocities()
     periods = np.diff(motion.times)
     acceleration = np.diff(angular, axis=0) / periods[1:, None]
-    residual = np.abs(step_residuals(motion, system)).max(axis=1, initial=0.0)
+    residual = np.abs(step_residuals(motion, system.equalities)).max(axis=1, initial=0.0)
     edge = next((c.edge for c in system.constraints if c.edge), None)
     edge_speed = None
     if edge is not None:
@@ -88,7 +91,14 @@ def compare(
         angular_speed_peak=float(np.linalg.norm(angular, axis=1).max()),
         angular_acceleration_peak=float(np.linalg.norm(acceleration, axis=1).max(initial=0.0)),
         slowest_edge_speed=edge_speed,
+        least_margins=_least_margins(motion, system.limits),
     )
+
+
+def _least_margins(motion: PoseTrajectory, limits: ConstraintSystem) -> dict[str, float]:
+    if not limits.size:
+        return {}
+    return {c.name: c.margin for c in check(motion, limits).constraints if c.margin is not None}
 
 
 def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:

@@ -144,9 +144,12 @@ class ConstrainedDMP(PoseDMP):
             position, quaternion = project_pose(
                 self.system, 0.0, position, quaternion, inverse_metric=self.inverse_metric
             )
+        equalities, limits = self.system.equalities, self.system.limits
         linear, angular = state.linear_velocity, state.angular_velocity
-        if project != "nothing":
-            linear, angular, _ = project_velocities(
+        if project == "nothing":
+            residuals = equalities.instant(0.0, position, quaternion, linear, angular)[0]
+        else:
+            linear, angular, residuals = project_velocities(
                 self.system,
                 0.0,
                 position,
@@ -156,17 +159,16 @@ class ConstrainedDMP(PoseDMP):
                 inverse_metric=self.inverse_metric,
                 residual_rate=state.pull_in,
             )
-        at = (state.time, position, quaternion, linear, angular)
-        equalities, limits = self.system.equalities, self.system.limits
+        margins = limits.residuals(0.0, position, quaternion, linear, angular)[0]
         return replace(
             state,
             position=position,
             rotation=Rotation.from_quat(quaternion, scalar_first=True),
             linear_velocity=linear,
             angular_velocity=angular,
-            constraint_residuals=equalities.residuals(*at)[0],
+            constraint_residuals=residuals,
             multipliers=np.zeros(equalities.size),
-            margins=limits.residuals(*at)[0],
+            margins=margins,
             limit_multipliers=np.zeros(limits.size),
         )
 

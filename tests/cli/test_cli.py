@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip.cli import main
+from noslip.figures import constraint_history, save_figure
 
 
 class Result(NamedTuple):
@@ -235,6 +237,123 @@ def test_plot_draws_recordings_and_primitives(noslip, slipping, primitive, tmp_p
         out = tmp_path / f"figure.{suffix}"
         assert noslip("plot", slipping, primitive, "--out", out).code == 0
         assert out.stat().st_size > 5000
+
+
+def test_plot_of_a_primitive_alone_shows_what_its_constraints_do(noslip, primitive, tmp_path):
+    alone, asked, motion = (tmp_path / f"{name}.svg" for name in ("alone", "asked", "motion"))
+    assert noslip("plot", primitive, "--out", alone).code == 0
+    assert noslip("plot", primitive, "--show", "constraints", "--out", asked).code == 0
+    assert noslip("plot", primitive, "--show", "motion", "--out", motion).code == 0
+    dmp = ns.load_primitive(primitive)
+    (expected,) = save_figure(
+        constraint_history(dmp.rollout(), dmp.constraints), tmp_path / "expected.svg"
+    )
+    assert alone.read_bytes() == asked.read_bytes() == expected.read_bytes()
+    assert motion.read_bytes() != alone.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "others", [["{file}"], ["--constraint", "blade"], ["{file}", "--constraint", "blade"]]
+)
+def test_constraints_are_shown_of_one_primitive_alone(
+    noslip, slipping, primitive, others, tmp_path
+):
+    filled = [other.format(file=slipping) for other in others]
+    out = tmp_path / "figure.png"
+    result = noslip("plot", primitive, *filled, "--show", "constraints", "--out", out)
+    assert result.code == 2
+    assert "--show constraints" in result.err
+    assert not out.exists()
+
+
+# ---------------------------------------------------------------- limits
+
+
+@ns.velocity_constraint
+def advance(motion):
+    return motion.linear_velocity[0] - 0.03
+
+
+def with_constraints(primitive, constraints, path) -> Path:
+    """Save a primitive that is made to hold other constraints."""
+    return replace(ns.load_primitive(primitive), constraints=tuple(constraints)).save(path)
+
+
+@pytest.mark.parametrize(("priority", "code", "kind"), [(0, 1, "hard"), (2, 0, "soft, priority 2")])
+def test_rollout_says_what_gave_way_and_blames_hard_limits_alone(
+    noslip, primitive, tmp_path, priority, code, kind
+):
+    limits = [ns.SpeedLimit(speed=0.01, priority=priority), ns.Box()]
+    path = with_constraints(primitive, [advance, *limits], tmp_path / "contradictory.json")
+    out = tmp_path / "motion.csv"
+    result = noslip("rollout", path, "--out", out)
+    assert result.code == code
+    motion = ns.load_primitive(path).rollout()
+    (limit,) = motion.gave_way
+    assert limit.amount > 0.019
+    (line,) = [line for line in result.out.splitlines() if "gave way" in line]
+    assert line.startswith(f"speed-limit ({kind}) gave way by up to {limit.amount:.3g} m/s, at ")
+    assert "speed-limit: VIOLATED" in result.out
+
+    result = noslip("rollout", path, "--out", out, "--json")
+    assert result.code == code
+    (told,) = json.loads(result.out)["gave_way"]
+    assert told == {
+        "name": "speed-limit",
+        "amount": limit.amount,
+        "time": limit.time,
+        "share": limit.share,
+        "unit": "m/s",
+        "priority": priority,
+    }
+    # The motion's own text stays free of it.
+    result = noslip("rollout", path)
+    assert result.code == code
+    assert result.out == motion.csv_text()
+    assert "gave way" in result.err
+
+
+def test_a_violated_equality_is_blamed_beside_soft_limits(noslip, primitive, tmp_path):
+    soft = ns.SpeedLimit(speed=1.0, priority=1)
+    path = with_constraints(primitive, [above_the_table, soft], tmp_path / "above.json")
+    assert noslip("rollout", path, "--out", tmp_path / "motion.csv").code == 1
+
+
+@ns.position_constraint
+def above_the_table(motion):
+    return motion.position[2] - 0.1
+
+
+def test_rollout_in_which_nothing_gives_way_says_nothing(noslip, primitive, tmp_path):
+    result = noslip("rollout", primitive, "--out", tmp_path / "motion.csv", "--json")
+    assert json.loads(result.out)["gave_way"] == []
+    assert "gave way" not in noslip("rollout", primitive, "--out", tmp_path / "motion.csv").out
+
+
+def test_check_tells_margins_in_their_units(noslip, slipping):
+    arguments = ["--constraint", "speed-limit(speed=0.06)", "--constraint", "box(upper=(0.05,1,1))"]
+    result = noslip("check", slipping, *arguments)
+    assert result.code == 1
+    assert "speed-limit: HOLDS  least margin 0.01 m/s at" in result.out
+    assert "box: VIOLATED  by " in result.out and " mm at " in result.out
+    (report,) = json.loads(noslip("check", slipping, *arguments, "--json").out)
+    speed, box = report["constraints"]
+    assert speed["margin"] == pytest.approx(0.01, abs=1e-6)
+    assert box["peak"] == -box["margin"] > 0
+    assert (speed["unit"], box["unit"]) == ("m/s", "m")
+
+
+def test_learn_tells_the_margins_of_its_motion(noslip, slipping, tmp_path):
+    out = tmp_path / "cut.json"
+    arguments = ("learn", slipping, "--out", out, "--constraint", "speed-limit(speed=0.06)")
+    result = noslip(*arguments)
+    assert result.code == 0
+    assert "speed-limit of its motion: least margin " in result.out
+    assert "residual of its motion" not in result.out
+    told = json.loads(noslip(*arguments, "--json").out)
+    found = ns.check(ns.load_primitive(out).rollout(), ns.SpeedLimit(speed=0.06))
+    assert told["least_margins"] == {"speed-limit": found["speed-limit"].margin}
+    assert told["residual_peak"] == 0.0
 
 
 def test_a_closed_pipe_is_no_error(primitive):

@@ -16,17 +16,29 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip import (
+    AccelerationLimit,
+    AngularRateLimit,
     Blade,
+    Box,
     ConstraintError,
     InputError,
+    KeepOutSphere,
     Motion,
+    Needle,
     PoseTrajectory,
+    SpeedLimit,
+    ToolAxis,
     check,
+    keep_nonnegative,
+    learn,
     load_demonstrations,
     position_constraint,
     prepare,
     velocity_constraint,
 )
+from noslip.comparison import compare
+from noslip.constraints.check import row_units, step_accelerations, step_residuals
+from noslip.constraints.system import ConstraintSystem
 
 Floats = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)
@@ -183,7 +195,7 @@ def test_rows_of_one_constraint_count_by_their_norm() -> None:
 def test_each_constraint_gets_its_own_rows() -> None:
     motion = straight(irregular(4), 1.0, np.array([0, 0.6, 0.8]), Rotation.identity())
     report = check(motion, [plane, needle, Blade(), Blade(lateral="z")])
-    assert [c.name for c in report.constraints] == ["plane", "needle", "blade", "blade"]
+    assert [c.name for c in report.constraints] == ["plane", "needle", "blade", "blade 2"]
     assert [c.peak for c in report.constraints[1:]] == pytest.approx([1.0, 0.6, 0.8])
 
 
@@ -241,6 +253,191 @@ def test_a_residual_that_is_no_number_is_refused_by_the_constraints_name() -> No
         check(motion, undefined)
 
 
+# -------------------------------------------------------------------- limits
+
+
+def wandering(seed: int, start: float = 0.0) -> PoseTrajectory:
+    """Random poses some decimetres apart, at irregular times."""
+    rng = np.random.default_rng(seed)
+    times = irregular(seed, start=start)
+    steps = rng.normal(size=(len(times), 3)) * 0.02
+    turns = Rotation.from_rotvec(rng.normal(size=(len(times), 3)) * 0.1)
+    return PoseTrajectory(times=times, positions=np.cumsum(steps, axis=0), rotations=turns)
+
+
+def margins_of(motion: PoseTrajectory) -> dict[str, Floats]:
+    """The margins of LIMITS at each step's end, by NumPy; one column a row."""
+    periods = np.diff(motion.times)
+    p = motion.positions[1:]
+    v = np.diff(motion.positions, axis=0) / periods[:, None]
+    turns = motion.rotations[1:] * motion.rotations[:-1].inv()
+    middles = (motion.times[1:] + motion.times[:-1]) / 2
+    a = np.diff(v, axis=0) / np.diff(middles)[:, None]
+    sphere = np.linalg.norm(p - [0.05, 0, 0], axis=1) - 0.04
+    return {
+        "keep-out-sphere": sphere[:, None],
+        "speed-limit": 1.5 - np.linalg.norm(v, axis=1)[:, None],
+        "angular-rate-limit": 9.0 - (turns.magnitude() / periods)[:, None],
+        "box": np.column_stack([p + 0.06, 0.07 - p]),
+        "acceleration-limit": 30.0 - np.linalg.norm(np.concatenate([a[:1], a]), axis=1)[:, None],
+    }
+
+
+LIMITS = [
+    KeepOutSphere(centre=(0.05, 0, 0), radius=0.04),
+    SpeedLimit(speed=1.5),
+    AngularRateLimit(rate=9.0),
+    Box(lower=(-0.06, -0.06, -0.06), upper=(0.07, 0.07, 0.07)),
+    AccelerationLimit(linear=30.0),
+]
+UNITS = ["m", "m/s", "rad/s", "m", "m/s²"]
+
+
+@given(seeds, st.floats(1e-4, 1.0))
+def test_a_limit_is_violated_by_what_its_margin_is_below_zero(seed: int, tolerance: float) -> None:
+    motion = wandering(seed, start=7.0)
+    periods = np.diff(motion.times)
+    report = check(motion, LIMITS, tolerance=tolerance)
+    wanted = margins_of(motion)
+    assert [c.name for c in report.constraints] == list(wanted)
+    assert [c.unit for c in report.constraints] == UNITS
+    for found in report.constraints:
+        least = wanted[found.name].min(axis=1)
+        violation = np.maximum(0.0, -least)
+        assert (found.relation, found.slip_distance) == ("nonnegative", None)
+        assert found.margin == pytest.approx(least.min(), rel=1e-6, abs=1e-9)
+        assert found.margin_time == found.worst_time == motion.times[1:][np.argmin(least)]
+        assert found.peak == pytest.approx(violation.max(), rel=1e-6, abs=1e-9)
+        mean = np.sqrt(violation**2 @ periods / periods.sum())
+        assert found.rms == pytest.approx(mean, rel=1e-6, abs=1e-9)
+        share = periods[violation > tolerance].sum() / periods.sum()
+        assert found.share_above_tolerance == pytest.approx(share, abs=1e-12)
+        assert found.satisfied == (violation.max() <= tolerance)
+
+
+@given(seeds)
+def test_a_kept_limit_has_no_violation_but_a_margin(seed: int) -> None:
+    motion = wandering(seed)
+    speed = float(np.linalg.norm(motion.step_velocities()[0], axis=1).max())
+    found = check(motion, SpeedLimit(speed=speed + 0.25))["speed-limit"]
+    assert (found.peak, found.rms, found.share_above_tolerance) == (0.0, 0.0, 0.0)
+    assert found.satisfied
+    assert found.margin == pytest.approx(0.25, rel=1e-9)
+
+
+def test_equalities_have_no_margin() -> None:
+    found = check(wandering(1), Blade())["blade"]
+    assert (found.relation, found.unit) == ("zero", "m/s")
+    assert (found.margin, found.margin_time) == (None, None)
+
+
+@given(seeds, st.floats(-1e3, 1e3))
+def test_a_steady_acceleration_is_found_at_any_rate(seed: int, start: float) -> None:
+    # The step's velocity is that in its middle; so is the change from one middle to the next.
+    rng = np.random.default_rng(seed)
+    times = irregular(seed)
+    pull, speed = rng.normal(size=(2, 3))
+    motion = PoseTrajectory(
+        times=start + times,
+        positions=np.outer(times, speed) + np.outer(times**2 / 2, pull),
+        rotations=Rotation.from_rotvec(np.outer(times**2 / 2, [0, 0, 1.5])),
+    )
+    linear, angular = step_accelerations(motion)
+    assert linear.shape == angular.shape == (len(times) - 1, 3)
+    np.testing.assert_allclose(linear, np.broadcast_to(pull, linear.shape), atol=1e-7)
+    np.testing.assert_allclose(angular, np.broadcast_to([0, 0, 1.5], angular.shape), atol=1e-7)
+    bound = AccelerationLimit(linear=float(np.linalg.norm(pull)) + 0.5, angular=1.75)
+    np.testing.assert_allclose(
+        step_residuals(motion, bound), np.broadcast_to([0.5, 0.25], (len(times) - 1, 2)), atol=1e-6
+    )
+
+
+def test_one_step_has_no_acceleration() -> None:
+    motion = wandering(3)[:2]
+    assert check(motion, AccelerationLimit(linear=2.0)).constraints[0].margin == pytest.approx(2.0)
+
+
+def test_a_check_finds_the_margins_of_a_rollout() -> None:
+    times = np.linspace(0, 1, 201)
+    motion = PoseTrajectory(
+        times=times,
+        positions=np.column_stack([np.sin(2 * times), times**2, 0 * times]),
+        rotations=Rotation.from_euler("z", times),
+    )
+    dmp = learn(motion, [AccelerationLimit(linear=3.0), SpeedLimit(speed=2.0)], basis_functions=20)
+    rollout = dmp.rollout()
+    found = step_residuals(rollout, dmp.constraints)
+    # The first step's acceleration is known to the rollout alone, from its initial velocity.
+    np.testing.assert_allclose(found[1:], rollout.margins[2:], atol=1e-8)
+
+
+def test_rows_of_several_units_keep_theirs() -> None:
+    motion = wandering(5)
+    both = AccelerationLimit(linear=1e4, angular=1.0)
+    found = check(motion, both).constraints[0]
+    assert found.unit == "rad/s²"
+    angular = step_accelerations(motion)[1]
+    assert found.peak == pytest.approx(np.linalg.norm(angular, axis=1).max() - 1.0)
+    assert check(motion, AccelerationLimit(linear=1.0, angular=1e6)).constraints[0].unit == "m/s²"
+    curved = Needle(curvature=2.0)
+    assert row_units(ConstraintSystem([curved, Blade()])) == ["m/s"] * 2 + ["rad/s"] * 2 + ["m/s"]
+    # The way slipped is that of the rows in m/s.
+    needle, straight_needle = check(motion, [curved, Needle()]).constraints
+    assert needle.slip_distance == pytest.approx(straight_needle.slip_distance)
+    assert needle.peak > straight_needle.peak
+
+
+def test_limits_are_told_by_their_margins() -> None:
+    motion = straight(irregular(4), 0.3, np.array([1.0, 0, 0]), Rotation.identity())
+    end = motion.positions[-1, 0]
+    kept = Box(lower=(None,) * 3, upper=(end + 0.0032, None, None))
+    broken = Box(lower=(None,) * 3, upper=(end - 0.05, None, None))
+    report = check(motion, [kept, broken, SpeedLimit(speed=0.2), SpeedLimit(speed=0.5)])
+    _, *lines = str(report).splitlines()
+    at = f"at {motion.times[-1]:.3g} s"
+    assert lines[0] == f"  box: HOLDS  least margin 3.2 mm {at}"
+    assert lines[1].startswith(f"  box 2: VIOLATED  by 50 mm {at}, rms ")
+    assert "by more than 1 mm for " in lines[1]
+    assert lines[2].startswith("  speed-limit: VIOLATED  by 0.1 m/s at ")
+    assert "by more than 0.001 m/s for 100% of the time" in lines[2]
+    assert lines[3].startswith("  speed-limit 2: HOLDS  least margin 0.2 m/s at ")
+    assert report.verdict == "violated: box 2, speed-limit"
+    assert report.worst is report["speed-limit"]
+    data = report.to_dict()
+    assert json.loads(json.dumps(data)) == data
+    assert data["constraints"][0]["margin"] == pytest.approx(0.0032)
+    assert data["constraints"][0]["relation"] == "nonnegative"
+    assert data["constraints"][2]["unit"] == "m/s"
+
+
+def test_quantities_without_unit_are_told_without() -> None:
+    report = check(wandering(6), ToolAxis(), tolerance=10)
+    assert report["tool-axis"].unit == "1"
+    assert f"peak {report.peak:.3g} at " in str(report)
+
+
+def test_limits_of_ones_own_count_like_those_of_the_catalogue() -> None:
+    @keep_nonnegative
+    def low(motion: Motion) -> Any:
+        return 0.02 - motion.position[2]
+
+    motion = wandering(8)
+    found = check(motion, low)["low"]
+    assert (found.level, found.unit) == ("position", "m")
+    assert found.margin == pytest.approx(0.02 - motion.positions[1:, 2].max())
+
+
+def test_a_comparison_counts_equalities_and_limits_apart() -> None:
+    motion = wandering(9)
+    found = compare(motion, motion, [Blade(), *LIMITS, SpeedLimit(speed=3.0)])
+    assert found.residual_peak == pytest.approx(check(motion, Blade()).peak)
+    wanted = {name: float(margin.min()) for name, margin in margins_of(motion).items()}
+    wanted["speed-limit 2"] = wanted["speed-limit"] + 1.5
+    assert found.least_margins == pytest.approx(wanted, abs=1e-9)
+    assert compare(motion, motion, LIMITS).residual_peak == 0.0
+    assert json.loads(json.dumps(found.to_dict()))["least_margins"] == found.least_margins
+
+
 # -------------------------------------------------------------------- the report
 
 
@@ -258,7 +455,7 @@ def test_a_report_tells_what_holds_and_what_does_not(report: Any) -> None:
     assert (flat.satisfied, flat.verdict) == (False, "violated")
     assert (across.satisfied, across.verdict) == (False, "violated")
     assert not report.satisfied
-    assert report.verdict == "violated: plane, blade"
+    assert report.verdict == "violated: plane, blade 2"
     assert report["blade"] is blade
     assert report.worst is max(report.constraints, key=lambda c: c.peak)
     for name in ("peak", "rms", "worst_time", "share_above_tolerance", "slip_distance"):
@@ -287,7 +484,7 @@ def test_a_report_is_plain_data(report: Any) -> None:
     assert data["satisfied"] is False
     assert data["verdict"] == report.verdict
     assert data["path_length"] == report.path_length
-    assert [c["name"] for c in data["constraints"]] == ["blade", "plane", "blade"]
+    assert [c["name"] for c in data["constraints"]] == ["blade", "plane", "blade 2"]
     assert data["constraints"][0]["peak"] == report.constraints[0].peak
     assert data["constraints"][1]["slip_distance"] is None
     assert data["constraints"][2]["verdict"] == "violated"

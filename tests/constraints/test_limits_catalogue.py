@@ -21,6 +21,7 @@ from noslip import (
     AngularRateLimit,
     Box,
     Constraint,
+    ConstraintError,
     DepthLimit,
     ForwardOnly,
     HalfSpace,
@@ -182,7 +183,7 @@ def test_depth_limit_is_what_is_left_of_the_depth(
 def test_box_has_a_row_for_each_side(m: Moment, lower: Any, upper: Any, r: Vector) -> None:
     count = 6 - (lower + upper).count(None)
     if count == 0:
-        with pytest.raises(NoslipError, match="box: lower and upper"):
+        with pytest.raises(ConstraintError, match="box: lower and upper"):
             Box(lower, upper)
         return
     found = margins(Box(lower, upper, r), m)
@@ -255,7 +256,7 @@ def test_acceleration_limit_has_a_row_for_each_kind(
     m: Moment, linear: float | None, angular: float | None
 ) -> None:
     if linear is None and angular is None:
-        with pytest.raises(NoslipError, match="acceleration-limit: linear and angular"):
+        with pytest.raises(ConstraintError, match="acceleration-limit: linear and angular"):
             AccelerationLimit(linear, angular)
         return
     expected = []
@@ -282,7 +283,7 @@ def test_turning_radius_is_the_speed_beyond_what_the_bend_needs(
     m: Moment, radius: float, edge: str, up: str, r: Vector
 ) -> None:
     if edge[-1] == up[-1]:
-        with pytest.raises(NoslipError, match="turning-radius: up and edge"):
+        with pytest.raises(ConstraintError, match="turning-radius: up and edge"):
             TurningRadius(radius, edge, up, r)
         return
     found = margins(TurningRadius(radius, edge, up, r), m)
@@ -618,7 +619,7 @@ def test_wrong_arguments_are_refused_in_one_line_by_name(
     limit: type[Limit], arguments: dict[str, Any]
 ) -> None:
     for make in (lambda: limit(**arguments), lambda: build(limit.name, arguments)):
-        with pytest.raises(NoslipError) as caught:
+        with pytest.raises(ConstraintError) as caught:
             make()
         message = str(caught.value)
         assert "\n" not in message
@@ -657,5 +658,5 @@ def test_wrong_priorities_and_rates_are_refused_by_the_system(
 
 @pytest.mark.parametrize("limit", LIMITS)
 def test_unknown_arguments_are_refused_with_those_known(limit: type[Limit]) -> None:
-    with pytest.raises(NoslipError, match=r"it has .*barrier_rate.*priority"):
+    with pytest.raises(ConstraintError, match=r"it has .*barrier_rate.*priority"):
         parse_constraint(f"{limit.name}(strength=3)")

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import matplotlib as mpl
@@ -27,6 +28,10 @@ from noslip.figures.quantities import roll_pitch_yaw
 
 BLADE = noslip.Blade()
 TRIALS = 3
+SPHERE = noslip.KeepOutSphere(centre=(0.9, 0.5, 0), radius=0.1)
+SPEED = noslip.SpeedLimit(speed=3.0)
+BOX = noslip.Box(lower=(-0.2, -0.8, -0.1), upper=(1.1, 1.2, 0.1))
+LIMITED = [BLADE, SPHERE, SPEED, BOX]
 
 
 @noslip.position_constraint
@@ -109,7 +114,44 @@ def recording():
 
 
 @pytest.fixture(scope="module")
-def every_figure(motions, cuts, trained, resting, recording):
+def blade_dmp():
+    """Learned without limits, which then have something to do."""
+    return noslip.learn(numerical_example(), BLADE, basis_functions=30)
+
+
+@pytest.fixture(scope="module")
+def limited(blade_dmp):
+    return replace(blade_dmp, constraints=tuple(LIMITED)).rollout()
+
+
+@noslip.velocity_constraint
+def hurry(motion):
+    return motion.linear_velocity[1] - 2.0
+
+
+@noslip.keep_nonnegative(priority=1)
+def a_limit_of_a_rather_long_name_that_gives_way(motion):
+    return 0.4 - motion.position[1]
+
+
+TURN = noslip.AngularRateLimit(rate=4.0)
+EVERY = [
+    BLADE,
+    hurry,
+    a_limit_of_a_rather_long_name_that_gives_way,
+    noslip.AccelerationLimit(linear=1e5, angular=1e5),
+    noslip.KeepOutCapsule(start=(5, 5, -1), end=(5, 5, 1), radius=0.05),
+    TURN,
+]
+
+
+@pytest.fixture(scope="module")
+def yielding(blade_dmp):
+    return replace(blade_dmp, constraints=tuple(EVERY), inverse_metric=(1.0,) * 6).rollout()
+
+
+@pytest.fixture(scope="module")
+def every_figure(motions, cuts, trained, resting, recording, limited, yielding):
     several = [BLADE, stay_on_table, upright]
     pair = {name: motions[name] for name in ("demonstration", "optimised")}
     awkward = {"_private $x$ name": recording, "a name " * 12: resting, "third": cuts[0]}
@@ -129,6 +171,14 @@ def every_figure(motions, cuts, trained, resting, recording):
         "spread rows": figures.demonstration_spread(cuts, several),
         "spread resting": figures.demonstration_spread([resting, resting], BLADE),
         "spread one": figures.demonstration_spread(recording),
+        "compare limits": figures.compare_motions({"a": recording, "b": limited}, LIMITED),
+        "compare limit": figures.compare_motions(limited, SPHERE),
+        "compare yielding": figures.compare_motions(yielding, EVERY),
+        "spread limits": figures.demonstration_spread([limited, recording], LIMITED),
+        "history": figures.constraint_history(limited, LIMITED),
+        "history without units": figures.constraint_history(limited),
+        "history yielding": figures.constraint_history(yielding, EVERY),
+        "history of a blade": figures.constraint_history(motions["optimised"], BLADE),
         "adjustments": figures.orientation_adjustments(cuts, trained),
         "adjustments resting": figures.orientation_adjustments(resting, resting),
     }
@@ -158,13 +208,13 @@ def numbers_in(text):
 
 
 def test_every_axis_has_a_unit(every_figure):
-    unit = re.compile(r"\((m|mm|s|m/s|mm/s|m/s²|rad/s²|°|%)\)$")
+    unit = re.compile(r"\((m|mm|s|m/s|mm/s|rad/s|m/s²|rad/s²|°|%|SI|own unit)\)$")
     for name, figure in every_figure.items():
         for ax in figure.axes:
             sides = {"x": ax.xaxis, "y": ax.yaxis} | ({"z": ax.zaxis} if ax.name == "3d" else {})
             for side, axis in sides.items():
                 if any(tick.label1.get_visible() for tick in axis.get_major_ticks()):
-                    label = axis.get_label_text()
+                    label = axis.get_label_text().replace("\n", " ")
                     bar = hasattr(ax, "_colorbar") and side == "x"
                     assert bar or unit.search(label), (name, side, label)
 
@@ -204,7 +254,12 @@ def test_nothing_is_clipped_and_nothing_overlaps(every_figure):
             boxes["legend"] = figure.legends[0].get_window_extent(renderer)
         for index, ax in enumerate(figure.axes):
             if ax.name != "3d":
+                # A heading may go on above the next panel.
+                if heading := ax.get_title(loc="left"):
+                    boxes[f"heading {index}"] = ax._left_title.get_window_extent(renderer)
+                ax.set_title("", loc="left")
                 boxes[f"panel {index}"] = ax.get_tightbbox(renderer)
+                ax.set_title(heading, loc="left")
         for what, box in boxes.items():
             assert box.x0 >= -1 and box.y0 >= -1, (name, what)
             assert box.x1 <= page.x1 + 1 and box.y1 <= page.y1 + 1, (name, what)
@@ -311,9 +366,7 @@ def test_a_constraint_forces_panel_shows_rollouts_alone(every_figure, motions):
 
 
 def test_angular_constraint_forces_have_a_panel_where_there_are_any(motions):
-    dmp = noslip.learn(
-        motions["demonstration"], BLADE, basis_functions=20, metric=(1.0,) * 6
-    )
+    dmp = noslip.learn(motions["demonstration"], BLADE, basis_functions=20, metric=(1.0,) * 6)
     rollout = dmp.constrained.rollout()
     ax = panel(
         figures.compare_motions(rollout, BLADE), "constraint's angular acceleration (rad/s²)"
@@ -404,6 +457,271 @@ def test_wrong_arguments_are_named(motions):
         figures.plot_residuals(ax, motion, BLADE, row=1)
     with pytest.raises(InputError, match="2 blades or more"):
         figures.blade_snapshots(motion, blades=1)
+
+
+# ---------------------------------------------------------------- limits
+
+
+def margins_of(motion):
+    """Of SPHERE, SPEED and BOX at the end of each step, by NumPy."""
+    p = motion.positions[1:]
+    v = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
+    sides = np.column_stack([p - [-0.2, -0.8, -0.1], [1.1, 1.2, 0.1] - p])
+    return {
+        "keep-out-sphere": np.linalg.norm(p - [0.9, 0.5, 0], axis=1) - 0.1,
+        "speed-limit": 3.0 - np.linalg.norm(v, axis=1),
+        "box": sides.min(axis=1),
+    }
+
+
+def forbidden_side(ax):
+    """Lower and upper end of the shaded band."""
+    (band,) = [patch for patch in ax.patches if patch.get_hatch()]
+    box = band.get_extents().transformed(ax.transData.inverted())
+    return box.y0, box.y1
+
+
+def test_comparison_draws_a_margin_a_limit_and_shades_what_is_forbidden(
+    every_figure, limited, recording
+):
+    figure = every_figure["compare limits"]
+    for name, unit in [("keep-out-sphere", "m"), ("speed-limit", "m/s"), ("box", "m")]:
+        ax = panel(figure, f"margin of {name} ({unit})")
+        drawn = curves(ax)
+        for motion_name, motion in (("a", recording), ("b", limited)):
+            np.testing.assert_allclose(
+                drawn[motion_name][:, 1], margins_of(motion)[name], atol=1e-11
+            )
+            np.testing.assert_allclose(
+                drawn[motion_name][:, 0], motion.times[1:] - motion.times[0], atol=1e-12
+            )
+        low, high = forbidden_side(ax)
+        assert high == pytest.approx(0, abs=1e-12)
+        assert low == pytest.approx(ax.get_ylim()[0])
+        assert low < min(0, *(c[:, 1].min() for c in drawn.values()))
+        assert ax.get_ylim()[1] > 0
+        assert ax.get_yscale() == "linear"
+    # Of the equality alone there is no such side.
+    assert not panel(figure, "lateral velocity (m/s)").patches
+
+
+def test_rows_of_a_limit_are_drawn_one_by_one_if_asked_for(limited):
+    ax = Figure().subplots()
+    (line,) = figures.plot_residuals(ax, limited, BOX, row=4)
+    np.testing.assert_allclose(line.get_ydata(), 1.2 - limited.positions[1:, 1], atol=1e-12)
+    assert ax.get_ylabel().replace("\n", " ") == "margin of box [4] (m)"
+    assert forbidden_side(ax)[1] == pytest.approx(0, abs=1e-12)
+
+
+def test_a_logarithmic_axis_shows_how_far_a_limit_is_violated(motions):
+    ax = Figure().subplots()
+    (line,) = figures.plot_residuals(ax, motions["regular"], SPEED, scale="log")
+    wanted = np.maximum(0, -margins_of(motions["regular"])["speed-limit"])
+    np.testing.assert_allclose(line.get_ydata(), wanted, atol=1e-12)
+    assert wanted.max() > 0 and ax.get_yscale() == "log"
+    assert ax.get_ylabel().replace("\n", " ") == "violation of speed-limit (m/s)"
+
+
+def test_small_margins_are_in_millimetres_and_others_in_their_own_unit(cuts):
+    near = noslip.HalfSpace(point=(0, 0, -0.1))
+    ax = Figure().subplots()
+    (line,) = figures.plot_residuals(ax, cuts[0], near)
+    assert ax.get_ylabel().endswith("(mm)")
+    np.testing.assert_allclose(line.get_ydata(), 1e3 * (cuts[0].positions[1:, 2] + 0.1), rtol=1e-12)
+    ax = Figure().subplots()
+    (line,) = figures.plot_residuals(ax, cuts[0], noslip.AngularRateLimit(rate=0.01))
+    assert ax.get_ylabel().replace("\n", " ").endswith("(rad/s)")
+    turns = (cuts[0].rotations[1:] * cuts[0].rotations[:-1].inv()).magnitude()
+    rates = turns / np.diff(cuts[0].times)
+    np.testing.assert_allclose(line.get_ydata(), 0.01 - rates, atol=1e-12)
+
+
+def test_titles_say_which_limit_is_kept_and_by_how_much(motions, limited):
+    before, after = motions["demonstration"], limited
+    pair = {"demonstration": before, "optimised": after}
+    # Kept with room to spare, by both.
+    far = noslip.KeepOutSphere(centre=(0.5, 0.5, 0), radius=0.05)
+    told = title_of(figures.compare_motions(pair, far))
+    first, last = (
+        1e3 * (np.linalg.norm(m.positions[1:] - [0.5, 0.5, 0], axis=1).min() - 0.05)
+        for m in (before, after)
+    )
+    kept = re.fullmatch(
+        r"Optimised keeps (.*) from “keep-out-sphere”, demonstration keeps (.*) from it", told
+    )
+    assert kept, told
+    for text, wanted in zip(kept.groups(), (last, first), strict=True):
+        millimetres = numbers_in(text)[0] * (1 if " mm" in text else 1e3)
+        assert millimetres == pytest.approx(wanted, rel=0.006)
+    # Violated before, used up after.
+    told = title_of(figures.compare_motions(pair, SPEED))
+    violation = -margins_of(before)["speed-limit"].min()
+    reached = limited.times[1:][np.argmax(margins_of(limited)["speed-limit"] < 1e-9)]
+    limit = f"Optimised reaches “speed-limit” at {reached:.3g} s and keeps it"
+    assert told == f"{limit}, demonstration violates it by up to {violation:.3g} m/s"
+    # An equality first, then the limit.
+    told = title_of(figures.compare_motions(pair, [SPEED, BLADE]))
+    assert re.match(r"Optimised slips at most .*, demonstration .*\.  Optimised reaches", told)
+
+
+def test_spread_tells_how_many_violate_a_limit(motions, limited, every_figure):
+    told = title_of(figures.demonstration_spread([motions["demonstration"], limited], SPEED))
+    violation = -margins_of(motions["demonstration"])["speed-limit"].min()
+    assert told == f"Speed-limit of 2 motions: violated by 1, by up to {violation:.3g} m/s"
+    told = title_of(figures.demonstration_spread([limited, limited], BOX))
+    least = margins_of(limited)["box"].min()
+    assert told == f"Box of 2 motions: kept by all, least margin {1e3 * least:.3g} mm"
+    ax = panel(every_figure["spread limits"], "margin of box (m)")
+    np.testing.assert_allclose(
+        ax.get_lines()[0].get_ydata(), margins_of(limited)["box"], atol=1e-11
+    )
+    assert forbidden_side(ax)[1] == pytest.approx(0, abs=1e-12)
+
+
+def test_forces_of_limits_alone_are_shown_too(blade_dmp):
+    rollout = replace(blade_dmp, constraints=(SPEED,)).rollout()
+    assert not rollout.constraint_names
+    ax = panel(figures.compare_motions(rollout, SPEED), "constraint's linear acceleration (m/s²)")
+    wanted = np.linalg.norm(rollout.constraint_forces[:, :3], axis=1)
+    assert wanted.max() > 0
+    np.testing.assert_array_equal(ax.get_lines()[0].get_ydata(), wanted)
+
+
+# ---------------------------------------------------------------- constraint_history
+
+
+def rows_of(figure):
+    """Panels of a history, a list a row."""
+    grid = {}
+    for ax in figure.axes:
+        place = ax.get_subplotspec()
+        grid.setdefault(place.rowspan.start, []).append(ax)
+    return [grid[row] for row in sorted(grid)]
+
+
+def label_of(ax):
+    return ax.get_ylabel().replace("\n", " ")
+
+
+def test_history_has_a_row_of_panels_a_constraint(every_figure, limited):
+    rows = rows_of(every_figure["history"])
+    headings = [row[0].get_title(loc="left").split(":")[0] for row in rows]
+    assert headings == ["blade", "keep-out-sphere", "speed-limit", "box"]
+    labels = [[label_of(ax) for ax in row] for row in rows]
+    assert [row[0] for row in labels] == [
+        *("|residual| (m/s)", "margin (m)", "margin (m/s)", "margin (m)")
+    ]
+    assert all(row[1:] == ["multiplier (m/s²)", "force (m/s²)"] for row in labels)
+    assert [ax.get_xlabel() for ax in rows[-1]] == ["time since start (s)"] * 3
+    assert [bool(row[0].patches) for row in rows] == [False, True, True, True]
+
+
+def test_history_draws_what_the_rollout_says(every_figure, limited):
+    blade, sphere, speed, box = rows_of(every_figure["history"])
+    expected = [
+        (blade, np.abs(limited.constraint_residuals), limited.multipliers),
+        (sphere, limited.margins[:, :1], limited.limit_multipliers[:, :1]),
+        (speed, limited.margins[:, 1:2], limited.limit_multipliers[:, 1:2]),
+        (box, limited.margins[:, 2:], limited.limit_multipliers[:, 2:]),
+    ]
+    for (values, multipliers, force), margins, pushes in expected:
+        name = values.get_title(loc="left").split(":")[0]
+        for ax, columns in ((values, margins), (multipliers, pushes)):
+            drawn = list(curves(ax).items())
+            lines = [xy for label, xy in drawn if not label.startswith("_child")]
+            assert len(lines) == columns.shape[1]
+            for line, column in zip(lines, columns.T, strict=True):
+                np.testing.assert_array_equal(line[:, 0], limited.times)
+                np.testing.assert_array_equal(line[:, 1], column)
+        (line,) = force.get_lines()
+        wanted = np.linalg.norm(limited.force_of(name)[:, :3], axis=1)
+        np.testing.assert_array_equal(line.get_ydata(), wanted)
+        heading = force.get_title(loc="left")
+        if wanted.any():
+            peak, at = numbers_in(heading)
+            assert peak == pytest.approx(wanted.max(), rel=0.06)
+            assert at == pytest.approx(limited.times[np.argmax(wanted)], abs=1e-3)
+        else:
+            assert heading == "no force"
+
+
+def test_all_forces_of_a_history_add_up_to_the_constraint_force(limited):
+    names = ("blade", "keep-out-sphere", "speed-limit", "box")
+    total = sum(limited.force_of(name) for name in names)
+    np.testing.assert_allclose(total, limited.constraint_forces, atol=1e-6)
+
+
+def test_history_names_the_rows_of_a_box(every_figure):
+    texts = [text.get_text() for text in every_figure["history"].legends[0].get_texts()]
+    assert texts == [f"row [{i}]" for i in range(6)]
+    lines = rows_of(every_figure["history"])[3][0].get_lines()
+    assert len({line.get_color() for line in lines if line.get_label() in texts}) == 6
+    assert not every_figure["history of a blade"].legends
+
+
+def test_history_says_the_finding(every_figure, limited):
+    told = title_of(every_figure["history"])
+    residual = np.abs(limited.constraint_residuals).max()
+    found = re.fullmatch(
+        r"Blade holds to (.*) m/s; (.*) is reached at (.*) s, and kept; "
+        r"(.*) pushes hardest, up to (.*) m/s², from (.*) to (.*) s",
+        told,
+    )
+    assert found, told
+    assert float(found[1]) == pytest.approx(residual, rel=0.06)
+    limits = {"keep-out-sphere": [0], "speed-limit": [1], "box": [2, 3, 4, 5, 6, 7]}
+    margin = limited.margins[:, limits[found[2]]].min(axis=1)
+    assert margin.min() < 1e-9
+    assert float(found[3]) == pytest.approx(limited.times[np.argmax(margin <= 1e-9)], abs=1e-3)
+    forces = {n: np.linalg.norm(limited.force_of(n)[:, :3], axis=1) for n in limits}
+    hardest = max(forces, key=lambda name: forces[name].max())
+    assert found[4] == hardest
+    assert float(found[5]) == pytest.approx(forces[hardest].max(), rel=0.006)
+    when = limited.times[forces[hardest] > 1e-6 * forces[hardest].max()]
+    assert [float(found[6]), float(found[7])] == pytest.approx([when[0], when[-1]], abs=1e-3)
+
+
+def test_history_says_what_gave_way_and_shows_turning_forces(every_figure, yielding):
+    figure = every_figure["history yielding"]
+    labels = {label_of(ax) for ax in figure.axes}
+    assert "turning force (rad/s²)" in labels
+    assert {"margin (rad/s)", "margin (m/s²)", "margin (rad/s²)"} <= labels
+    gave_way = {limit.name: limit for limit in yielding.gave_way}
+    assert "a limit of a rather long name that gives way" in gave_way
+    told = title_of(figure)
+    mentioned = 0
+    for name, limit in gave_way.items():
+        if f"{style.short_name(name)} gave way by up to" in told:
+            scale = 1e3 if f"{quantities.number(1e3 * limit.amount)} mm" in told else 1
+            assert quantities.number(scale * limit.amount) in told
+            mentioned += 1
+    assert mentioned == min(2, len(gave_way))
+
+
+def test_history_of_a_violated_equality_shows_it_on_a_linear_axis(blade_dmp):
+    table = replace(blade_dmp, constraints=(stay_on_table,))
+    off = table.rollout(start_position=[0, 0, 0.3])
+    figure = figures.constraint_history(off, stay_on_table)
+    (line,) = rows_of(figure)[0][0].get_lines()
+    assert label_of(rows_of(figure)[0][0]) == "residual (m)"
+    np.testing.assert_array_equal(line.get_ydata(), off.constraint_residuals[:, 0])
+    assert title_of(figure) == "Stay on table is violated by up to 0.3 m"
+
+
+def test_history_without_constraints_has_no_units_of_residuals(every_figure):
+    labels = {label_of(row[0]) for row in rows_of(every_figure["history without units"])}
+    assert labels == {"|residual| (own unit)", "margin (own unit)"}
+    assert " m/s;" not in title_of(every_figure["history without units"])
+
+
+def test_history_needs_a_rollout_with_its_own_constraints(motions, limited):
+    with pytest.raises(InputError, match="takes the rollout of a primitive, got a PoseTrajectory"):
+        figures.constraint_history(motions["demonstration"])
+    with pytest.raises(InputError, match="no constraint took part"):
+        figures.constraint_history(motions["regular"])
+    with pytest.raises(InputError, match="'speed-limit' took part"):
+        figures.constraint_history(limited, [BLADE, SPHERE])
+    assert title_of(figures.constraint_history(limited, LIMITED, title="mine")) == "mine"
 
 
 # ---------------------------------------------------------------- angles

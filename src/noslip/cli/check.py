@@ -19,6 +19,9 @@ Examples:
 
   noslip check runs/*.csv --constraint blade --trim-speed 0.05 --rate 120 --lowpass 4.8
 
+  noslip check motion.csv --constraint blade --constraint "keep-out-sphere(centre=(0.1,0,0),
+  radius=0.02)"
+
   noslip check motion.csv --constraint my_rules.py:stay_flat --tolerance 1e-9 --json
 """
 
@@ -28,7 +31,9 @@ def run(
     constraint: options.Constraints,
     tolerance: Annotated[
         float,
-        typer.Option(metavar="X", help="Largest residual that holds (m/s; m at position level)."),
+        typer.Option(
+            metavar="X", help="Largest violation that holds, in each constraint's unit (SI)."
+        ),
     ] = TOLERANCE,
     as_json: options.AsJson = False,
     sample_rate: options.SampleRate = None,
@@ -42,7 +47,8 @@ def run(
     """Check recorded or rolled-out motions against constraints.
 
     Reports, for each constraint, the peak and rms residual, the distance slipped, the worst moment,
-    the share of the time above the tolerance, and the verdict.  Exits with 1 if any is violated.
+    the share of the time above the tolerance, and the verdict; for each limit its least margin and
+    when, or by how much it is violated.  Exits with 1 if any is violated.
     """
     system = ConstraintSystem(options.constraints(constraint))
     if not system.constraints:

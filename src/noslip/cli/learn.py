@@ -11,6 +11,7 @@ import typer
 
 from noslip.cli import options, output
 from noslip.comparison import compare
+from noslip.constraints.check import check, told_margin
 from noslip.learning import ConstrainedDMP, learn
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import ROTATION_SMOOTHING
@@ -99,12 +100,14 @@ def run(
         )
     primitive.save(out)
     motion = primitive.rollout()
-    comparisons = [compare(motion, d, held).to_dict() for d in demonstrations]
+    system = primitive.system
+    comparisons = [compare(motion, d, system).to_dict() for d in demonstrations]
     result: dict[str, Any] = {
         "primitive": str(out),
-        "constraints": [c.name for c in held],
+        "constraints": list(system.names),
         "duration": primitive.duration,
         "residual_peak": comparisons[0]["residual_peak"],
+        "least_margins": comparisons[0]["least_margins"],
         "demonstrations": [
             {"name": d.name, **c} for d, c in zip(demonstrations, comparisons, strict=True)
         ],
@@ -128,8 +131,11 @@ def run(
                 f"{record.demonstration}: moves backwards in {record.backing} stretch(es); there "
                 "the edge trails, as recorded"
             )
-    if held:
+    if system.equalities.size:
         typer.echo(f"residual of its motion: {result['residual_peak']:.2g} (peak)")
+    if system.limits.size:
+        for limit in check(motion, system.limits).constraints:
+            typer.echo(f"{limit.name} of its motion: {told_margin(limit)}")
     typer.echo(f"wrote {out}")
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from matplotlib.figure import Figure
 
 from noslip.cli import options
 from noslip.errors import InputError
-from noslip.figures import compare_motions, save_figure
+from noslip.figures import compare_motions, constraint_history, save_figure
+from noslip.learning import ConstrainedDMP
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
@@ -23,7 +26,18 @@ Examples:
   noslip plot demonstration.csv excision.json --constraint blade --out comparison.svg
 
   noslip plot runs/*.csv --constraint blade --rate 120 --lowpass 4.8 --out runs.pdf
+
+  noslip plot excision.json --out constraints.png
+
+  noslip plot excision.json --show motion --out motion.png
 """
+
+
+class Show(enum.StrEnum):
+    """Which figure to draw."""
+
+    MOTION = "motion"
+    CONSTRAINTS = "constraints"
 
 
 def run(
@@ -38,6 +52,15 @@ def run(
         Path, typer.Option(metavar="FILE", help="Figure to write: .png, .svg or .pdf.")
     ] = Path("noslip-plot.png"),
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
+    show: Annotated[
+        Show | None,
+        typer.Option(
+            help="motion: poses, path and residuals, several motions together.  constraints: of "
+            "one primitive, residual or margin, multiplier and force of each constraint.  By "
+            "default constraints for a primitive alone.",
+            show_default=False,
+        ),
+    ] = None,
     title: Annotated[
         str | None, typer.Option(help="By default, what the data show.", show_default=False)
     ] = None,
@@ -51,13 +74,25 @@ def run(
 ) -> None:
     """Draw motions: position, orientation, path, and how well constraints hold over time.
 
-    Without --constraint the constraints of the primitives among the motions are shown.
+    Without --constraint the constraints of the primitives among the motions are shown.  A primitive
+    alone is drawn as what each of its constraints and limits does.
     """
     options.output(out)
     if out.suffix not in FORMATS:
         raise InputError(f"--out: {out} must end in {', '.join(FORMATS)}")
     held = options.constraints(constraint)
-    recordings = [name for name in motions if not name.endswith(".json")]
+    primitives = {name: load_primitive(name) for name in motions if name.endswith(".json")}
+    recordings = [name for name in motions if name not in primitives]
+    alone = len(primitives) == 1 and not recordings and not held
+    if show is Show.CONSTRAINTS and not alone:
+        raise InputError(
+            "--show constraints: give one primitive (JSON) alone; it brings its own constraints"
+        )
+    if alone:
+        (primitive,) = primitives.values()
+        if show is Show.CONSTRAINTS or (show is None and primitive.constraints):
+            _write(_history(primitive, title), out)
+            return
     shown: dict[str, PoseTrajectory] = {}
     if recordings:
         for trajectory in options.load(
@@ -71,13 +106,19 @@ def run(
             relative=relative,
         ):
             shown[_label(trajectory.name, shown)] = trajectory
-    for name in motions:
-        if name.endswith(".json"):
-            primitive = load_primitive(name)
-            shown[_label(name, shown)] = primitive.rollout()
-            if not constraint:
-                held = [*held, *(c for c in primitive.constraints if c not in held)]
-    for path in save_figure(compare_motions(shown, held, title=title), out):
+    for name, primitive in primitives.items():
+        shown[_label(name, shown)] = primitive.rollout()
+        if not constraint:
+            held = [*held, *(c for c in primitive.constraints if c not in held)]
+    _write(compare_motions(shown, held, title=title), out)
+
+
+def _history(primitive: ConstrainedDMP, title: str | None) -> Figure:
+    return constraint_history(primitive.rollout(), primitive.system, title=title)
+
+
+def _write(figure: Figure, out: Path) -> None:
+    for path in save_figure(figure, out):
         typer.echo(f"wrote {path}")
 
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import enum
 import sys
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from scipy.spatial.transform import Rotation
 
 from noslip.cli import options, output
-from noslip.constraints.check import check
+from noslip.constraints.check import CheckReport, amount, check, row_units
+from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
+from noslip.primitives.pose import ConstrainedMotion
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
@@ -85,8 +88,9 @@ def run(
 ) -> None:
     """Roll a primitive out and write its motion (t,x,y,z,qw,qx,qy,qz).
 
-    Consecutive rows are the primitive's own steps.  Exits with 1 if the motion violates a
-    constraint that it should hold.
+    Consecutive rows are the primitive's own steps.  Says which limits gave way.  Exits with 1 if
+    the motion violates a constraint or a hard limit that it should hold; soft ones (priority 1 and
+    more) may give way.
     """
     options.output(out)
     if out is not None and out.suffix not in (".csv", ".npz"):
@@ -112,12 +116,14 @@ def run(
         sys.stdout.write(motion.csv_text())
     else:
         _write(motion, out)
-    report = check(motion, dmp.constraints) if dmp.constraints else None
+    report = check(motion, dmp.system) if dmp.constraints else None
+    gave_way = _gave_way(motion, dmp.system.limits)
     wanted = chosen.position.goal if goal is None else np.array(goal)
     goal_error = float(np.linalg.norm(motion.positions[-1] - wanted))
     if as_json:
         result = {"motion": str(out), "samples": len(motion), "goal_error": goal_error}
-        output.print_json(result | {"check": report.to_dict() if report else None})
+        checked = report.to_dict() if report else None
+        output.print_json(result | {"check": checked, "gave_way": gave_way})
     elif out is not None:
         typer.echo(
             f"wrote {out}: {len(motion)} samples, {motion.duration:.4g} s; ends "
@@ -125,8 +131,41 @@ def run(
         )
         if report:
             typer.echo(str(report))
-    if variant is not Variant.REGULAR and report and not report.satisfied:
+    if not as_json:
+        for limit in gave_way:
+            # Standard output may be the motion itself.
+            typer.echo(_told(limit), err=out is None)
+    if variant is not Variant.REGULAR and report and not _as_promised(report, dmp.system, gave_way):
         raise typer.Exit(1)
+
+
+def _gave_way(motion: ConstrainedMotion, limits: ConstraintSystem) -> list[dict[str, Any]]:
+    """What of the limits gave way, as plain data; ``priority`` 0 is hard."""
+    priorities = limits.per_row(limit.priority for limit in limits.constraints)
+    known = dict(
+        zip(limits.row_names, zip(row_units(limits), priorities, strict=True), strict=True)
+    )
+    return [
+        asdict(limit) | {"unit": known[limit.name][0], "priority": known[limit.name][1]}
+        for limit in motion.gave_way
+    ]
+
+
+def _told(limit: dict[str, Any]) -> str:
+    kind = f"soft, priority {limit['priority']}" if limit["priority"] else "hard"
+    return (
+        f"{limit['name']} ({kind}) gave way by up to {amount(limit['amount'], limit['unit'])}, at "
+        f"{limit['time']:.3g} s; for {limit['share']:.1%} of the motion"
+    )
+
+
+def _as_promised(
+    report: CheckReport, system: ConstraintSystem, gave_way: list[dict[str, Any]]
+) -> bool:
+    """Whether all holds but soft limits."""
+    checks = zip(report.constraints, system.constraints, strict=True)
+    held = all(check.satisfied or constraint.priority > 0 for check, constraint in checks)
+    return held and all(limit["priority"] > 0 for limit in gave_way)
 
 
 def _write(motion: PoseTrajectory, out: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip import _arguments
-from noslip.constraints.declaration import Constraint
+from noslip.constraints.declaration import UNITS, Constraint, Level, Relation
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
@@ -18,36 +18,47 @@ from noslip.trajectory import PoseTrajectory
 Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-3
-"""By default a residual above 1 mm/s (velocity level) or 1 mm (position level) is a violation."""
+"""By default a violation of more than 1e-3 counts, in the constraint's unit: 1 mm/s, or 1 mm."""
+MILLIMETRES_BELOW = 0.2
+"""Margins (m) below this are printed in millimetres."""
 
 
 @dataclass(frozen=True)
 class ConstraintCheck:
-    """What one constraint's residual does over a motion.
+    """What one constraint's residual, or one limit's margin, does over a motion.
 
-    Velocity-level residuals are in m/s (or the constraint's own unit), position-level ones in m.
-    For a constraint of several rows the residual is their Euclidean norm.
+    The violation of an equality is its residual's size, of several rows their Euclidean norm.  That
+    of a limit is how far its margin is below zero, of several rows the largest.
 
     Attributes
     ----------
     name : str
-    level : "velocity" or "position"
+        Equal ones are numbered.
+    level : "position", "velocity" or "acceleration"
+    relation : "zero" or "nonnegative"
+    unit : str
+        Of the violation and of the margin; of a limit whose rows differ, that of the row with the
+        least margin.
     peak, rms : float
-        Largest, and time-weighted root mean square, residual.
+        Largest, and time-weighted root mean square, violation.
     slip_distance : float or None
-        Integral of the residual's size over time: the way slipped sideways (m).  Velocity level
-        only.
+        Integral of the residual's size over time: the way slipped sideways (m).  Equalities of
+        velocity alone, their rows in m/s.
     worst_time : float
-        When the peak occurs (s).
+        When the violation is largest, or the margin least (s).
     share_above_tolerance : float
-        Share of the time with a residual above the tolerance, 0 to 1.
+        Share of the time with a violation above the tolerance, 0 to 1.
     tolerance : float
     satisfied : bool
         Whether the peak is within the tolerance.
+    margin, margin_time : float or None
+        Least margin of a limit, below zero where it is violated, and when (s).
     """
 
     name: str
-    level: str
+    level: Level
+    relation: Relation
+    unit: str
     peak: float
     rms: float
     slip_distance: float | None
@@ -55,11 +66,36 @@ class ConstraintCheck:
     share_above_tolerance: float
     tolerance: float
     satisfied: bool
+    margin: float | None = None
+    margin_time: float | None = None
 
     @property
     def verdict(self) -> str:
         """``holds`` or ``violated``."""
         return "holds" if self.satisfied else "violated"
+
+    def __str__(self) -> str:
+        told = f"{self.name}: {self.verdict.upper()}  "
+        above = f"for {self.share_above_tolerance:.0%} of the time"
+        if self.margin is None:
+            peak, rms, tolerance = (
+                with_unit(f"{value:{form}}", self.unit)
+                for value, form in ((self.peak, ".3g"), (self.rms, ".3g"), (self.tolerance, "g"))
+            )
+            slip = ""
+            if self.slip_distance is not None:
+                slip = f", slipped {self.slip_distance * 1e3:.3g} mm"
+            return (
+                f"{told}peak {peak} at {self.worst_time:.3g} s, rms {rms}{slip}, above {tolerance} "
+                f"{above}"
+            )
+        if self.satisfied:
+            return told + told_margin(self)
+        return (
+            f"{told}by {amount(self.peak, self.unit)} at {self.worst_time:.3g} s, rms "
+            f"{amount(self.rms, self.unit)}, by more than {amount(self.tolerance, self.unit)} "
+            f"{above}"
+        )
 
 
 @dataclass(frozen=True)
@@ -94,11 +130,11 @@ class CheckReport:
 
     @property
     def worst(self) -> ConstraintCheck:
-        """The check with the largest peak relative to its tolerance."""
+        """The check with the largest violation relative to its tolerance."""
         return max(self.constraints, key=lambda check: check.peak / check.tolerance)
 
-    peak = property(lambda self: self.worst.peak, doc="Peak residual of the worst constraint.")
-    rms = property(lambda self: self.worst.rms, doc="Rms residual of the worst constraint.")
+    peak = property(lambda self: self.worst.peak, doc="Peak violation of the worst constraint.")
+    rms = property(lambda self: self.worst.rms, doc="Rms violation of the worst constraint.")
     worst_time = property(lambda self: self.worst.worst_time, doc="When it peaks (s).")
     share_above_tolerance = property(
         lambda self: self.worst.share_above_tolerance, doc="Its share of time above the tolerance."
@@ -128,17 +164,7 @@ class CheckReport:
 
     def __str__(self) -> str:
         lines = [f"{self.motion}: {self.duration:.3g} s, path {self.path_length * 1e3:.4g} mm"]
-        for check in self.constraints:
-            unit = "m/s" if check.level == "velocity" else "m"
-            slip = ""
-            if check.slip_distance is not None:
-                slip = f", slipped {check.slip_distance * 1e3:.3g} mm"
-            lines.append(
-                f"  {check.name}: {check.verdict.upper()}  peak {check.peak:.3g} {unit} at "
-                f"{check.worst_time:.3g} s, rms {check.rms:.3g} {unit}{slip}, above "
-                f"{check.tolerance:g} {unit} for {check.share_above_tolerance:.0%} of the time"
-            )
-        return "\n".join(lines)
+        return "\n".join(lines + [f"  {check}" for check in self.constraints])
 
 
 def check(
@@ -147,7 +173,7 @@ def check(
     *,
     tolerance: float = TOLERANCE,
 ) -> CheckReport:
-    """Report how well a motion satisfies constraints.
+    """Report how well a motion satisfies constraints, and by what margin it keeps limits.
 
     The residual is that of the discrete motion: of each step from one sample to the next, with the
     pose where the step ends.  That is what a controller which plays the samples executes; nothing
@@ -159,7 +185,7 @@ def check(
         A recording or a rollout; its rate may be irregular.
     constraints : Constraint or several
     tolerance : float
-        Largest residual that still counts as satisfied (m/s, or m at position level).
+        Largest violation that still counts as satisfied, in each constraint's own unit.
 
     Returns
     -------
@@ -175,40 +201,124 @@ def check(
     if not system.constraints:
         raise InputError("check needs at least one constraint")
     residuals = step_residuals(trajectory, system)
+    parts = np.split(residuals, np.cumsum(system.rows)[:-1], axis=1)
+    results = tuple(
+        _checked(trajectory, constraint, name, part, tolerance)
+        for constraint, name, part in zip(system.constraints, system.names, parts, strict=True)
+    )
+    return CheckReport(trajectory.name, trajectory.duration, trajectory.path_length, results)
+
+
+def _checked(
+    trajectory: PoseTrajectory,
+    constraint: Constraint,
+    name: str,
+    residuals: Floats,
+    tolerance: float,
+) -> ConstraintCheck:
+    """Check one constraint by the residuals of all steps, shape (N - 1, rows)."""
     periods = np.diff(trajectory.times)
-    results, row = [], 0
-    for constraint, rows in zip(system.constraints, system.rows, strict=True):
-        size = np.linalg.norm(residuals[:, row : row + rows], axis=1)
-        row += rows
-        worst = int(np.argmax(size))
-        results.append(
-            ConstraintCheck(
-                name=constraint.name,
-                level=constraint.level,
-                peak=float(size[worst]),
-                rms=float(np.sqrt(np.average(size**2, weights=periods))),
-                slip_distance=float(size @ periods) if constraint.level == "velocity" else None,
-                worst_time=float(trajectory.times[worst + 1]),
-                share_above_tolerance=float(periods[size > tolerance].sum() / periods.sum()),
-                tolerance=tolerance,
-                satisfied=bool(size[worst] <= tolerance),
-            )
-        )
-    return CheckReport(trajectory.name, trajectory.duration, trajectory.path_length, tuple(results))
+    units = units_of_rows(constraint, residuals.shape[1])
+    slip = margin = None
+    if constraint.relation == "nonnegative":
+        worst, row = np.unravel_index(np.argmin(residuals), residuals.shape)
+        margin, unit = float(residuals[worst, row]), units[row]
+        # Not less than +0: a violation has no sign.
+        size = np.maximum(-residuals.min(axis=1), 0.0)
+    else:
+        size, unit = np.linalg.norm(residuals, axis=1), constraint.unit or UNITS[constraint.level]
+        worst = np.argmax(size)
+        sideways = np.array([u == UNITS["velocity"] for u in units])
+        if constraint.level == "velocity" and sideways.any():
+            slip = float(np.linalg.norm(residuals[:, sideways], axis=1) @ periods)
+    when = float(trajectory.times[worst + 1])
+    return ConstraintCheck(
+        name=name,
+        level=constraint.level,
+        relation=constraint.relation,
+        unit=unit,
+        peak=float(size[worst]),
+        rms=float(np.sqrt(np.average(size**2, weights=periods))),
+        slip_distance=slip,
+        worst_time=when,
+        share_above_tolerance=float(periods[size > tolerance].sum() / periods.sum()),
+        tolerance=tolerance,
+        satisfied=bool(size[worst] <= tolerance),
+        margin=margin,
+        margin_time=None if margin is None else when,
+    )
 
 
 def step_residuals(
     trajectory: PoseTrajectory, constraints: ConstraintSystem | Constraint | Sequence[Constraint]
 ) -> Floats:
-    """Residual of each step at the pose where it ends, shape (N - 1, m).
+    """Residual, or margin, of each step at the pose where it ends, shape (N - 1, m).
 
-    Time counts from the first sample.
+    Time counts from the first sample.  Accelerations are those of :func:`step_accelerations`.
     """
+    system = as_system(constraints)
     linear, angular = trajectory.step_velocities()
-    return as_system(constraints).residuals(
+    accelerated = "acceleration" in system.row_levels
+    return system.residuals(
         trajectory.times[1:] - trajectory.times[0],
         trajectory.positions[1:],
         trajectory.quaternions[1:],
         linear,
         angular,
+        *(step_accelerations(trajectory) if accelerated else ()),
     )
+
+
+def step_accelerations(trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
+    """Linear and angular acceleration of each step, both of shape (N - 1, 3).
+
+    The change of a step's velocity from the step before, over the time between their middles, as in
+    a rollout.  What came before the first step is not recorded; it gets the acceleration
+    of the second (none, if there is no second).
+    """
+    periods = np.diff(trajectory.times)
+    apart = (periods[1:] + periods[:-1])[:, None] / 2
+    linear, angular = (
+        np.concatenate([changes[:1], changes]) if len(changes) else np.zeros((1, 3))
+        for changes in (np.diff(v, axis=0) / apart for v in trajectory.step_velocities())
+    )
+    return linear, angular
+
+
+def units_of_rows(constraint: Constraint, rows: int) -> list[str]:
+    """Unit of each row; several in a constraint's ``unit`` are those of its rows, in order.
+
+    ``"m/s, rad/s"`` of four rows are two rows of each.
+    """
+    unit = constraint.unit or UNITS[constraint.level]
+    units = unit.split(", ")
+    if rows % len(units):
+        return [unit] * rows
+    return [units[row * len(units) // rows] for row in range(rows)]
+
+
+def row_units(system: ConstraintSystem) -> list[str]:
+    """For each row of a system, the unit of its residual, as :func:`units_of_rows` tells."""
+    return [
+        unit
+        for constraint, rows in zip(system.constraints, system.rows, strict=True)
+        for unit in units_of_rows(constraint, rows)
+    ]
+
+
+def with_unit(number: str, unit: str) -> str:
+    """Return a number with its unit, unless that is 1."""
+    return number if unit == "1" else f"{number} {unit}"
+
+
+def told_margin(limit: ConstraintCheck) -> str:
+    """Say what a limit's least margin is, and when."""
+    assert limit.margin is not None
+    return f"least margin {amount(limit.margin, limit.unit)} at {limit.margin_time:.3g} s"
+
+
+def amount(value: float, unit: str) -> str:
+    """Return a value of three digits with its unit; short lengths in millimetres."""
+    if unit == "m" and 0 < abs(value) < MILLIMETRES_BELOW:
+        value, unit = 1e3 * value, "mm"
+    return with_unit(f"{value:.3g}", unit)

@@ -17,7 +17,6 @@ Triple = Sequence[float]
 """Three numbers; kept as a tuple, so that constraints compare equal and can be saved."""
 
 ORIGIN = (0.0, 0.0, 0.0)
-_SHORTEST_DIRECTION = 1e-9
 _HARMLESS = 1e-30
 """Added to a squared length: below rounding for all but lengths under 1e-7."""
 
@@ -49,7 +48,7 @@ def point(name: str, value: Any, unit: str = "m") -> tuple[float, ...]:
 def direction(name: str, value: Any) -> tuple[float, ...]:
     """Three finite numbers, not all 0; the length is kept but means nothing."""
     numbers = point(name, value, "a direction")
-    if np.linalg.norm(numbers) < _SHORTEST_DIRECTION:
+    if not any(numbers):
         raise ConstraintError(f"{name} must not be zero, got {value!r}")
     return numbers
 
@@ -92,7 +91,9 @@ def other_axes(name: str) -> tuple[str, str]:
 
 def unit_vector(numbers: Triple) -> Expression:
     """Constant column of length 1 along a direction."""
-    return ca.DM(list(np.array(numbers) / np.linalg.norm(numbers)))
+    # Divided by its largest component first: squares of tiny numbers would vanish.
+    vector = np.array(numbers) / np.max(np.abs(numbers))
+    return ca.DM(list(vector / np.linalg.norm(vector)))
 
 
 def safe_norm(vector: Expression) -> Expression:

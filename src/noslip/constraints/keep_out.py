@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from noslip import _arguments
 from noslip.constraints.declaration import Motion
-from noslip.constraints.limit import ROUNDING, Limit, Triple, rounded_length, three_numbers
+from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
+from noslip.constraints.limit import ROUNDING, Limit, rounded_length
 from noslip.rotations import Expression
 
 
@@ -32,20 +32,20 @@ class KeepOutSphere(Limit):
         The point of the tool that must stay out (m, body frame).
     """
 
-    centre: Triple = (0.0, 0.0, 0.0)
+    centre: Triple = ORIGIN
     radius: float = 0.05
-    reference_point: Triple = (0.0, 0.0, 0.0)
+    reference_point: Triple = ORIGIN
 
     name = "keep-out-sphere"
     level = "position"
 
     def __post_init__(self) -> None:
-        self._check(centre=three_numbers, radius=_arguments.positive, reference_point=three_numbers)
+        settle(self, self.name, centre=point, radius=length, reference_point=point)
 
     def residual(self, motion: Motion) -> Expression:
         """Distance to the sphere (m)."""
         position = motion.at(self.reference_point).position
-        return _clearance(position - ca.DM(self.centre), self.radius)
+        return _clearance(position - ca.DM(list(self.centre)), self.radius)
 
 
 @dataclass(frozen=True)
@@ -66,26 +66,21 @@ class KeepOutCapsule(Limit):
         The point of the tool that must stay out (m, body frame).
     """
 
-    start: Triple = (0.0, 0.0, 0.0)
+    start: Triple = ORIGIN
     end: Triple = (0.0, 0.0, 0.1)
     radius: float = 0.02
-    reference_point: Triple = (0.0, 0.0, 0.0)
+    reference_point: Triple = ORIGIN
 
     name = "keep-out-capsule"
     level = "position"
 
     def __post_init__(self) -> None:
-        self._check(
-            start=three_numbers,
-            end=three_numbers,
-            radius=_arguments.positive,
-            reference_point=three_numbers,
-        )
+        settle(self, self.name, start=point, end=point, radius=length, reference_point=point)
 
     def residual(self, motion: Motion) -> Expression:
         """Distance to the capsule (m)."""
         axis = np.subtract(self.end, self.start)
-        offset = motion.at(self.reference_point).position - ca.DM(self.start)
+        offset = motion.at(self.reference_point).position - ca.DM(list(self.start))
         square = float(axis @ axis)
         if square > 0:
             along = ca.dot(ca.DM(axis), offset) / square

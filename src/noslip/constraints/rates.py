@@ -10,8 +10,9 @@ from typing import Any
 
 from noslip import _arguments
 from noslip.constraints.declaration import UNITS, Motion
-from noslip.constraints.limit import Limit, Triple, rounded_length, three_numbers
-from noslip.errors import InputError
+from noslip.constraints.fields import ORIGIN, Triple, point, settle
+from noslip.constraints.limit import Limit, rounded_length
+from noslip.errors import ConstraintError
 from noslip.rotations import Expression
 
 
@@ -29,13 +30,13 @@ class SpeedLimit(Limit):
     """
 
     speed: float = 0.1
-    reference_point: Triple = (0.0, 0.0, 0.0)
+    reference_point: Triple = ORIGIN
 
     name = "speed-limit"
     level = "velocity"
 
     def __post_init__(self) -> None:
-        self._check(speed=_arguments.positive, reference_point=three_numbers)
+        settle(self, self.name, speed=_arguments.positive, reference_point=point)
 
     def residual(self, motion: Motion) -> Expression:
         """How much faster the tool may move (m/s)."""
@@ -60,7 +61,7 @@ class AngularRateLimit(Limit):
     unit = "rad/s"
 
     def __post_init__(self) -> None:
-        self._check(rate=_arguments.positive)
+        settle(self, self.name, rate=_arguments.positive)
 
     def residual(self, motion: Motion) -> Expression:
         """How much faster the tool may turn (rad/s)."""
@@ -88,9 +89,9 @@ class AccelerationLimit(Limit):
     level = "acceleration"
 
     def __post_init__(self) -> None:
-        self._check(linear=_positive_or_none, angular=_positive_or_none)
+        settle(self, self.name, linear=_positive_or_none, angular=_positive_or_none)
         if self.linear is None and self.angular is None:
-            raise InputError(
+            raise ConstraintError(
                 "acceleration-limit: linear and angular are both None; give at least one"
             )
 

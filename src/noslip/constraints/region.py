@@ -13,8 +13,9 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip.constraints.declaration import Motion
-from noslip.constraints.limit import Limit, Triple, direction, three_numbers, unit_vector
-from noslip.errors import InputError
+from noslip.constraints.fields import ORIGIN, Triple, direction, point, settle, unit_vector
+from noslip.constraints.limit import Limit
+from noslip.errors import ConstraintError
 from noslip.rotations import Expression
 
 Sides = tuple[float | None, float | None, float | None]
@@ -36,15 +37,15 @@ class HalfSpace(Limit):
         The point of the tool that must stay there (m, body frame).
     """
 
-    point: Triple = (0.0, 0.0, 0.0)
+    point: Triple = ORIGIN
     normal: Triple = (0.0, 0.0, 1.0)
-    reference_point: Triple = (0.0, 0.0, 0.0)
+    reference_point: Triple = ORIGIN
 
     name = "half-space"
     level = "position"
 
     def __post_init__(self) -> None:
-        self._check(point=three_numbers, normal=direction, reference_point=three_numbers)
+        settle(self, self.name, point=point, normal=direction, reference_point=point)
 
     def residual(self, motion: Motion) -> Expression:
         """Distance to the plane, negative behind it (m)."""
@@ -68,19 +69,21 @@ class DepthLimit(Limit):
     """
 
     depth: float = 0.01
-    surface_point: Triple = (0.0, 0.0, 0.0)
+    surface_point: Triple = ORIGIN
     normal: Triple = (0.0, 0.0, 1.0)
-    reference_point: Triple = (0.0, 0.0, 0.0)
+    reference_point: Triple = ORIGIN
 
     name = "depth-limit"
     level = "position"
 
     def __post_init__(self) -> None:
-        self._check(
+        settle(
+            self,
+            self.name,
             depth=_arguments.not_negative,
-            surface_point=three_numbers,
+            surface_point=point,
             normal=direction,
-            reference_point=three_numbers,
+            reference_point=point,
         )
 
     def residual(self, motion: Motion) -> Expression:
@@ -103,18 +106,20 @@ class Box(Limit):
 
     lower: Sides = (-1.0, -1.0, -1.0)
     upper: Sides = (1.0, 1.0, 1.0)
-    reference_point: Triple = (0.0, 0.0, 0.0)
+    reference_point: Triple = ORIGIN
 
     name = "box"
     level = "position"
 
     def __post_init__(self) -> None:
-        self._check(lower=_lower_sides, upper=_upper_sides, reference_point=three_numbers)
+        settle(self, self.name, lower=_lower_sides, upper=_upper_sides, reference_point=point)
         if all(side is None for side in self.lower + self.upper):
-            raise InputError("box: lower and upper are all None; give at least one side")
+            raise ConstraintError("box: lower and upper are all None; give at least one side")
         for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
             if low is not None and high is not None and not low < high:
-                raise InputError(f"box: lower must be below upper, got {low} and {high} ({axis})")
+                raise ConstraintError(
+                    f"box: lower must be below upper, got {low} and {high} ({axis})"
+                )
 
     def residual(self, motion: Motion) -> Expression:
         """Distances to the sides (m): from the lower ones x, y, z, then from the upper ones."""
@@ -127,7 +132,7 @@ class Box(Limit):
 def _height(
     motion: Motion, on_plane: Triple, normal: Triple, reference_point: Triple
 ) -> Expression:
-    offset = motion.at(reference_point).position - ca.DM(on_plane)
+    offset = motion.at(reference_point).position - ca.DM(list(on_plane))
     return ca.dot(unit_vector(normal), offset)
 
 
@@ -146,7 +151,7 @@ def _sides(name: str, value: Any, left_out: float) -> Sides:
         sides = []
     fits = all(abs(side) <= _arguments.LARGEST or side == left_out for side in sides)
     if len(sides) != 3 or not fits:
-        raise InputError(
+        raise ConstraintError(
             f"{name} must be 3 numbers (m), None to leave a side out; got "
             + " ".join(repr(value).split())[:80]
         )

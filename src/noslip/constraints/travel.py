@@ -11,7 +11,8 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip.constraints.declaration import Motion, axis_index
-from noslip.constraints.limit import Limit, Triple, body_axis, three_numbers
+from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, length, point, settle
+from noslip.constraints.limit import Limit
 from noslip.errors import ConstraintError
 from noslip.rotations import Expression
 
@@ -33,18 +34,18 @@ class ForwardOnly(Limit):
 
     edge: str = "x"
     minimum: float = 0.0
-    reference_point: Triple = (0.0, 0.0, 0.0)
+    reference_point: Triple = ORIGIN
 
     name = "forward-only"
     level = "velocity"
 
     def __post_init__(self) -> None:
-        self._check(edge=body_axis, minimum=_arguments.not_negative, reference_point=three_numbers)
+        settle(self, self.name, edge=axis, minimum=_arguments.not_negative, reference_point=point)
 
     def residual(self, motion: Motion) -> Expression:
         """Speed along the edge, less the minimum (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
-        return ca.dot(_axis(motion, self.edge), velocity) - self.minimum
+        return ca.dot(body_axis(motion, self.edge), velocity) - self.minimum
 
 
 @dataclass(frozen=True)
@@ -71,15 +72,13 @@ class TurningRadius(Limit):
     radius: float = 0.05
     edge: str = "x"
     up: str = "z"
-    reference_point: Triple = (0.0, 0.0, 0.0)
+    reference_point: Triple = ORIGIN
 
     name = "turning-radius"
     level = "velocity"
 
     def __post_init__(self) -> None:
-        self._check(
-            radius=_arguments.positive, edge=body_axis, up=body_axis, reference_point=three_numbers
-        )
+        settle(self, self.name, radius=length, edge=axis, up=axis, reference_point=point)
         if axis_index(self.up)[0] == axis_index(self.edge)[0]:
             raise ConstraintError(
                 f"turning-radius: up and edge must be different axes, got {self.up!r} and "
@@ -88,12 +87,7 @@ class TurningRadius(Limit):
 
     def residual(self, motion: Motion) -> Expression:
         """Forward speed beyond what bends to the left, and to the right, need (m/s)."""
-        forward = ca.dot(_axis(motion, self.edge), motion.at(self.reference_point).linear_velocity)
-        turning = ca.dot(_axis(motion, self.up), motion.angular_velocity)
+        velocity = motion.at(self.reference_point).linear_velocity
+        forward = ca.dot(body_axis(motion, self.edge), velocity)
+        turning = ca.dot(body_axis(motion, self.up), motion.angular_velocity)
         return [forward - self.radius * turning, forward + self.radius * turning]
-
-
-def _axis(motion: Motion, axis: str) -> Expression:
-    """Body axis in the world frame."""
-    index, sign = axis_index(axis)
-    return sign * motion.rotation[:, index]

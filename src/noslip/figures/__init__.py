@@ -4,6 +4,7 @@ Figure-level functions return a :class:`matplotlib.figure.Figure`; :func:`save_f
 The others draw into axes and return what they drew.
 """
 
+from noslip.figures.history import constraint_history
 from noslip.figures.motion import (
     compare_motions,
     plot_forces,
@@ -19,6 +20,7 @@ from noslip.figures.style import save_figure
 __all__ = [
     "blade_snapshots",
     "compare_motions",
+    "constraint_history",
     "demonstration_spread",
     "orientation_adjustments",
     "plot_blades",

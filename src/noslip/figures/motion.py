@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -13,11 +14,18 @@ from matplotlib.lines import Line2D
 from noslip.errors import InputError
 from noslip.figures.quantities import (
     ANGLES,
+    FORCE_UNITS,
+    MARGIN_SHARE,
     Constraints,
     Motions,
+    Part,
     ResidualRow,
+    coupled,
     extent,
     finding,
+    force_parts,
+    force_sizes,
+    least_margins,
     length_unit,
     named,
     residual_rows,
@@ -34,16 +42,15 @@ from noslip.figures.style import (
     name_lines,
     new_figure,
     number,
+    shade_forbidden,
     short_name,
     span_at_least,
     write_title,
 )
-from noslip.primitives.pose import ConstrainedMotion
 from noslip.trajectory import Floats, PoseTrajectory
 
 Plane = Literal["XY", "XZ", "YZ"]
 Scale = Literal["linear", "log"]
-Part = Literal["linear", "angular"]
 
 TIME = "time since start (s)"
 
@@ -55,7 +62,8 @@ def compare_motions(
 
     Panels: x, y and z; roll, pitch and yaw; the path seen along a coordinate axis; for each row of
     the constraints its residual, and once more on a logarithmic axis where a motion's is too small
-    to be seen; the acceleration that the constraints added, where a rollout tells it.
+    to be seen; for each limit the least margin of its rows, with the forbidden side shaded; the
+    acceleration that the constraints added, where a rollout tells it.
 
     Parameters
     ----------
@@ -65,7 +73,8 @@ def compare_motions(
     constraints : Constraint or several
         None leaves their panels out.
     title : str, optional
-        By default the finding: the largest residual of the last motion, and of the first.
+        By default the finding: the largest residual of the last motion, and of the first; what
+        they leave of the tightest limit.
 
     Returns
     -------
@@ -78,10 +87,11 @@ def compare_motions(
         If there is no motion, or one is no PoseTrajectory.
     """
     shown = named(motions)
-    rows = residual_rows(shown, constraints)
-    forces = _force_parts(shown) if rows else []
+    rows = least_margins(residual_rows(shown, constraints))
+    forces = force_parts(m.constraint_forces for m in coupled(shown).values()) if rows else []
 
-    lower = len(rows) + (len(rows) > 1 and bool(forces))
+    lines = _constraint_panels(shown, rows, forces)
+    lower = len(lines)
     figure = new_figure(TWO_COLUMNS, 4.1 + 1.55 * lower)
     heights = [1.0] * 3 + [1.35] * lower
     grid = figure.add_gridspec(3 + lower, 1, height_ratios=heights)
@@ -100,20 +110,10 @@ def compare_motions(
         figure.align_ylabels(stack)
     plot_path(figure.add_subplot(upper[:, 2]), shown)
 
-    for index, residual in enumerate(rows):
-        scales: list[Scale] = ["linear"]
-        if residual.hidden:
-            scales = ["linear", "log"] if len(shown) > 1 else ["log"]
-        parts = forces if len(rows) == 1 else []
-        panels = grid[3 + index].subgridspec(1, len(scales) + len(parts))
-        for column, scale in enumerate(scales):
-            draw_residuals(figure.add_subplot(panels[column]), residual, scale)
-        for column, part in enumerate(parts, start=len(scales)):
-            plot_forces(figure.add_subplot(panels[column]), shown, part)
-    if len(rows) > 1 and forces:
-        panels = grid[-1].subgridspec(1, len(forces))
-        for column, part in enumerate(forces):
-            plot_forces(figure.add_subplot(panels[column]), shown, part)
+    for index, draws in enumerate(lines, start=3):
+        panels = grid[index].subgridspec(1, len(draws))
+        for column, draw in enumerate(draws):
+            draw(figure.add_subplot(panels[column]))
 
     if len(shown) > 1:
         name_lines(figure, shown)
@@ -184,8 +184,9 @@ def plot_residuals(
     """Draw one row of the constraints' residuals over time (s), where each step ends.
 
     The linear axis spans at least a tenth of the top speed (of the path's extent, at position
-    level) to either side: what looks like zero is small against the motion.  The logarithmic one
-    shows sizes.
+    level) to either side: what looks like zero is small against the motion.  Of a limit it shows
+    the margin, with the forbidden side shaded.  The logarithmic axis shows sizes of residuals, and
+    by how much a limit is violated.
     """
     rows = residual_rows(named(motions), constraints)
     if not 0 <= row < len(rows):
@@ -196,17 +197,20 @@ def plot_residuals(
 def draw_residuals(ax: Axes, residual: ResidualRow, scale: Scale) -> list[Line2D]:
     """Draw residuals already computed; see :func:`plot_residuals`."""
     styles = line_styles(residual.values)
+    sizes = {name: residual.sizes(name) for name in residual.values}
     lines: list[Line2D] = []
-    for name, values in residual.values.items():
-        shown = np.abs(values) if scale == "log" else values
+    for name, values in (sizes if scale == "log" else residual.values).items():
         style = styles[name] | {"label": short_name(name)}
-        lines += ax.plot(residual.times[name], shown, **style)
+        lines += ax.plot(residual.times[name], values, **style)
     if scale == "log":
-        log_axis(ax, [np.abs(values) for values in residual.values.values()], residual.span)
-        dress(ax, TIME, f"|{residual.name}| ({residual.unit})")
+        log_axis(ax, sizes.values(), residual.span)
+        dress(ax, TIME, residual.size_label)
+        return lines
+    if residual.is_limit:
+        shade_forbidden(ax, residual.values.values(), MARGIN_SHARE * residual.span)
     else:
         span_at_least(ax, residual.values.values(), 2 * residual.span)
-        dress(ax, TIME, residual.label)
+    dress(ax, TIME, residual.label)
     return lines
 
 
@@ -225,7 +229,9 @@ def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2
     shown = named(motions)
     styles = line_styles(shown)
     lines: list[Line2D] = []
-    sizes = {name: _force_sizes(motion, part) for name, motion in shown.items() if _coupled(motion)}
+    sizes = {
+        name: force_sizes(motion.constraint_forces, part) for name, motion in coupled(shown).items()
+    }
     for name, size in sizes.items():
         time = shown[name].times - shown[name].times[0]
         lines += ax.plot(time, size, label=short_name(name), **styles[name])
@@ -233,12 +239,36 @@ def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2
         log_axis(ax, sizes.values(), 1.0)
     else:
         ax.set_ylim(bottom=0)
-    unit = "m/s²" if part == "linear" else "rad/s²"
-    dress(ax, TIME, f"constraint's {part} acceleration ({unit})")
+    dress(ax, TIME, f"constraint's {part} acceleration ({FORCE_UNITS[part]})")
     return lines
 
 
 # ---------------------------------------------------------------- inside
+
+
+def _constraint_panels(
+    motions: Mapping[str, PoseTrajectory], rows: Sequence[ResidualRow], forces: Sequence[Part]
+) -> list[list[Callable[[Axes], object]]]:
+    """What draws the panels below a comparison's poses, line by line.
+
+    An equality has a line of its own, limits and forces share theirs; a single constraint shares
+    its line with its forces.
+    """
+    lines: list[list[Callable[[Axes], object]]] = []
+    rest: list[Callable[[Axes], object]] = []
+    for residual in rows:
+        scales: list[Scale] = ["linear"]
+        if residual.hidden:
+            scales = ["linear", "log"] if len(motions) > 1 else ["log"]
+        draws = [partial(draw_residuals, residual=residual, scale=scale) for scale in scales]
+        if residual.is_limit:
+            rest += draws
+        else:
+            lines.append([*draws])
+    rest += [partial(plot_forces, motions=motions, part=part) for part in forces]
+    if len(rows) == 1:
+        return [[draw for line in [*lines, rest] for draw in line]]
+    return lines + [rest[i : i + 2] for i in range(0, len(rest), 2)]
 
 
 def _over_time(
@@ -264,25 +294,6 @@ def _index(name: str, names: Sequence[str], what: str) -> int:
     if name not in names:
         raise InputError(f"{what} is one of {', '.join(names)}; got {name!r}")
     return list(names).index(name)
-
-
-def _coupled(motion: PoseTrajectory) -> bool:
-    return isinstance(motion, ConstrainedMotion) and bool(motion.constraint_names)
-
-
-def _force_sizes(motion: PoseTrajectory, part: Part) -> Floats:
-    assert isinstance(motion, ConstrainedMotion)
-    columns = slice(0, 3) if part == "linear" else slice(3, 6)
-    return np.asarray(np.linalg.norm(motion.constraint_forces[:, columns], axis=1))
-
-
-def _force_parts(motions: Mapping[str, PoseTrajectory]) -> list[Part]:
-    """Which forces there are to show: the linear ones, and the angular ones unless all are zero."""
-    coupled = [motion for motion in motions.values() if _coupled(motion)]
-    parts: list[Part] = ["linear"] if coupled else []
-    if any(_force_sizes(motion, "angular").any() for motion in coupled):
-        parts.append("angular")
-    return parts
 
 
 def _overview(motions: Mapping[str, PoseTrajectory]) -> str:

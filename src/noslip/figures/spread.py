@@ -15,11 +15,15 @@ from matplotlib.patches import Patch
 from noslip.errors import InputError
 from noslip.figures.quantities import (
     ANGLES,
+    MARGIN_SHARE,
     Constraints,
     ResidualRow,
+    amount,
     extent,
+    least_margins,
     length,
     length_unit,
+    prominence,
     residual_rows,
     roll_pitch_yaw,
 )
@@ -35,6 +39,7 @@ from noslip.figures.style import (
     new_figure,
     number,
     put_legend,
+    shade_forbidden,
     short_name,
     span_at_least,
     trial_styles,
@@ -65,7 +70,8 @@ def demonstration_spread(
 
     The paper's figure A, given demonstrations, and B, given what was learned from them.  Panels:
     x, y and z; roll, pitch and yaw (extrinsic xyz); for each row of the constraints its signed
-    residual, and its size on a logarithmic axis where it is too small to be seen.
+    residual, and its size on a logarithmic axis where it is too small to be seen; for each limit
+    the least margin of its rows, with the forbidden side shaded.
 
     Parameters
     ----------
@@ -74,7 +80,8 @@ def demonstration_spread(
     constraints : Constraint or several
         None leaves their panels out.
     title : str, optional
-        By default the finding: how large the mean residual gets and when, and the largest of all.
+        By default the finding: how large the mean residual gets and when, and the largest of all;
+        or how many of the motions violate a limit.
 
     Raises
     ------
@@ -82,7 +89,7 @@ def demonstration_spread(
         If there is no trajectory.
     """
     motions = {str(i): motion for i, motion in enumerate(as_demonstrations(trajectories))}
-    rows = residual_rows(motions, constraints)
+    rows = least_margins(residual_rows(motions, constraints))
     figure = new_figure(TWO_COLUMNS, 3.3 + 1.7 * len(rows))
     grid = figure.add_gridspec(2 + len(rows), 1)
 
@@ -111,7 +118,10 @@ def demonstration_spread(
         panels = grid[row].subgridspec(1, 2 if unseen else 1)
         curves = _residual_curves(residual, motions)
         ax = figure.add_subplot(panels[0])
-        plot_spread(ax, curves, color=PALETTE["vermillion"], least=2 * residual.span)
+        least = (MARGIN_SHARE if residual.is_limit else 2) * residual.span
+        plot_spread(ax, curves, color=PALETTE["vermillion"], least=least)
+        if residual.is_limit:
+            shade_forbidden(ax, [np.array(ax.get_ylim())], 0.0)
         dress(ax, PROGRESS, residual.label)
         if unseen:
             _plot_sizes(figure.add_subplot(panels[1]), residual, curves)
@@ -266,7 +276,7 @@ def _plot_sizes(ax: Axes, residual: ResidualRow, curves: Sequence[Curve]) -> Non
         va="top",
         fontsize=SMALL_FONT_SIZE,
     )
-    dress(ax, PROGRESS, f"|{residual.name}| ({residual.unit})")
+    dress(ax, PROGRESS, residual.size_label)
 
 
 def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTrajectory]) -> str:
@@ -274,7 +284,9 @@ def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTraje
     if not rows:
         paths = [motion.path_length for motion in motions.values()]
         return f"{count}: paths of {length(min(paths))} to {length(max(paths))}"
-    worst = max(rows, key=lambda row: row.severity)
+    worst = max(rows, key=prominence)
+    if worst.is_limit:
+        return f"{capitalised(worst.name)} of {count}: {_limit_finding(worst)}"
     peak = f"{number(max(worst.peaks.values()))} {worst.unit}"
     if all(map(worst.hides, motions)):
         return f"{capitalised(worst.name)} of {count}: at most {peak}"
@@ -285,6 +297,14 @@ def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTraje
         f"{capitalised(worst.name)} of {count}: mean up to {signed} "
         f"(at {GRID[at]:.0f} % of the time), largest {peak}"
     )
+
+
+def _limit_finding(limit: ResidualRow) -> str:
+    broken = sum(not limit.keeps(name) for name in limit.values)
+    least = min(limit.margins.values()) / limit.scale
+    if not broken:
+        return f"kept by all, least margin {amount(max(least, 0.0), limit.own_unit)}"
+    return f"violated by {broken}, by up to {amount(-least, limit.own_unit)}"
 
 
 def _adjustment_finding(peaks: Floats, names: Sequence[str]) -> str:

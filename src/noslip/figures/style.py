@@ -49,6 +49,8 @@ LEAST_TURN = 4.0
 """Degrees that an angle's axis spans at least."""
 LEAST_SHARE = 0.04
 """Share of the path's extent that a coordinate's axis spans at least: rounding stays flat."""
+FORBIDDEN_SHARE = 0.12
+"""Share of a margin's axis below zero, and below the least margin, that is shown at least."""
 DECADES = 1e-5
 """Share of the smallest curve's peak at which a logarithmic axis ends: zeros lie below."""
 
@@ -161,6 +163,26 @@ def span_at_least(ax: Axes, curves: Iterable[Floats], least: float) -> None:
     missing = max(0.0, (least or 1.0) - (high - low)) / 2
     margin = 0.06 * max(high - low, least or 1.0)
     ax.set_ylim(low - missing - margin, high + missing + margin)
+
+
+def shade_forbidden(ax: Axes, curves: Iterable[Floats], least: float) -> None:
+    """Grey and hatch where a margin would be negative; zero is always in sight.
+
+    Parameters
+    ----------
+    ax : Axes
+    curves : iterable of arrays
+        Margins, in the axis' unit.
+    least : float
+        What the axis spans at least.
+    """
+    curves = list(curves)
+    low, high = min(0.0, *(c.min() for c in curves)), max(0.0, *(c.max() for c in curves))
+    span = max(high - low, least)
+    bottom = low - FORBIDDEN_SHARE * span
+    ax.set_ylim(bottom, low + 1.06 * span)
+    ax.axhspan(bottom, 0, facecolor="0.93", edgecolor="0.78", hatch="////", linewidth=0, zorder=0.5)
+    ax.axhline(0, color=PALETTE["grey"], linewidth=0.8, zorder=1)
 
 
 def log_axis(ax: Axes, sizes: Iterable[Floats], least_top: float) -> None:

@@ -1,0 +1,360 @@
+"""What each constraint and limit of a rollout did: residual or margin, multiplier and force."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from noslip.constraints.check import row_units, with_unit
+from noslip.constraints.system import as_system
+from noslip.errors import InputError
+from noslip.figures.motion import TIME
+from noslip.figures.quantities import (
+    FORCE_UNITS,
+    MARGIN_SHARE,
+    NEGLIGIBLE,
+    Constraints,
+    Part,
+    amount,
+    force_parts,
+    force_sizes,
+    least_span,
+    scaled_unit,
+    violations,
+)
+from noslip.figures.style import (
+    PALETTE,
+    SMALL_FONT_SIZE,
+    TWO_COLUMNS,
+    dress,
+    line_styles,
+    log_axis,
+    new_figure,
+    number,
+    put_legend,
+    shade_forbidden,
+    short_name,
+    span_at_least,
+    write_title,
+)
+from noslip.primitives.pose import HELD, ConstrainedMotion
+from noslip.trajectory import Floats
+
+ROW_HEIGHT, AROUND_ROWS = 1.05, 1.15
+"""Of a constraint's panels, and of title, time axis and legend together (inches)."""
+LONGEST_TITLE = 24
+"""Characters of a constraint's name that a panel's title shows."""
+LABEL_WIDTH = 18
+"""Characters of a label beside these panels, before it goes on in the next line."""
+PUSHING = 1e-6
+"""Share of a limit's largest force above which it pushes."""
+MULTIPLIER_UNITS = {"m": "m/s²", "m/s": "m/s²", "m/s²": "m/s"}
+"""By the unit of the residual, that of a position over the step; of others it depends on the metric
+too."""
+FORCE_NAMES: dict[Part, str] = {"linear": "force", "angular": "turning force"}
+_ONLY: dict[str, Any] = {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1}
+_FORCE: dict[str, Any] = {"color": PALETTE["vermillion"], "linestyle": "-", "linewidth": 1.1}
+
+
+def constraint_history(
+    motion: ConstrainedMotion, constraints: Constraints = (), *, title: str | None = None
+) -> Figure:
+    """Show what each constraint and limit of a rollout did over time.
+
+    A row of panels for each: the residual of its rows (on a logarithmic axis if it is too small to
+    be seen) or their margins, with the forbidden side shaded; the multipliers; the size of the
+    acceleration that it added, linear and, unless all are zero, angular.
+
+    Parameters
+    ----------
+    motion : ConstrainedMotion
+        What :meth:`noslip.ConstrainedDMP.rollout` returns.
+    constraints : Constraint or several, optional
+        Those of the primitive: they know the units of residuals and margins, which a motion does
+        not.
+    title : str, optional
+        By default the finding: the largest residual; the least margin or what gave way; which limit
+        pushed hardest, and when.
+
+    Returns
+    -------
+    Figure
+        Without a window; :func:`save_figure` writes it.
+
+    Raises
+    ------
+    InputError
+        If the motion is no rollout with constraints, or the constraints are not the motion's.
+    """
+    if not isinstance(motion, ConstrainedMotion):
+        raise InputError(
+            f"constraint_history takes the rollout of a primitive, got a {type(motion).__name__}"
+        )
+    held = _held(motion, constraints)
+    if not held:
+        raise InputError(f"{motion.name}: no constraint took part in it")
+    times = motion.times - motion.times[0]
+    parts = force_parts(one.forces for one in held)
+
+    figure = new_figure(TWO_COLUMNS, AROUND_ROWS + ROW_HEIGHT * len(held))
+    panels = figure.subplots(len(held), 2 + len(parts), sharex=True, squeeze=False)
+    for one, (values, multipliers, *forces) in zip(held, panels, strict=True):
+        _plot_values(values, times, one)
+        _plot_multipliers(multipliers, times, one)
+        for ax, part in zip(forces, parts, strict=True):
+            _plot_force(ax, times, one, part)
+    for ax in panels[:-1].flat:
+        ax.set_xlabel("")
+    for column in panels.T:
+        figure.align_ylabels(column)
+
+    most = max(held, key=lambda one: one.rows)
+    if most.rows > 1:
+        put_legend(figure, {k: Line2D([], [], **style) for k, style in most.styles.items()})
+    write_title(figure, title or _finding(times, held))
+    return figure
+
+
+# ---------------------------------------------------------------- what is shown
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """A constraint or limit during a rollout; of several units, its rows of one.
+
+    Attributes
+    ----------
+    name : str
+    is_limit : bool
+    unit : str or None
+        Of its residuals or margins; None if it is not known.
+    values, multipliers : array, shape (N, rows)
+        Residuals or margins in that unit.
+    forces : array, shape (N, 6)
+        What its rows together added to the acceleration (m/s^2, rad/s^2).
+    span : float
+        What an axis of its residuals shows at least, to either side.
+    """
+
+    name: str
+    is_limit: bool
+    unit: str | None
+    values: Floats
+    multipliers: Floats
+    forces: Floats
+    span: float
+
+    @property
+    def rows(self) -> int:
+        return int(self.values.shape[1])
+
+    @property
+    def styles(self) -> dict[str, dict[str, Any]]:
+        """Of the rows' lines, by their labels."""
+        if self.rows == 1:
+            return {self.name: _ONLY}
+        return line_styles(f"row [{row}]" for row in range(self.rows))
+
+    @property
+    def violation(self) -> Floats:
+        """Largest of its rows, shape (N,)."""
+        return np.asarray(violations(self.values, self.is_limit).max(axis=1))
+
+    @property
+    def peak(self) -> float:
+        return float(self.violation.max())
+
+    @property
+    def holds(self) -> bool:
+        """Whether no violation can be seen; of limits, whether there is none but rounding."""
+        return self.peak <= (HELD if self.is_limit else NEGLIGIBLE * self.span)
+
+    @property
+    def margin(self) -> float:
+        """Least of all rows."""
+        return float(self.values.min())
+
+    @property
+    def axis(self) -> tuple[float, str]:
+        """How many of an axis' units make one of its own, and that unit."""
+        return scaled_unit(max(self.span, float(np.abs(self.values).max())), self.unit or "1")
+
+    @property
+    def told_peak(self) -> str:
+        """The largest residual, in its axis' unit, or violation of a limit."""
+        if self.is_limit:
+            return amount(self.peak, self.unit or "1")
+        scale, unit = self.axis
+        return with_unit(number(scale * self.peak), unit)
+
+    @property
+    def told_margin(self) -> str:
+        """The least margin."""
+        return amount(self.margin, self.unit or "1")
+
+    @property
+    def told_extreme(self) -> str:
+        """The largest residual, or the least margin."""
+        if not self.is_limit:
+            return f"≤ {self.told_peak}"
+        if not self.holds:
+            return f"violated by {self.told_peak}"
+        return "reached" if self.margin <= HELD else f"≥ {self.told_margin}"
+
+
+def _held(motion: ConstrainedMotion, constraints: Constraints) -> list[_Held]:
+    system = as_system(constraints)
+    known: dict[str, str] = dict(zip(system.row_names, row_units(system), strict=True))
+    names = (*motion.constraint_names, *motion.limit_names)
+    if missing := [name for name in names if known and name not in known]:
+        raise InputError(
+            f"{missing[0]!r} took part in {motion.name}, but is not among the constraints given: "
+            + ", ".join(known)
+        )
+    values = np.hstack([motion.constraint_residuals, motion.margins])
+    multipliers = np.hstack([motion.multipliers, motion.limit_multipliers])
+    found = []
+    for (name, unit), group in groupby(
+        range(len(names)), lambda row: (re.sub(r" \[\d+\]$", "", names[row]), known.get(names[row]))
+    ):
+        rows = list(group)
+        found.append(
+            _Held(
+                name=name,
+                is_limit=rows[0] >= len(motion.constraint_names),
+                unit=unit,
+                values=values[:, rows],
+                multipliers=multipliers[:, rows],
+                forces=np.sum([motion.force_of(names[row]) for row in rows], axis=0),
+                span=least_span(unit or "1", [motion]),
+            )
+        )
+    return found
+
+
+# ---------------------------------------------------------------- panels
+
+
+def _plot_values(ax: Axes, times: Floats, one: _Held) -> None:
+    """Residuals or margins, with the name and the extreme above."""
+    scale, unit = one.axis
+    quantity, shown = "margin" if one.is_limit else "residual", scale * one.values
+    too_small = not one.is_limit and one.holds and one.peak > 0
+    if too_small:
+        quantity, shown = f"|{quantity}|", np.abs(shown)
+    _plot_rows(ax, times, shown, one)
+    if too_small:
+        log_axis(ax, shown.T, scale * one.span)
+    elif one.is_limit:
+        shade_forbidden(ax, shown.T, MARGIN_SHARE * scale * one.span)
+    else:
+        span_at_least(ax, shown.T, 2 * scale * one.span)
+    _label(ax, quantity, unit if one.unit else "own unit")
+    name = one.name if len(one.name) <= LONGEST_TITLE else f"{one.name[: LONGEST_TITLE - 1]}…"
+    heading = f"{short_name(name)}: {one.told_extreme}"
+    ax.set_title(heading, loc="left", fontsize=SMALL_FONT_SIZE, fontweight="bold")
+
+
+def _plot_multipliers(ax: Axes, times: Floats, one: _Held) -> None:
+    _plot_rows(ax, times, one.multipliers, one)
+    _span_something(ax, one.multipliers)
+    _label(ax, "multiplier", MULTIPLIER_UNITS.get(one.unit or "", "SI"))
+
+
+def _plot_force(ax: Axes, times: Floats, one: _Held, part: Part) -> None:
+    """Size of the acceleration that all rows together added, with its peak above."""
+    size = force_sizes(one.forces, part)
+    ax.plot(times, size, label=short_name(one.name), **_FORCE)
+    _span_something(ax, size)
+    _label(ax, FORCE_NAMES[part], FORCE_UNITS[part])
+    heading = "no force"
+    if size.any():
+        heading = f"≤ {number(size.max())}, at {number(times[np.argmax(size)])} s"
+    ax.set_title(heading, loc="left", fontsize=SMALL_FONT_SIZE)
+
+
+def _plot_rows(ax: Axes, times: Floats, columns: Floats, one: _Held) -> None:
+    for (label, style), column in zip(one.styles.items(), columns.T, strict=True):
+        ax.plot(times, column, label=short_name(label), **style)
+
+
+def _span_something(ax: Axes, values: Floats) -> None:
+    """Show zero; an axis of nothing but zeros gets a range."""
+    low, high = min(0.0, values.min()), max(0.0, values.max())
+    room = 0.08 * (high - low) or 0.1
+    ax.set_ylim(low - room, (high or 1.0) + room)
+
+
+def _label(ax: Axes, quantity: str, unit: str) -> None:
+    dress(ax, TIME, "")
+    ax.set_ylabel(fill(f"{quantity} ({unit})", LABEL_WIDTH), fontsize=SMALL_FONT_SIZE)
+
+
+# ---------------------------------------------------------------- the finding
+
+
+def _finding(times: Floats, held: Sequence[_Held]) -> str:
+    equalities = [one for one in held if not one.is_limit]
+    limits = [one for one in held if one.is_limit]
+    told = [_about_equalities(equalities)] if equalities else []
+    if limits:
+        told += [_about_margins(times, limits), _about_pushes(times, limits)]
+    text = "; ".join(told)
+    return text[:1].upper() + text[1:]
+
+
+def _about_equalities(equalities: Sequence[_Held]) -> str:
+    worst = max(equalities, key=lambda one: one.peak / one.span)
+    name, peak = short_name(worst.name), worst.told_peak
+    if not worst.holds:
+        return f"{name} is violated by up to {peak}"
+    if len(equalities) == 1:
+        return f"{name} holds to {peak}"
+    return f"{len(equalities)} constraints hold, the worst, {name}, to {peak}"
+
+
+def _about_margins(times: Floats, limits: Sequence[_Held]) -> str:
+    """What gave way, or which limit left the least of its margin."""
+    broken = sorted((one for one in limits if not one.holds), key=lambda one: -one.peak / one.span)
+    if broken:
+        told = [
+            f"{short_name(one.name)} gave way by up to {one.told_peak} at "
+            f"{number(times[np.argmax(one.violation)])} s"
+            for one in broken[:2]
+        ]
+        if len(broken) > len(told):
+            told.append(f"{len(broken) - len(told)} more")
+        return " and ".join(told)
+    least = min(limits, key=lambda one: one.margin / one.span)
+    left, name = least.values.min(axis=1), short_name(least.name)
+    if least.margin <= HELD:
+        return f"{name} is reached at {number(times[np.argmax(left <= HELD)])} s, and kept"
+    return f"least margin: {least.told_margin} from {name} at {number(times[np.argmin(left)])} s"
+
+
+def _about_pushes(times: Floats, limits: Sequence[_Held]) -> str:
+    """Which limit pushed hardest, when, and how hard."""
+    pushing = {
+        part: max(limits, key=lambda one: float(force_sizes(one.forces, part).max()))
+        for part in FORCE_UNITS
+    }
+    part: Part = "linear" if force_sizes(pushing["linear"].forces, "linear").any() else "angular"
+    size = force_sizes(pushing[part].forces, part)
+    if not size.any():
+        return "no limit pushes"
+    first, last = times[size > PUSHING * size.max()][[0, -1]]
+    verb = "pushes" if part == "linear" else "turns"
+    others = sum(bool(one.forces.any()) for one in limits) > 1
+    return (
+        f"{short_name(pushing[part].name)} {verb}{' hardest' if others else ''}, up to "
+        f"{number(size.max())} {FORCE_UNITS[part]}, from {number(first)} to {number(last)} s"
+    )
