@@ -14,8 +14,10 @@ from noslip.trajectory import PoseTrajectory
 
 Floats = NDArray[np.float64]
 
+REACH = 0.005
+"""Of the path's extent: nothing nearer than that says where a tool is heading."""
 REST = 0.05
-"""Fraction of the top speed below which the direction of travel says nothing."""
+"""Fraction of the typical speed below which the direction of travel says nothing."""
 BACKWARDS = 0.3
 """Share of its way that a stretch must go backwards, net, to count as backed up on purpose."""
 PLUNGING = 0.2
@@ -58,8 +60,8 @@ def turn_edge_into_path(
     none = Heading(np.zeros((len(trajectory), 3)), 0)
     if constraint is None or constraint.lateral is None or constraint.edge is None:
         return none
-    velocities, _ = trajectory.step_velocities()
-    velocities = np.concatenate([velocities[:1], velocities])
+    point = getattr(constraint, "reference_point", (0.0, 0.0, 0.0))
+    velocities = _travel(trajectory.positions + trajectory.rotations.apply(point), trajectory.times)
     speed = np.linalg.norm(velocities, axis=1)
     if speed.max() == 0:
         return none
@@ -69,7 +71,9 @@ def turn_edge_into_path(
     third = 3 - edge - lateral
     ahead, aside, across = edge_sign * body[:, edge], body[:, lateral], body[:, third]
 
-    moving = speed > REST * speed.max()
+    # By distance, not by time: rests and single wrong stamps say nothing.
+    typical = float(np.sum(speed**2) / np.sum(speed))
+    moving = speed > REST * typical
     angles = np.zeros(len(speed))
     axes = np.zeros((len(speed), 3))
     backing, last = 0, 0.0
@@ -100,8 +104,34 @@ def turn_edge_into_path(
         axes = -axes
     # An edge along a negative axis turns the other way round.
     turns = trajectory.rotations.apply(axes * angles[:, None])
-    weights = np.where(moving, speed**2 / np.mean(speed**2), 0.0)
+    sure = np.minimum(speed, 2 * typical) ** 2
+    weights = np.where(moving, sure / sure.mean(), 0.0)
     return Heading(_smoothed(turns, weights, smoothing), backing)
+
+
+def _travel(positions: Floats, times: Floats) -> Floats:
+    """Velocity of the chord that reaches ``REACH`` of the extent to either side of each sample.
+
+    Noise of a tool at rest stays within that reach, so that rest is slow in it whatever the rate.
+    """
+    reach = REACH * np.ptp(positions, axis=0).max()
+    last = len(times) - 1
+    ahead = _first_beyond(positions, reach)
+    behind = last - _first_beyond(positions[::-1], reach)[::-1]
+    chord = positions[ahead] - positions[behind]
+    return np.asarray(chord / (times[ahead] - times[behind])[:, None])
+
+
+def _first_beyond(positions: Floats, reach: float) -> NDArray[np.intp]:
+    """For each sample the first later one that is farther than a reach, or the last."""
+    last = len(positions) - 1
+    found = np.minimum(np.arange(last + 1) + 1, last)
+    near = np.arange(last)
+    while len(near):
+        away = np.sum((positions[found[near]] - positions[near]) ** 2, axis=1)
+        near = near[(away <= reach**2) & (found[near] < last)]
+        found[near] += 1
+    return found
 
 
 def _stretches(moving: NDArray[np.bool_]) -> list[NDArray[np.intp]]:

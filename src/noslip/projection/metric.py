@@ -29,7 +29,7 @@ Metric = Literal["position", "rotation", "shared"] | Sequence[float]
 
 
 def inverse_metric(
-    system: ConstraintSystem, metric: Metric | None, length: float | None, step_length: float
+    system: ConstraintSystem, metric: Metric | None, length: float | None, usual: float
 ) -> tuple[float, ...]:
     """Diagonal of M^-1, 6 numbers.
 
@@ -40,9 +40,9 @@ def inverse_metric(
         None is "position" where that can hold every constraint and no limit is about turning (a
         tool that goes on turning cannot stand still for it), else "shared".
     length : float or None
-        L (m); None is ``step_length``.
-    step_length : float
-        Of a mean step (m).
+        L (m); None is the usual one.
+    usual : float
+        Of the path at hand (m); 0 for one that does not move.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def inverse_metric(
         If the metric is none of these.
     """
     if length is None:
-        length = step_length if step_length > 0 else 1.0
+        length = usual if usual > 0 else 1.0
     length = _arguments.positive("metric_length", length, "m")
     turn = 1 / length**2
     if metric is None:

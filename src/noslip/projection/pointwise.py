@@ -48,9 +48,9 @@ _SMALLEST_PIVOT = 1e-200
 _NEGLIGIBLE = 1e-12
 """Violation of a limit, over the velocity that the limits ask for, that is left alone."""
 _REACHED, _STOPPING = 1e-7, 0.1
-"""Violation, so relative, up to which a hard limit is kept; how much less a stop's must be."""
-_OFF, _AT_REST = 1e-8, 1e-11
-"""Residual at which an equality is missed, and that it may have at rest."""
+"""Violation, so relative, up to which a hard limit is kept; how much less that of a stop is."""
+_MISSED, _ROUNDING = 1e-10, 1e-14
+"""Residual at which an equality is missed, besides what the rounding of positions makes of it."""
 _LARGEST_TURN = 0.5
 """Longest correction of a step's turn (rad)."""
 _STILL = 1e-11
@@ -59,7 +59,7 @@ _APPROACHING, _RESTORING = 2, 4
 """Newton steps to the nearest point, and then straight onto the constraint."""
 _LIMIT_APPROACHING, _LIMIT_RESTORING = 2, 4
 """The same with limits: who pushes is settled in the first, each of the others may mend it."""
-_HARD_CAP, _SOFT_CAPS = 1e9, (1e3, 1e7)
+_HARD_CAP, _SOFT_CAPS = 1e7, (3e1, 3e4)
 """Largest multiplier of a hard limit, and of the least and most important soft one, over the
 velocity that the limits ask for."""
 _MOST_ITERATIONS = 50
@@ -229,38 +229,84 @@ class _Step:
         if pushes is not None:
             yielding[self.equalities.size :] = pushes.yielding
         if restoring:
-            stop = self._stop(velocities)
-            velocities = velocities + stop
-            # A stop serves all rows alike.
-            parts += ca.repmat(stop / parts.shape[1], 1, parts.shape[1])
+            change = self._instead(velocities)
+            velocities = velocities + change
+            # It is for all rows alike.
+            parts += ca.repmat(change / parts.shape[1], 1, parts.shape[1])
         return velocities, impulses, parts, yielding
 
-    def _stop(self, velocities: Expression) -> Expression:
-        """What brings the tool to rest where the passes have not come to what they should.
+    def _instead(self, velocities: Expression) -> Expression:
+        """What leads to other velocities where the passes have not come to what they should.
 
         Where constraints or limits all but contradict each other, a fixed number of passes may not
         suffice: a hard limit or an equality is missed, or the tool is turned by more than a step's
-        linearisation can bear.  To stand still violates no limit that allows it.
+        linearisation can bear.  Then the better of two takes their place: to stand still, which
+        violates no limit that allows it, or to heed the equalities alone.
         """
+        rest = ca.DM([float(weight == 0) for weight in np.array(self.weights).ravel()]) * velocities
+        found = self._merit(velocities)
+        others = [(rest, self._merit(rest))]
+        if self.limits.size:
+            alone = self._alone()
+            others.append((alone, self._merit(alone)))
+        failed = ca.logic_or(found[0] > 0, found[1] > _REACHED * self.asked)
+        best, (lost, hard, soft) = velocities, found
+        for candidate, (lost_there, hard_there, soft_there) in others:
+            # First the equalities, then hard limits, then soft ones by their weights.
+            harder = hard_there < _STOPPING * hard
+            alike = hard_there <= hard + _REACHED * self.asked
+            better = ca.logic_or(
+                lost_there < lost,
+                ca.logic_and(
+                    lost_there == lost,
+                    ca.logic_or(harder, ca.logic_and(alike, soft_there < soft)),
+                ),
+            )
+            take = ca.logic_and(failed, better)
+            best = ca.if_else(take, candidate, best)
+            lost = ca.if_else(take, lost_there, lost)
+            hard = ca.if_else(take, hard_there, hard)
+            soft = ca.if_else(take, soft_there, soft)
+        return best - velocities
+
+    def _merit(self, velocities: Expression) -> tuple[Expression, Expression, Expression]:
+        """Whether equalities are missed or a turn is too long; how much of limits is missed."""
         m = self.equalities.size
-        hard = [m + i for i, priority in enumerate(_priorities(self.limits)) if priority == 0]
-        held = ca.DM([float(weight == 0) for weight in np.array(self.weights).ravel()])
-        rest = held * velocities
-        missed = []
-        for candidate in (velocities, rest):
-            left = self.goal - ca.substitute(self.phi, self.unknown, candidate)
-            over, off = ca.SX(0), ca.SX(0)
-            if hard:
-                over = ca.fmax(ca.mmax(left[hard, :] - ca.fmax(self.goal[hard, :], 0)), 0)
-            if m:
-                off = ca.mmax(ca.fabs(left[:m, :]))
-            missed.append((over, off))
-        (over, off), (over_at_rest, off_at_rest) = missed
+        phi, jacobian = ca.substitute([self.phi, self.jacobian], [self.unknown], [velocities])
+        left = self.goal - phi
+        size = ca.norm_inf(self.s.position) / self.s.time_step + ca.norm_inf(velocities[:3])
         turn = self.s.time_step * ca.norm_inf(velocities[3:] - self.unconstrained[3:])
-        lost = ca.logic_or(off > _OFF, turn > _LARGEST_TURN)
-        over_more = (over > _REACHED * self.asked) * (over_at_rest < _STOPPING * over)
-        stop = ca.logic_or(lost, over_more) * (off_at_rest < _AT_REST)
-        return ca.if_else(stop, rest - velocities, 0)
+        lost = turn > _LARGEST_TURN
+        if m:
+            off = ca.mmax(ca.fabs(left[:m, :]))
+            lost = ca.logic_or(lost, off > _MISSED + _ROUNDING * size)
+        if not self.limits.size:
+            return lost, ca.SX(0), ca.SX(0)
+        over = ca.fmax(left[m:, :] - ca.fmax(self.goal[m:, :], 0), 0)
+        G = jacobian[m:, :]
+        norms = ca.sqrt(ca.sum2(G * (G @ ca.diag(self.weights))) + _SMALLEST_PIVOT)
+        over = over / ca.fmax(norms, 1)
+        hard = ca.DM([float(priority == 0) for priority in _priorities(self.limits)])
+        return lost, ca.mmax(hard * over), ca.dot(self.caps * (1 - hard), over)
+
+    def _alone(self) -> Expression:
+        """Velocities that the equalities allow, without limits."""
+        velocities, held = self.unconstrained, ca.SX(self.equalities.size, 1)
+        if not self.equalities.size:
+            return velocities
+        for iteration in range(_APPROACHING + _RESTORING):
+            value, rows = ca.substitute([self.phi, self.jacobian], [self.unknown], [velocities])
+            A, reach = rows[: self.equalities.size, :], self.goal - value
+            if iteration < _APPROACHING:
+                reach += ca.mtimes(rows, velocities - self.unconstrained)
+                normal = A @ ca.diag(self.weights) @ A.T
+                left = reach[: self.equalities.size, :] - normal @ held
+                held += _solve_regularised(normal, left, self.floor)
+                velocities = self.unconstrained + ca.diag(self.weights) @ A.T @ held
+            else:
+                more = self._hold(rows, reach)[: self.equalities.size, :]
+                velocities += ca.diag(self.weights) @ A.T @ more
+        return velocities
 
     def _passes(self) -> tuple[int, int]:
         if self.limits.size:

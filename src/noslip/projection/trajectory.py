@@ -54,7 +54,7 @@ Floats = NDArray[np.float64]
 End = Literal["free", "position", "rotation", "pose"]
 
 POSITION_WEIGHT = 1e5
-POSITION_SMOOTHING = 1e-3
+POSITION_SMOOTHING = 1e-6
 ROTATION_SMOOTHING = 1e-6
 MAX_ITERATIONS = 40
 

@@ -1,0 +1,145 @@
+"""The examples run and hold what they show; the pages about constraints are complete and true."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from noslip.constraints.catalogue import CATALOGUE, parse_constraint
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
+PAGES = ROOT / "docs" / "constraints"
+INDEX = PAGES / "index.md"
+LARGEST_PICTURE = 150_000
+
+# What these show is that limits give way, or that a start or a metric holds less.
+GIVE_WAY = {"any_start", "metric", "priorities"}
+# Limits lead these around, and not into a stop: what is learned, and where it was to arrive.
+ARRIVE = {"keep_out": ("motion", "hand"), "travel": ("wide", "cart")}
+FAR = 0.01
+
+
+def run(name: str, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str, Any]:
+    """Run an example as its command would; a warning is an error here."""
+    script = ROOT / "examples" / f"{name}.py"
+    monkeypatch.setattr(sys, "argv", [str(script), *arguments])
+    return runpy.run_path(str(script), run_name="__main__")
+
+
+def is_png(path: Path) -> bool:
+    return path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_draws_its_picture_and_holds_its_constraints(
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "picture.png"
+    found = run(name, monkeypatch, "--out", str(out))
+    assert is_png(out)
+    assert list(tmp_path.iterdir()) == [out]
+    assert re.search(r"residual|margin", capsys.readouterr().out)
+    if name in GIVE_WAY:
+        return
+    motion = found["motion"]
+    assert np.abs(motion.constraint_residuals).max(initial=0) <= 1e-10
+    assert motion.gave_way == ()
+    if name in ARRIVE:
+        learned, demonstrated = (found[variable] for variable in ARRIVE[name])
+        missed = np.linalg.norm(learned.positions[-1] - demonstrated.positions[-1])
+        assert missed <= FAR * demonstrated.path_length
+
+
+def test_without_an_argument_the_picture_lies_in_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run("blade", monkeypatch)
+    assert is_png(tmp_path / "blade.png")
+
+
+def test_each_example_is_about_one_screen_of_the_public_interface() -> None:
+    for name in EXAMPLES:
+        text = (ROOT / "examples" / f"{name}.py").read_text()
+        assert len(text.splitlines()) <= 90, name
+        imported = set(re.findall(r"^(?:from|import) (\S+)", text, re.MULTILINE))
+        public = {"argparse", "numpy", "matplotlib.lines", "scipy.spatial.transform"}
+        assert imported <= public | {"noslip", "noslip.figures"}, name
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_each_example_has_a_page_with_its_picture(name: str) -> None:
+    text = (PAGES / f"{name}.md").read_text()
+    assert f"](../images/{name}.png)" in text
+    assert f"python examples/{name}.py" in text
+    picture = ROOT / "docs" / "images" / f"{name}.png"
+    assert is_png(picture)
+    assert picture.stat().st_size <= LARGEST_PICTURE
+    listed = INDEX.read_text().partition("```{toctree}")[2].partition("```\n")[0]
+    assert name in listed.split()
+
+
+def test_each_page_belongs_to_an_example() -> None:
+    assert sorted(path.stem for path in PAGES.glob("*.md")) == sorted([*EXAMPLES, "index"])
+
+
+def test_the_overview_and_a_page_name_each_constraint_of_the_catalogue() -> None:
+    overview = INDEX.read_text()
+    pages = {path.stem: path.read_text() for path in PAGES.glob("*.md") if path != INDEX}
+    for constraint in CATALOGUE.values():
+        name = f"`{constraint.__name__}`"
+        row = next(line for line in overview.splitlines() if line.startswith("|") and name in line)
+        (page,) = re.findall(r"\]\((\w+)\.md\)", row)[:1]
+        assert constraint.__name__ in pages[page]
+
+
+def test_constraints_on_the_command_line_are_understood() -> None:
+    texts = [
+        quoted or plain
+        for page in PAGES.glob("*.md")
+        for quoted, plain in re.findall(r'--constraint (?:"([^"]+)"|(\S+))', page.read_text())
+    ]
+    own = [text for text in texts if ".py:" in text]
+    assert len(texts) > 15
+    assert own
+    for text in set(texts) - set(own):
+        parse_constraint(text)
+
+
+def test_python_on_the_pages_is_python() -> None:
+    for page in PAGES.glob("*.md"):
+        for block in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL):
+            compile(block, page.name, "exec")
+
+
+CLASSES = ["holonomic", "non-holonomic", "scleronomic", "rheonomic", "catastatic", "acatastatic"]
+
+
+def test_each_class_of_the_paper_has_a_constraint_an_example_and_a_test() -> None:
+    rows = [line.split("|")[1:-1] for line in INDEX.read_text().splitlines() if "examples/" in line]
+    table = {row[0].strip(): row[1:] for row in rows if len(row) == 5}
+    assert list(table) == CLASSES
+    for _, constraint, example, _ in table.values():
+        assert re.search(r"`\w+", constraint)
+        assert (ROOT / example.strip().strip("`")).is_file()
+
+
+def test_the_tests_that_the_pages_name_exist() -> None:
+    named = {
+        found
+        for page in PAGES.glob("*.md")
+        for found in re.findall(r"(tests/[\w/]+\.py)::(\w+)", page.read_text())
+    }
+    assert len(named) >= len(CLASSES)
+    for file, test in named:
+        assert f"def {test}(" in (ROOT / file).read_text(), test
