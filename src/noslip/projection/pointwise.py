@@ -313,6 +313,9 @@ class _Step:
             return _LIMIT_APPROACHING, _LIMIT_RESTORING
         if not ca.depends_on(self.jacobian, self.unknown):
             # One row is divided by exactly; several are regularised, which further passes undo.
+            # Rows as before the step, along which position level pushes, are not those it ends on.
+            if self.at_position:
+                return _APPROACHING, 2
             return (1 if self.equalities.size == 1 else 3), 0
         return _APPROACHING, _RESTORING
 

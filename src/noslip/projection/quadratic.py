@@ -27,6 +27,8 @@ REGULAR = 1e-11
 _FLAT = 1e-9
 """A driven row that moves less than this per unit of its multiplier cannot be satisfied."""
 _NEVER = 1e300
+_INEXACT = 30.0
+"""What the regularisation leaves of a row, over REGULAR and its multiplier, and a margin."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,8 @@ def least_push(
         # Drive the most violated row, unless one is on its way already.
         violation = ca.if_else((1 - pushing) * (1 - yielding), -margins, 0)
         largest = ca.mmax(violation)
-        new = _first(violation, largest) * (largest > tolerance)
+        inexact = _INEXACT * REGULAR * ca.mmax(ca.fabs(before + multipliers))
+        new = _first(violation, largest) * (largest > ca.fmax(tolerance, inexact))
         driven = ca.if_else(ca.sum1(driven) > 0, driven, new)
         is_driven = ca.sum1(driven) > 0
         direction = driven - _solve_masked(regular, pushing, ca.mtimes(Q, driven))
@@ -113,6 +116,14 @@ def least_push(
         yielding += gives_way
         multipliers = ca.if_else(leaves * (1 - gives_way), -before, multipliers)
         pushing = pushing * (1 - leaves) + driven * arrives
+        # Once a row has given way, the others stand as if it had never pushed.
+        gave = ca.sum1(gives_way) > 0
+        kept = driven * (1 - gives_way) * multipliers
+        idle = (1 - pushing - driven) * before
+        others = q + ca.mtimes(Q, kept - idle)
+        anew = kept - idle - _solve_masked(regular, pushing, others)
+        multipliers = ca.if_else(gave, anew, multipliers)
+        margins = ca.if_else(gave, q + ca.mtimes(Q, anew), margins)
         driven = driven * (1 - arrives) * (1 - gives_way)
     # From the set alone: what yields pushes with its whole cap against those that hold, which
     # moves nothing and would only eat up precision.
