@@ -25,12 +25,6 @@ seeds = st.integers(0, 2**32 - 1)
 FULL = (1.0,) * 6
 STEPS = 200
 
-UNCONVERGED = pytest.mark.xfail(
-    strict=True,
-    raises=(AssertionError, ns.NoslipError),
-    reason="a metric in which the rotation is cheap beside the constraint's lever turns the tool "
-    "by more in a step than Newton's method, of few passes, converges from",
-)
 CURVED = pytest.mark.xfail(
     strict=True,
     raises=AssertionError,
@@ -476,24 +470,9 @@ REPEATED: dict[str, Callable[[], list[Constraint]]] = {
 }
 
 
-TWINS = pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="in later passes a repeated row is driven, its twin lets go, and the one exchange ends "
-    "before the driven one arrives: neither is kept (see the same in test_quadratic)",
-)
-TWINNED = {("sphere", 2), ("sphere", 3), ("blade and half-space", 2), ("blade and half-space", 3)}
-
-
 @pytest.mark.parametrize(
     ("name", "times"),
-    [
-        pytest.param(
-            name, n, marks=[TWINS] if (name, n) in TWINNED | {("turning radius", 2)} else []
-        )
-        for name in REPEATED
-        for n in (2, 3)
-    ],
+    [(name, n) for name in REPEATED for n in (2, 3)],
 )
 def test_a_repeated_limit_changes_nothing(name: str, times: int) -> None:
     metric = shared(0.1)
@@ -710,42 +689,20 @@ def holds(dmp: ConstrainedDMP, seed: int) -> int:
     return taken
 
 
-def cases(count: int, failing: dict[int, Any]) -> list[Any]:
+def cases(count: int) -> list[Any]:
     """Numbers of compositions; the first two dozen are quick, the others slow."""
-    found = []
-    for seed in range(count):
-        marks = [failing[seed]] if seed in failing else []
-        found.append(pytest.param(seed, marks=marks + ([pytest.mark.slow] if seed >= 24 else [])))
-    return found
+    return [
+        pytest.param(seed, marks=[pytest.mark.slow] if seed >= 24 else []) for seed in range(count)
+    ]
 
 
-RATES = pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="limits of rates beside an obstacle are missed by millionths: six passes of their "
-    "linearisations do not suffice",
-)
-LINEAR = pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="of a position-level constraint whose rows turn with the tool, a metric that holds the "
-    "rotation uses the rows before the step in all passes: these converge linearly",
-)
-
-
-@pytest.mark.parametrize("seed", cases(150, {14: RATES, 91: RATES}))
+@pytest.mark.parametrize("seed", cases(150))
 def test_random_compositions_hold_in_random_metrics(seed: int) -> None:
     dmp = composition(seed)
     if dmp is not None:
         holds(dmp, seed)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="where the passes fail in every other step, the tool stops and goes: between rest and "
-    "0.7 m/s from step to step",
-)
 def test_a_motion_does_not_stop_and_go_from_step_to_step() -> None:
     dmp = composition(14)
     assert dmp is not None
@@ -755,29 +712,19 @@ def test_a_motion_does_not_stop_and_go_from_step_to_step() -> None:
 
 
 # A metric's length of no less than the constraints' levers.
-@pytest.mark.parametrize("seed", cases(150, {}))
+@pytest.mark.parametrize("seed", cases(150))
 def test_random_compositions_of_points_off_the_origin_hold(seed: int) -> None:
     dmp = composition(seed, lever=0.1, shortest=0.1)
     if dmp is not None:
         holds(dmp, seed)
 
 
-@pytest.mark.parametrize("h", [1 / 200, pytest.param(1 / 1000), pytest.param(1 / 5000)])
-@LINEAR
+@pytest.mark.parametrize("h", [1 / 200, 1 / 1000, 1 / 5000])
 def test_a_remote_centre_is_held_by_the_position_alone(h: float) -> None:
     start, turn = primitive().position.start, primitive().orientation.start
     rule = ns.RemoteCentre(point=triple(start + 0.5 * turn.apply([0, 0, 1])))
     motion = constrained([rule]).rollout(time_step=h)
     assert np.abs(motion.constraint_residuals).max() <= 1e-12
-
-
-STOPPED = pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="a metric in which the rotation is cheap beside the constraint's lever turns the tool "
-    "by more in a step than Newton's method, of few passes, converges from; the stop that takes "
-    "its place brings to rest a tool that could move on, for good",
-)
 
 
 def levers() -> dict[str, list[Constraint]]:
@@ -808,18 +755,13 @@ def reaching(name: str) -> tuple[ConstrainedMotion, ...]:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param("sphere", marks=UNCONVERGED),
-        pytest.param("wheel", marks=UNCONVERGED),
-        "remote centre at an angle",
-    ],
+    ["sphere", "wheel", "remote centre at an angle"],
 )
 def test_points_off_the_origin_are_held_in_the_default_shared_metric(name: str) -> None:
     for motion in reaching(name):
         assert np.abs(motion.constraint_residuals).max() <= 2e-10
 
 
-@STOPPED
 @pytest.mark.parametrize("name", ["sphere", "wheel"])
 def test_a_tool_that_can_move_on_does_not_stand_still(name: str) -> None:
     for motion in reaching(name):

@@ -23,6 +23,8 @@ _ON = 1e-12
 """Residual, in the constraint's own unit, at which a pose is on it."""
 _APART = 1e-6
 """Residual that shows a contradiction: far above what converges."""
+_LOST = 1e3
+"""Residual, over the first, at which the search has run away."""
 _PLACES = 3
 """Samples of a demonstration at which constraints are tried together."""
 
@@ -71,16 +73,15 @@ def require_consistent(system: ConstraintSystem, trajectory: PoseTrajectory) -> 
     if len(system.constraints) < 2:
         return
     places = np.unique(np.linspace(0, len(trajectory) - 1, _PLACES).astype(int))
-    for place in places:
-        at = (
-            float(trajectory.times[place] - trajectory.times[0]),
-            trajectory.positions[place],
-            trajectory.quaternions[place],
-        )
+    poses = [(trajectory.positions[k], trajectory.quaternions[k]) for k in places]
+    for i, place in enumerate(places):
+        time = float(trajectory.times[place] - trajectory.times[0])
         motion = (trajectory.linear_velocities[place], trajectory.angular_velocities[place])
 
         def agree(constraints: Sequence[Constraint]) -> bool:
-            return _agree(ConstraintSystem(constraints), *at, *motion)  # noqa: B023
+            # From far off the search may fail where there is a pose; the start is the next guess.
+            system = ConstraintSystem(constraints)
+            return any(_agree(system, time, *pose, *motion) for pose in (poses[i], poses[0]))  # noqa: B023
 
         hard = [c for c in system.constraints if c.priority == 0 and c.level != "acceleration"]
         if agree(hard):
@@ -92,7 +93,7 @@ def require_consistent(system: ConstraintSystem, trajectory: PoseTrajectory) -> 
             continue
         raise ConstraintError(
             f"constraints {' and '.join(map(repr, culprits))} contradict each other: no pose and "
-            f"motion near t = {at[0]:.3g} s of {trajectory.name} satisfies them together"
+            f"motion near t = {time:.3g} s of {trajectory.name} satisfies them together"
         )
 
 
@@ -143,13 +144,14 @@ def _nearest_pose(
     turned = Rotation.from_quat(np.asarray(quaternion, dtype=np.float64), scalar_first=True)
     here, rotation = given, turned
     is_limit = system.row_is_limit
-    residual = 0.0
+    residual = first = 0.0
     for iteration in range(_MOST_ITERATIONS):
         quat = rotation.as_quat(scalar_first=True)
         value, _, rows = system.instant(time, here, quat, np.zeros(3), np.zeros(3))
         missed = np.where(is_limit, np.minimum(value, 0), value)
         residual = float(np.abs(missed).max(initial=0.0))
-        if residual <= _ON:
+        first = first or residual
+        if residual <= _ON or residual > _LOST * max(1.0, first):
             break
         if iteration < _APPROACHING:
             offset = np.concatenate([here - given, (rotation * turned.inv()).as_rotvec()])

@@ -51,8 +51,10 @@ _REACHED, _STOPPING = 1e-7, 0.1
 """Violation, so relative, up to which a hard limit is kept; how much less that of a stop is."""
 _MISSED, _ROUNDING = 1e-10, 1e-14
 """Residual at which an equality is missed, besides what the rounding of positions makes of it."""
-_LARGEST_TURN = 0.5
-"""Longest correction of a step's turn (rad)."""
+_SMALL_TURN, _LARGEST_TURN = 0.01, 0.5
+"""Correction of a step's turn (rad) in which rows are near linear, and the longest."""
+_STRAIGHT = 0.01
+"""Largest share of the rotation in corrections of what is left, over that of the position."""
 _STILL = 1e-11
 """Speed (m/s) of a tool at rest."""
 _APPROACHING, _RESTORING = 2, 4
@@ -142,8 +144,9 @@ class _Step:
         s: StepSymbols,
         unconstrained: Expression,
     ) -> None:
-        self.s, self.unconstrained = s, unconstrained
+        self.s, self.unconstrained, self.metric = s, unconstrained, metric
         self.weights = ca.DM(list(metric))
+        self.shared = any(metric[:3]) and any(metric[3:])
         self.equalities, self.limits = system.equalities, system.limits
         self.unknown = ca.SX.sym("nu", 6)
         # What the metric holds stays a known value: it then drops out of the derivatives.
@@ -179,7 +182,7 @@ class _Step:
         s, state = self.s, self.unknown
         at = (s.time - s.time_step, s.position, s.quaternion, state[:3], state[3:])
         rates = ca.vertcat(self.equalities.first_order(*at), self.limits.first_order(*at))
-        held = ca.DM([float(weight != 0) for weight in np.array(self.weights).ravel()])
+        held = ca.DM([float(weight != 0) for weight in self.metric])
         return ca.jacobian(rates, state) @ ca.diag(held)
 
     def values(self, velocities: Expression) -> Expression:
@@ -209,8 +212,12 @@ class _Step:
                 impulses, pushes = self._push(rows, reach, iteration, impulses, pushes, False)
                 parts = _columns(self.weights, rows, impulses)
                 velocities = self.unconstrained + ca.sum2(parts)
+                if iteration == 0 and restoring and self.shared:
+                    self._stiffen(ca.sum2(parts)[3:])
             else:
                 # Straight onto the constraint: quadratic, where the nearest point is linear.
+                if self.shared:
+                    self._balance(rows)
                 more, pushes = self._push(rows, reach, iteration, impulses, pushes, True)
                 impulses += more
                 added = _columns(self.weights, rows, more)
@@ -235,6 +242,28 @@ class _Step:
             parts += ca.repmat(change / parts.shape[1], 1, parts.shape[1])
         return velocities, impulses, parts, yielding
 
+    def _stiffen(self, turning: Expression) -> None:
+        """Weigh rotation more where the metric would turn the tool beyond what rows are linear in.
+
+        A rotation that is cheap beside a lever would turn it so far that Newton's method, of few
+        passes, does not converge; the position takes over what the rotation leaves.
+        """
+        turn = self.s.time_step * ca.norm_2(turning + _SMALLEST_PIVOT)
+        factor = ca.fmin(1, (_SMALL_TURN / (turn + _SMALLEST_PIVOT)) ** 2)
+        self.weights = ca.vertcat(self.weights[:3], factor * self.weights[3:])
+
+    def _balance(self, rows: Expression) -> None:
+        """Weigh rotation such that what is left is for the position wherever that can mend it."""
+        m = self.equalities.size
+        A = rows[:m, :] if m else rows
+        moving, turning = (
+            ca.sumsqr(A[:, i : i + 3] @ ca.diag(ca.sqrt(ca.DM(list(self.metric[i : i + 3])))))
+            for i in (0, 3)
+        )
+        share = ca.fmin(1, _STRAIGHT * moving / (turning + _SMALLEST_PIVOT))
+        factor = ca.if_else(moving > 0, share, 1)
+        self.weights = ca.vertcat(self.weights[:3], factor * ca.DM(list(self.metric[3:])))
+
     def _instead(self, velocities: Expression) -> Expression:
         """What leads to other velocities where the passes have not come to what they should.
 
@@ -243,7 +272,7 @@ class _Step:
         linearisation can bear.  Then the better of two takes their place: to stand still, which
         violates no limit that allows it, or to heed the equalities alone.
         """
-        rest = ca.DM([float(weight == 0) for weight in np.array(self.weights).ravel()]) * velocities
+        rest = ca.DM([float(weight == 0) for weight in self.metric]) * velocities
         found = self._merit(velocities)
         others = [(rest, self._merit(rest))]
         if self.limits.size:
@@ -351,7 +380,8 @@ class _Step:
         q = ca.mtimes(across, known + solved[:, 0]) - reached
         # In later passes little is left to ask for; what pushed before may go on.
         self.asked = ca.fmax(self.asked, -ca.mmin(q))
-        exchanges = k + 3 if iteration == 0 else 1 + k // 6
+        # Whoever pushes is found in the first pass; in the last ones hardly any is exchanged.
+        exchanges = (k + 3, *([1 + k // 6] * 3), 1, 1)[iteration]
         found = least_push(
             Q,
             q,

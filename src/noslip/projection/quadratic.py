@@ -116,14 +116,14 @@ def least_push(
         yielding += gives_way
         multipliers = ca.if_else(leaves * (1 - gives_way), -before, multipliers)
         pushing = pushing * (1 - leaves) + driven * arrives
-        # Once a row has given way, the others stand as if it had never pushed.
-        gave = ca.sum1(gives_way) > 0
-        kept = driven * (1 - gives_way) * multipliers
-        idle = (1 - pushing - driven) * before
-        others = q + ca.mtimes(Q, kept - idle)
-        anew = kept - idle - _solve_masked(regular, pushing, others)
-        multipliers = ca.if_else(gave, anew, multipliers)
-        margins = ca.if_else(gave, q + ca.mtimes(Q, anew), margins)
+        if start is None:
+            # Once a row has given way, the others stand as if it had never pushed.  (Later there
+            # are too few exchanges for that to matter.)
+            gave = ca.sum1(gives_way) > 0
+            kept = driven * (1 - gives_way) * multipliers - (1 - pushing - driven) * before
+            anew = kept - _solve_masked(regular, pushing, q + ca.mtimes(Q, kept))
+            multipliers = ca.if_else(gave, anew, multipliers)
+            margins = ca.if_else(gave, q + ca.mtimes(Q, anew), margins)
         driven = driven * (1 - arrives) * (1 - gives_way)
     # From the set alone: what yields pushes with its whole cap against those that hold, which
     # moves nothing and would only eat up precision.
