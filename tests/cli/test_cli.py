@@ -101,6 +101,54 @@ def test_rollout_takes_goals_durations_and_rates(noslip, primitive, tmp_path):
     np.testing.assert_array_equal(read.positions, expected.positions)
 
 
+@pytest.mark.parametrize("metric", ["shared", "1,1,1,2,2,4"])
+def test_learn_takes_a_metric_and_a_barrier_rate(noslip, slipping, tmp_path, metric):
+    out = tmp_path / "cut.json"
+    result = noslip(
+        *("learn", slipping, "--constraint", "blade", "--out", out, "--metric", metric),
+        *("--metric-length", "0.01", "--barrier-rate", "50"),
+    )
+    assert result.code == 0
+    named = metric if metric.isalpha() else [float(weight) for weight in metric.split(",")]
+    demonstration = ns.PoseTrajectory.from_csv(slipping)
+    expected = ns.learn(
+        demonstration, [ns.Blade()], metric=named, metric_length=0.01, barrier_rate=50
+    )
+    found = ns.load_primitive(out)
+    assert found.inverse_metric == expected.inverse_metric
+    assert found.barrier_rate == 50
+
+
+def test_rollout_takes_a_start_off_the_constraint(noslip, slipping, tmp_path):
+    out, motion = tmp_path / "cut.json", tmp_path / "motion.npz"
+    demonstration = ns.PoseTrajectory.from_csv(slipping)
+    ns.learn(demonstration, [ns.PlaneContact(point=(0, 0, 0.002))]).save(out)
+    heights = {}
+    for how in ("pose", "nothing"):
+        options = ("--project-start", how, "--pull-in", "10", "--start-position", "0,0,0")
+        noslip("rollout", out, "--out", motion, *options)
+        heights[how] = ns.PoseTrajectory.from_npz(motion).positions[:, 2]
+    np.testing.assert_allclose(heights["pose"], 0.002, atol=1e-12)
+    assert heights["nothing"][0] == 0
+    expected = ns.load_primitive(out).rollout(
+        start_position=[0, 0, 0], project_start="nothing", pull_in=10
+    )
+    np.testing.assert_array_equal(heights["nothing"], expected.positions[:, 2])
+
+
+def test_learn_warns_of_limits_that_the_demonstration_cannot_keep(noslip, slipping, tmp_path):
+    out = tmp_path / "cut.json"
+    limit = "box(lower=(None,None,None),upper=(0.05,None,None))"
+    result = noslip(
+        *("learn", slipping, "--constraint", "blade(edge='x')", "--constraint", limit),
+        *("--constraint", "forward-only(minimum=0.05)", "--out", out),
+    )
+    left_out = ns.load_primitive(out).record[0].left_out
+    assert left_out
+    for name in left_out:
+        assert name in result.err
+
+
 def test_rollout_without_out_writes_the_csv_alone_to_standard_output(noslip, primitive):
     result = noslip("rollout", primitive)
     assert result.code == 0
@@ -193,6 +241,8 @@ def test_own_constraint_from_a_file_and_calls_with_literals(noslip, slipping, tm
         (["check", "{file}", "--constraint", "blade", "--tool-frame", "1,2"], "--tool-frame"),
         (["check", "{file}", "--constraint", "blade", "--tolerance", "nan"], "tolerance"),
         (["learn", "{file}", "--constraint", "blade", "--out", "{folder}"], "is a folder"),
+        (["learn", "{file}", "--out", "{folder}/p.json", "--metric", "both"], "--metric"),
+        (["learn", "{file}", "--out", "{folder}/p.json", "--metric", "1,2"], "6 numbers"),
         (["rollout", "{file}", "--out", "{folder}/m.csv"], "not a noslip primitive"),
         (["plot", "{file}", "--out", "{folder}/figure.gif"], "figure.gif"),
     ],

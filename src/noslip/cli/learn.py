@@ -12,7 +12,7 @@ import typer
 from noslip.cli import options, output
 from noslip.comparison import compare
 from noslip.constraints.check import check, told_margin
-from noslip.learning import ConstrainedDMP, learn
+from noslip.learning import BARRIER_RATE, ConstrainedDMP, learn
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import ROTATION_SMOOTHING
 from noslip.trajectory import PoseTrajectory
@@ -52,6 +52,29 @@ def run(
         float,
         typer.Option(metavar="X", min=0.0, help="Weight of the rotation's smoothness."),
     ] = ROTATION_SMOOTHING,
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Who gives way at run time: position, rotation, shared, or six positive weights "
+            "separated by commas; by default position where that can hold all, else shared.",
+            show_default=False,
+        ),
+    ] = None,
+    metric_length: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="Metres that weigh as much as a radian; by default a mean step.",
+            show_default=False,
+        ),
+    ] = None,
+    barrier_rate: Annotated[
+        float,
+        typer.Option(
+            metavar="X", help="Rate at which the margins of limits may shrink, per duration."
+        ),
+    ] = BARRIER_RATE,
     as_json: options.AsJson = False,
     sample_rate: options.SampleRate = None,
     tool_frame: options.ToolFrame = None,
@@ -96,6 +119,9 @@ def run(
             basis_functions=basis_functions,
             hold_position=hold_position,
             rotation_smoothing=smoothing,
+            metric=options.metric(metric),
+            metric_length=metric_length,
+            barrier_rate=barrier_rate,
             progress=progress,
         )
     primitive.save(out)
@@ -153,6 +179,11 @@ def _warnings(
             yield (
                 f"{record.demonstration}: the constraint turns the tool by {turned:.0f} degrees "
                 f"(rms); {remedy}"
+            )
+        if record.left_out:
+            yield (
+                f"{record.demonstration}: its projection cannot keep {', '.join(record.left_out)}; "
+                "left to the run time, which may stop short: demonstrate a motion within the limits"
             )
         if record.smoothing > 1.5 * smoothing:
             yield (

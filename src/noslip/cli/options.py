@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast, get_args
 
 import typer
 
@@ -12,6 +12,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError
+from noslip.projection.metric import Metric
 from noslip.trajectory import PoseTrajectory
 
 _PREPARATION = "Preparation (in this order)"
@@ -124,6 +125,18 @@ def load(
 def constraints(texts: list[str]) -> list[Constraint]:
     """Return the constraints that ``--constraint`` names."""
     return [parse_constraint(text) for text in texts]
+
+
+def metric(text: str | None) -> Metric | None:
+    """Return the metric that ``--metric`` names: a word, or six weights."""
+    if text is None or text in get_args(get_args(Metric)[0]):
+        return cast("Metric | None", text)
+    if "," not in text:
+        raise InputError(
+            "--metric: expected position, rotation, shared or six weights separated by commas, "
+            f"got {text!r}"
+        )
+    return numbers("--metric", text, (6,))
 
 
 def numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:

@@ -13,10 +13,10 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from noslip.cli import options, output
-from noslip.constraints.check import CheckReport, amount, check, row_units
+from noslip.constraints.check import CheckReport, amount, check
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.primitives.pose import ConstrainedMotion
+from noslip.primitives.pose import ConstrainedMotion, ProjectStart
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
@@ -77,6 +77,21 @@ def run(
             show_default=False,
         ),
     ] = None,
+    project_start: Annotated[
+        ProjectStart,
+        typer.Option(
+            help="A start off the constraints: its velocity is projected onto them, or its pose "
+            "too, or nothing (then it is pulled in)."
+        ),
+    ] = "velocity",
+    pull_in: Annotated[
+        float | None,
+        typer.Option(
+            metavar="1/S",
+            help="Rate at which what is off the constraints decays; by default the primitive's.",
+            show_default=False,
+        ),
+    ] = None,
     variant: Annotated[
         Variant,
         typer.Option(
@@ -111,6 +126,8 @@ def run(
         start_rotation=_rotation("--start-rotation", start_rotation),
         duration=duration,
         time_step=time_step,
+        project_start=project_start,
+        pull_in=pull_in,
     )
     if out is None:
         sys.stdout.write(motion.csv_text())
@@ -142,9 +159,7 @@ def run(
 def _gave_way(motion: ConstrainedMotion, limits: ConstraintSystem) -> list[dict[str, Any]]:
     """What of the limits gave way, as plain data; ``priority`` 0 is hard."""
     priorities = limits.per_row(limit.priority for limit in limits.constraints)
-    known = dict(
-        zip(limits.row_names, zip(row_units(limits), priorities, strict=True), strict=True)
-    )
+    known = dict(zip(limits.row_names, zip(limits.row_units, priorities, strict=True), strict=True))
     return [
         asdict(limit) | {"unit": known[limit.name][0], "priority": known[limit.name][1]}
         for limit in motion.gave_way

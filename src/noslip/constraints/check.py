@@ -218,7 +218,7 @@ def _checked(
 ) -> ConstraintCheck:
     """Check one constraint by the residuals of all steps, shape (N - 1, rows)."""
     periods = np.diff(trajectory.times)
-    units = units_of_rows(constraint, residuals.shape[1])
+    units = ConstraintSystem([constraint]).row_units
     slip = margin = None
     if constraint.relation == "nonnegative":
         worst, row = np.unravel_index(np.argmin(residuals), residuals.shape)
@@ -283,27 +283,6 @@ def step_accelerations(trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
         for changes in (np.diff(v, axis=0) / apart for v in trajectory.step_velocities())
     )
     return linear, angular
-
-
-def units_of_rows(constraint: Constraint, rows: int) -> list[str]:
-    """Unit of each row; several in a constraint's ``unit`` are those of its rows, in order.
-
-    ``"m/s, rad/s"`` of four rows are two rows of each.
-    """
-    unit = constraint.unit or UNITS[constraint.level]
-    units = unit.split(", ")
-    if rows % len(units):
-        return [unit] * rows
-    return [units[row * len(units) // rows] for row in range(rows)]
-
-
-def row_units(system: ConstraintSystem) -> list[str]:
-    """For each row of a system, the unit of its residual, as :func:`units_of_rows` tells."""
-    return [
-        unit
-        for constraint, rows in zip(system.constraints, system.rows, strict=True)
-        for unit in units_of_rows(constraint, rows)
-    ]
 
 
 def with_unit(number: str, unit: str) -> str:

@@ -109,8 +109,18 @@ class ConstraintSystem:
 
     @cached_property
     def row_units(self) -> list[str]:
-        """For each row, the unit of its residual."""
-        return self.per_row(c.unit or UNITS[c.level] for c in self.constraints)
+        """For each row, the unit of its residual.
+
+        Several in a constraint's ``unit`` are those of its rows, in order: ``"m/s, rad/s"`` of four
+        rows are two rows of each.
+        """
+        found = []
+        for constraint, rows in zip(self.constraints, self.rows, strict=True):
+            unit = constraint.unit or UNITS[constraint.level]
+            units = unit.split(", ")
+            parts = [units[row * len(units) // rows] for row in range(rows)]
+            found += [unit] * rows if rows % len(units) else parts
+        return found
 
     @cached_property
     def row_names(self) -> list[str]:

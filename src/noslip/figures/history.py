@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from noslip.constraints.check import row_units, with_unit
+from noslip.constraints.check import with_unit
 from noslip.constraints.system import as_system
 from noslip.errors import InputError
 from noslip.figures.motion import TIME
@@ -213,7 +213,7 @@ class _Held:
 
 def _held(motion: ConstrainedMotion, constraints: Constraints) -> list[_Held]:
     system = as_system(constraints)
-    known: dict[str, str] = dict(zip(system.row_names, row_units(system), strict=True))
+    known: dict[str, str] = dict(zip(system.row_names, system.row_units, strict=True))
     names = (*motion.constraint_names, *motion.limit_names)
     if missing := [name for name in names if known and name not in known]:
         raise InputError(

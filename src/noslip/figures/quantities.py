@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from noslip.constraints.check import (
     MILLIMETRES_BELOW,
-    row_units,
     step_accelerations,
     step_residuals,
     with_unit,
@@ -315,7 +314,7 @@ def residual_rows(
 
     found = []
     for row, (row_name, own_unit) in enumerate(
-        zip(system.row_names, row_units(system), strict=True)
+        zip(system.row_names, system.row_units, strict=True)
     ):
         source = system.constraints[sources[row]]
         is_slip = len(tools) == 1 and source is tools[0] and system.rows[sources[row]] == 1
