@@ -37,7 +37,7 @@ from noslip import (
     velocity_constraint,
 )
 from noslip.comparison import compare
-from noslip.constraints.check import row_units, step_accelerations, step_residuals
+from noslip.constraints.check import step_accelerations, step_residuals
 from noslip.constraints.system import ConstraintSystem
 
 Floats = NDArray[np.float64]
@@ -380,7 +380,7 @@ def test_rows_of_several_units_keep_theirs() -> None:
     assert found.peak == pytest.approx(np.linalg.norm(angular, axis=1).max() - 1.0)
     assert check(motion, AccelerationLimit(linear=1.0, angular=1e6)).constraints[0].unit == "m/s²"
     curved = Needle(curvature=2.0)
-    assert row_units(ConstraintSystem([curved, Blade()])) == ["m/s"] * 2 + ["rad/s"] * 2 + ["m/s"]
+    assert ConstraintSystem([curved, Blade()]).row_units == ["m/s"] * 2 + ["rad/s"] * 2 + ["m/s"]
     # The way slipped is that of the rows in m/s.
     needle, straight_needle = check(motion, [curved, Needle()]).constraints
     assert needle.slip_distance == pytest.approx(straight_needle.slip_distance)

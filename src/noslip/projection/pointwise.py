@@ -236,7 +236,7 @@ class _Step:
         if pushes is not None:
             yielding[self.equalities.size :] = pushes.yielding
         if restoring:
-            change = self._instead(velocities)
+            change = self._instead(velocities, rows)
             velocities = velocities + change
             # It is for all rows alike.
             parts += ca.repmat(change / parts.shape[1], 1, parts.shape[1])
@@ -264,7 +264,7 @@ class _Step:
         factor = ca.if_else(moving > 0, share, 1)
         self.weights = ca.vertcat(self.weights[:3], factor * ca.DM(list(self.metric[3:])))
 
-    def _instead(self, velocities: Expression) -> Expression:
+    def _instead(self, velocities: Expression, rows: Expression) -> Expression:
         """What leads to other velocities where the passes have not come to what they should.
 
         Where constraints or limits all but contradict each other, a fixed number of passes may not
@@ -273,11 +273,11 @@ class _Step:
         violates no limit that allows it, or to heed the equalities alone.
         """
         rest = ca.DM([float(weight == 0) for weight in self.metric]) * velocities
-        found = self._merit(velocities)
-        others = [(rest, self._merit(rest))]
+        found = self._merit(velocities, rows)
+        others = [(rest, self._merit(rest, rows))]
         if self.limits.size:
             alone = self._alone()
-            others.append((alone, self._merit(alone)))
+            others.append((alone, self._merit(alone, rows)))
         failed = ca.logic_or(found[0] > 0, found[1] > _REACHED * self.asked)
         best, (lost, hard, soft) = velocities, found
         for candidate, (lost_there, hard_there, soft_there) in others:
@@ -298,11 +298,12 @@ class _Step:
             soft = ca.if_else(take, soft_there, soft)
         return best - velocities
 
-    def _merit(self, velocities: Expression) -> tuple[Expression, Expression, Expression]:
+    def _merit(
+        self, velocities: Expression, rows: Expression
+    ) -> tuple[Expression, Expression, Expression]:
         """Whether equalities are missed or a turn is too long; how much of limits is missed."""
         m = self.equalities.size
-        phi, jacobian = ca.substitute([self.phi, self.jacobian], [self.unknown], [velocities])
-        left = self.goal - phi
+        left = self.goal - ca.substitute(self.phi, self.unknown, velocities)
         size = ca.norm_inf(self.s.position) / self.s.time_step + ca.norm_inf(velocities[:3])
         turn = self.s.time_step * ca.norm_inf(velocities[3:] - self.unconstrained[3:])
         lost = turn > _LARGEST_TURN
@@ -312,7 +313,7 @@ class _Step:
         if not self.limits.size:
             return lost, ca.SX(0), ca.SX(0)
         over = ca.fmax(left[m:, :] - ca.fmax(self.goal[m:, :], 0), 0)
-        G = jacobian[m:, :]
+        G = rows[m:, :]
         norms = ca.sqrt(ca.sum2(G * (G @ ca.diag(self.weights))) + _SMALLEST_PIVOT)
         over = over / ca.fmax(norms, 1)
         hard = ca.DM([float(priority == 0) for priority in _priorities(self.limits)])
@@ -381,7 +382,7 @@ class _Step:
         # In later passes little is left to ask for; what pushed before may go on.
         self.asked = ca.fmax(self.asked, -ca.mmin(q))
         # Whoever pushes is found in the first pass; in the last ones hardly any is exchanged.
-        exchanges = (k + 3, *([1 + k // 6] * 3), 1, 1)[iteration]
+        exchanges = (k + 3, *([1 + k // 6] * 3), 1, 0)[iteration]
         found = least_push(
             Q,
             q,

@@ -78,7 +78,8 @@ def least_push(
     """
     size = q.shape[0]
     before = ca.SX(size, 1) if before is None else before
-    Q = ca.densify(Q)
+    # Symmetric by half: rounding aside it is, and so it costs half.
+    Q = ca.tril2symm(ca.tril(ca.densify(Q)))
     regular = Q + REGULAR * ca.SX.eye(size)
     pushing, yielding = ca.SX(size, 1), ca.SX(size, 1)
     multipliers, margins = ca.SX(size, 1), q
