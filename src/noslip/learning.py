@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from noslip import _arguments
+from noslip import _arguments, adaptation
+from noslip.adaptation import Via
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.primitives.pose import (
@@ -23,6 +25,7 @@ from noslip.primitives.pose import (
     default_steps,
     evenly_sampled,
 )
+from noslip.primitives.scaling import Scaling, scaled_position
 from noslip.primitives.stepping import Stepper
 from noslip.projection.feasibility import project_pose, require_consistent
 from noslip.projection.metric import Metric, inverse_metric
@@ -33,9 +36,11 @@ from noslip.projection.trajectory import (
     ROTATION_SMOOTHING,
     End,
     ProjectedTrajectory,
-    project_trajectory,
+    project_heeding_what_it_can,
 )
 from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
 
 _NO_LEAD = 1e-9
 STABILIZATION = 20.0
@@ -75,7 +80,9 @@ class LearningRecord:
 
     @classmethod
     def of(cls, demonstration: PoseTrajectory, projected: ProjectedTrajectory) -> LearningRecord:
-        moved = projected.trajectory.positions - demonstration.positions
+        # A re-planned trajectory has one sample more, before its start.
+        samples = slice(-len(demonstration), None)
+        moved = projected.trajectory.positions[samples] - demonstration.positions
         return cls(
             demonstration.name,
             len(demonstration),
@@ -110,6 +117,9 @@ class ConstrainedDMP(PoseDMP):
     record : tuple of LearningRecord
     projected_step : float or None
         Step of the projected demonstrations, as a fraction of the duration.
+    begin : float
+        Time at its start (s), for constraints that depend on it; that of the state from which it
+        was re-planned.
     """
 
     constraints: tuple[Constraint, ...]
@@ -119,6 +129,7 @@ class ConstrainedDMP(PoseDMP):
     barrier_rate: float = BARRIER_RATE
     record: tuple[LearningRecord, ...] = ()
     projected_step: float | None = None
+    begin: float = 0.0
 
     @cached_property
     def system(self) -> ConstraintSystem:
@@ -142,16 +153,16 @@ class ConstrainedDMP(PoseDMP):
         position, quaternion = state.position, state.rotation.as_quat(scalar_first=True)
         if project == "pose":
             position, quaternion = project_pose(
-                self.system, 0.0, position, quaternion, inverse_metric=self.inverse_metric
+                self.system, state.time, position, quaternion, inverse_metric=self.inverse_metric
             )
         equalities, limits = self.system.equalities, self.system.limits
         linear, angular = state.linear_velocity, state.angular_velocity
         if project == "nothing":
-            residuals = equalities.instant(0.0, position, quaternion, linear, angular)[0]
+            residuals = equalities.instant(state.time, position, quaternion, linear, angular)[0]
         else:
             linear, angular, residuals = project_velocities(
                 self.system,
-                0.0,
+                state.time,
                 position,
                 quaternion,
                 linear,
@@ -159,7 +170,7 @@ class ConstrainedDMP(PoseDMP):
                 inverse_metric=self.inverse_metric,
                 residual_rate=state.pull_in,
             )
-        margins = limits.residuals(0.0, position, quaternion, linear, angular)[0]
+        margins = limits.residuals(state.time, position, quaternion, linear, angular)[0]
         return replace(
             state,
             position=position,
@@ -170,6 +181,196 @@ class ConstrainedDMP(PoseDMP):
             multipliers=np.zeros(equalities.size),
             margins=margins,
             limit_multipliers=np.zeros(limits.size),
+        )
+
+    # ---------------------------------------------------------------- new goals
+
+    def adapt(
+        self,
+        *,
+        goal_position: ArrayLike | None = None,
+        goal_rotation: Rotation | None = None,
+        start_position: ArrayLike | None = None,
+        start_rotation: Rotation | None = None,
+        start_velocity: ArrayLike | None = None,
+        duration: float | None = None,
+        via: Iterable[Via | Sequence[Any]] = (),
+        scaling: Scaling = "none",
+        start: End = "pose",
+        end: End = "pose",
+        samples: int | None = None,
+        position_weight: float = adaptation.POSITION_WEIGHT,
+        position_smoothing: float = adaptation.POSITION_SMOOTHING,
+        rotation_smoothing: float = adaptation.ROTATION_SMOOTHING,
+    ) -> ConstrainedDMP:
+        """Return a primitive that starts, passes and ends elsewhere, and keeps the constraints.
+
+        The unconstrained primitive is rolled out, its motion moved to the new boundary values,
+        projected onto the constraints with these values fixed, and fitted again.
+
+        Parameters
+        ----------
+        goal_position, start_position : array, shape (3,), optional
+            Metres; those of this primitive by default.
+        goal_rotation, start_rotation : Rotation, optional
+        start_velocity : array, shape (3,) or (6,), optional
+            Linear velocity (m/s), then angular (rad/s), world frame; projected onto the
+            constraints.  By default whatever suits the motion.
+        duration : float, optional
+            tau (s).
+        via : sequence of Via, (at, position) or (at, position, rotation)
+            Points or poses to pass, at fractions of the duration.
+        scaling : "none", "difference" or "rotation-dilation"
+            How the path follows a new goal before it is projected, see
+            :func:`noslip.primitives.scaling.scaled_position`.  Without scaling the displacement
+            grows along the motion by minimum jerk.
+        start, end : "free", "position", "rotation" or "pose"
+            What of the start and the goal is kept to; all of it by default.  What is not named in
+            the call is that of this primitive.
+        samples : int, optional
+            Of the projection; by default one a step, from 5 a basis function up to 2001.
+        position_weight, position_smoothing, rotation_smoothing : float
+            Of the projection, see :func:`noslip.project_trajectory`.
+
+        Raises
+        ------
+        InputError, ConstraintError
+            If an argument is not what it must be, or no motion under the constraints can end there.
+        ConvergenceError
+            If the projection does not converge.
+        """
+        own, turned = self.position, self.orientation
+        tau = self.duration
+        if duration is not None:
+            tau = _arguments.positive("duration", duration, "seconds")
+        count = adaptation.samples_of(self, samples)
+        goal, goal_turn = adaptation.boundary_pose(
+            self.system, "goal", tau, goal_position, goal_rotation, own.goal, turned.goal
+        )
+        first, first_turn = adaptation.boundary_pose(
+            self.system, "start", 0.0, start_position, start_rotation, own.start, turned.start
+        )
+        velocities = None
+        if start_velocity is not None:
+            velocities = adaptation.start_velocities(
+                self.system, self.inverse_metric, first, first_turn, start_velocity
+            )
+        position = own
+        if scaling != "none":
+            position = scaled_position(own, scaling, start_position=first, goal_position=goal)
+        adapted = adaptation.adapt(
+            PoseDMP(position, turned, self.phase, self.duration, self.steps),
+            self.system,
+            goal_position=goal,
+            goal_rotation=goal_turn,
+            start_position=first,
+            start_rotation=first_turn,
+            start_velocities=velocities,
+            duration=tau,
+            via=via,
+            start=start,
+            end=end,
+            samples=count,
+            begin=self.begin,
+            weights=(position_weight, position_smoothing, rotation_smoothing),
+        )
+        return self._of(adapted, tau, velocities, self.begin, scaling)
+
+    def replan(
+        self,
+        state: State,
+        *,
+        goal_position: ArrayLike | None = None,
+        goal_rotation: Rotation | None = None,
+        duration: float | None = None,
+        end: End = "pose",
+        samples: int = adaptation.REPLANNED_SAMPLES,
+        position_weight: float = adaptation.POSITION_WEIGHT,
+        position_smoothing: float = adaptation.POSITION_SMOOTHING,
+        rotation_smoothing: float = adaptation.ROTATION_SMOOTHING,
+    ) -> ConstrainedDMP:
+        """Return a primitive for what remains of a motion, from any state in the middle of it.
+
+        It starts in the state's pose, with its velocities, leads back onto the path as it was and
+        ends at the goal.  What was planned for the rest of the motion is the first guess.
+
+        Parameters
+        ----------
+        state : State
+            Of this primitive, as :meth:`initial_state` and :meth:`step` give it, with whatever was
+            measured in place of what was expected.
+        goal_position, goal_rotation
+            The state's own by default.
+        duration : float, optional
+            Of what remains (s); by default what is left, and longer where the way is.
+        end : "free", "position", "rotation" or "pose"
+            What of the goal is kept to.
+        samples : int
+            Of the projection: fewer are faster.
+
+        Returns
+        -------
+        ConstrainedDMP
+            Its :meth:`initial_state` is the state to go on from.
+        """
+        count = adaptation.samples_of(self, samples)
+        goal, goal_turn = adaptation.boundary_pose(
+            self.system,
+            "goal",
+            state.time,
+            goal_position,
+            goal_rotation,
+            state.goal_position,
+            state.goal_rotation,
+        )
+        adapted, tau = adaptation.replan(
+            self,
+            self.system,
+            self.rollout(duration=state.duration),
+            state,
+            goal_position=goal,
+            goal_rotation=goal_turn,
+            duration=duration,
+            end=end,
+            samples=count,
+            weights=(position_weight, position_smoothing, rotation_smoothing),
+        )
+        velocities = (state.linear_velocity, state.angular_velocity)
+        return self._of(adapted, tau, velocities, state.time, "none")
+
+    def _of(
+        self,
+        adapted: adaptation.Adapted,
+        duration: float,
+        velocities: tuple[Floats, Floats] | None,
+        begin: float,
+        scaling: Scaling,
+    ) -> ConstrainedDMP:
+        """Return this primitive with an adapted motion."""
+        position, orientation = adapted.primitive.position, adapted.primitive.orientation
+        if velocities is not None:
+            position = replace(position, start_velocity=velocities[0] * duration)
+            orientation = replace(orientation, start_velocity=velocities[1] * duration)
+        regular = replace(
+            self.regular,
+            position=scaled_position(
+                self.regular.position,
+                scaling,
+                start_position=position.start,
+                goal_position=position.goal,
+            ),
+            orientation=self.regular.orientation.moved(orientation.start, orientation.goal),
+            duration=duration,
+        )
+        return replace(
+            self,
+            position=position,
+            orientation=orientation,
+            duration=duration,
+            regular=regular,
+            record=(LearningRecord.of(adapted.reference, adapted.projected),),
+            projected_step=adapted.step,
+            begin=begin,
         )
 
     def save(self, path: str | Path) -> Path:
@@ -196,6 +397,10 @@ class ConstrainedDMP(PoseDMP):
             return 0.0
         lead = (self.projected_step - step_fraction) / 2
         return lead if abs(lead) > _NO_LEAD else 0.0
+
+    @property
+    def _begin(self) -> float:
+        return self.begin
 
     @property
     def _residual_rate(self) -> float:
@@ -290,7 +495,7 @@ def learn(
     sampled = [evenly_sampled(d, basis_functions) for d in recorded]
     for index, demonstration in enumerate(sampled):
         if system.size:
-            result = _projected(
+            result = project_heeding_what_it_can(
                 demonstration,
                 system,
                 hold_position=hold_position,
@@ -328,15 +533,3 @@ def learn(
             float(np.mean([1 / (len(d) - 1) for d in projected])) if projected else None
         ),
     )
-
-
-def _projected(
-    demonstration: PoseTrajectory, system: ConstraintSystem, **options: Any
-) -> ProjectedTrajectory:
-    """Project a demonstration; limits that it cannot heed are left to the run time."""
-    if system.limits.size:
-        result = project_trajectory(demonstration, system, **options, on_failure="return")
-        if result.converged:
-            return result
-    result = project_trajectory(demonstration, system.equalities, **options)
-    return replace(result, left_out=system.limits.names)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from noslip.primitives.attractor import Attractor
 from noslip.primitives.basis import Basis
 from noslip.primitives.forcing import ForcingTerm
 from noslip.primitives.winding import Winding
+from noslip.trajectory import continuous_quaternions
 
 Floats = NDArray[np.float64]
 
@@ -96,6 +97,16 @@ class OrientationDMP:
     def goal(self) -> Rotation:
         """Where the demonstrations end (mean)."""
         return self.winding.goal
+
+    def moved(self, start: Rotation, goal: Rotation) -> OrientationDMP:
+        """Return the primitive with another start and goal; the learned force stays."""
+        turn = self.goal.inv() * goal
+        knots = Rotation.from_quat(self.winding.quaternions, scalar_first=True) * turn
+        return replace(
+            self,
+            start_quaternion=start.as_quat(scalar_first=True),
+            winding=Winding(continuous_quaternions(knots)),
+        )
 
 
 def _mean(rotations: Sequence[Rotation]) -> Rotation:

@@ -314,7 +314,7 @@ class PoseDMP:
         Returns
         -------
         ConstrainedMotion
-            ``times`` start at 0.
+            ``times`` start at 0, or where a re-planned motion begins.
         """
         state = self.initial_state(
             goal_position=goal_position,
@@ -347,7 +347,7 @@ class PoseDMP:
         rows, all_rows = len(names), len(names) + len(limits)
         values, multipliers = outputs[:, column["values"]], outputs[:, column["multipliers"]]
         return ConstrainedMotion(
-            times=np.arange(steps + 1, dtype=np.float64) * time_step,
+            times=state.time + np.arange(steps + 1) * time_step,
             positions=states[:, 0:3],
             # Each step has normalised them; SciPy 1.16 would take a fifth of the rollout's time.
             rotations=Rotation(states[:, 3:7], normalize=False, scalar_first=True),
@@ -392,7 +392,7 @@ class PoseDMP:
         turned, turned_goal = self.orientation.start, self.orientation.goal
         return self._admissible(
             State(
-                time=0.0,
+                time=self._begin,
                 phase=1.0,
                 position=chosen(_arguments.vector, "start_position", start_position, start),
                 rotation=chosen(_arguments.rotation, "start_rotation", start_rotation, turned),
@@ -468,6 +468,11 @@ class PoseDMP:
 
     def _rotation_lead(self, step_fraction: float) -> float:
         """How far the orientation is ahead of the phase, as a fraction of the duration."""
+        return 0.0
+
+    @property
+    def _begin(self) -> float:
+        """Time at the start (s)."""
         return 0.0
 
     @property

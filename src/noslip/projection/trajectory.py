@@ -24,10 +24,10 @@ is a row like an equality's, with ``-s / mu`` on its diagonal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import casadi as ca
 import numpy as np
@@ -40,6 +40,7 @@ from noslip import _arguments
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError
+from noslip.projection.blend import spread
 from noslip.projection.heading import turn_edge_into_path
 from noslip.rotations import (
     Expression,
@@ -145,6 +146,8 @@ def project_trajectory(
     start_rotation: Rotation | None = None,
     end_position: ArrayLike | None = None,
     end_rotation: Rotation | None = None,
+    keep: Mapping[int, End] | None = None,
+    begin: float = 0.0,
     position_weight: float = POSITION_WEIGHT,
     position_smoothing: float = POSITION_SMOOTHING,
     rotation_smoothing: float = ROTATION_SMOOTHING,
@@ -166,6 +169,11 @@ def project_trajectory(
         Fix the position there to another value (m).
     start_rotation, end_rotation : Rotation, optional
         Fix the rotation there to another value.
+    keep : mapping from sample number to what stays as it is there, optional
+        For samples between the ends.  If the second stays as it is together with the first, so
+        does the velocity with which the motion begins.
+    begin : float
+        Time at the first sample (s), for constraints that depend on it.
     position_weight, position_smoothing, rotation_smoothing : float
         w_p, mu_p and mu_R of the module's formula; w_R is 1.
     max_iterations : int
@@ -187,10 +195,15 @@ def project_trajectory(
             f"{trajectory.name}: a trajectory projection needs 4 or more uniform samples; "
             "resample it first"
         )
+    last = len(trajectory) - 1
     boundaries = {
-        "start": _Boundary.of("start", start, start_position, start_rotation),
-        "end": _Boundary.of("end", end, end_position, end_rotation),
+        0: _Boundary.of("start", start, start_position, start_rotation),
+        last: _Boundary.of("end", end, end_position, end_rotation),
     }
+    for k, kept in (keep or {}).items():
+        if not 0 < k < last:
+            raise InputError(f"keep: samples between the ends are 1 to {last - 1}, got {k}")
+        boundaries[k] = _Boundary.of(f"keep[{k}]", kept, None, None)
     if hold_position and any(b.position is not None for b in boundaries.values()):
         raise InputError("hold_position=True keeps every position; no end can get another one")
     max_iterations = _arguments.count("max_iterations", max_iterations)
@@ -199,7 +212,7 @@ def project_trajectory(
         _arguments.not_negative("position_smoothing", position_smoothing),
         _arguments.positive("rotation_smoothing", rotation_smoothing),
     )
-    arguments = (hold_position, boundaries, weights, max_iterations)
+    arguments = (hold_position, boundaries, begin, weights, max_iterations)
     best = _project(trajectory, system.equalities, *arguments)
     if best.converged and system.limits.size:
         best = _heed_limits(trajectory, system, best, *arguments)
@@ -214,30 +227,51 @@ def project_trajectory(
     )
 
 
+def project_heeding_what_it_can(
+    trajectory: PoseTrajectory, system: ConstraintSystem, **options: Any
+) -> ProjectedTrajectory:
+    """Project as :func:`project_trajectory`; limits that it cannot heed are left to the run time.
+
+    Raises
+    ------
+    ConvergenceError
+        If the equalities alone do not converge.
+    """
+    if system.limits.size:
+        result = project_trajectory(trajectory, system, **options, on_failure="return")
+        if result.converged:
+            return result
+    result = project_trajectory(trajectory, system.equalities, **options)
+    return replace(result, left_out=system.limits.names)
+
+
 def _project(
     trajectory: PoseTrajectory,
     system: ConstraintSystem,
     hold_position: bool,
     boundaries: _Boundaries,
+    begin: float,
     weights: tuple[float, float, float],
     max_iterations: int,
 ) -> ProjectedTrajectory:
     """Attempt after attempt; the best result if none converges."""
     best: ProjectedTrajectory | None = None
-    if len(trajectory) > _MOST_SAMPLES:
+    if len(trajectory) > _MOST_SAMPLES and set(boundaries) == {0, len(trajectory) - 1}:
         unturned = np.zeros((len(trajectory), 3))
-        as_given = _Problem(trajectory, system, hold_position, boundaries, weights, unturned)
+        as_given = _Problem(trajectory, system, hold_position, boundaries, begin, weights, unturned)
         if as_given.is_solved():
             return as_given.solve(1, careful=False)
         best = _project_from_coarse(
-            trajectory, system, hold_position, boundaries, weights, max_iterations
+            trajectory, system, hold_position, boundaries, begin, weights, max_iterations
         )
         if best.converged:
             return best
     for factor, careful, patience in _ATTEMPTS:
         attempted = (*weights[:2], weights[2] * factor)
         heading = turn_edge_into_path(_moved(trajectory, boundaries), system, attempted[2])
-        problem = _Problem(trajectory, system, hold_position, boundaries, attempted, heading.turns)
+        problem = _Problem(
+            trajectory, system, hold_position, boundaries, begin, attempted, heading.turns
+        )
         result = replace(problem.solve(patience * max_iterations, careful), backing=heading.backing)
         if result.converged:
             return result
@@ -253,6 +287,7 @@ def _heed_limits(
     without: ProjectedTrajectory,
     hold_position: bool,
     boundaries: _Boundaries,
+    begin: float,
     weights: tuple[float, float, float],
     max_iterations: int,
 ) -> ProjectedTrajectory:
@@ -266,6 +301,7 @@ def _heed_limits(
             without,
             hold_position,
             boundaries,
+            begin,
             weights,
             max_iterations,
         )
@@ -282,6 +318,7 @@ def _project_within(
     without: ProjectedTrajectory,
     hold_position: bool,
     boundaries: _Boundaries,
+    begin: float,
     weights: tuple[float, float, float],
     max_iterations: int,
 ) -> ProjectedTrajectory:
@@ -291,7 +328,7 @@ def _project_within(
     best: ProjectedTrajectory | None = None
     for factor, barrier, careful in _LIMIT_ATTEMPTS:
         attempted = (*weights[:2], weights[2] * factor)
-        problem = _Problem(trajectory, system, hold_position, boundaries, attempted, turns)
+        problem = _Problem(trajectory, system, hold_position, boundaries, begin, attempted, turns)
         problem.begin_at(without.trajectory)
         if problem.keeps_limits():
             held = np.zeros((len(trajectory), system.size))
@@ -313,6 +350,7 @@ def _project_from_coarse(
     system: ConstraintSystem,
     hold_position: bool,
     boundaries: _Boundaries,
+    begin: float,
     weights: tuple[float, float, float],
     max_iterations: int,
 ) -> ProjectedTrajectory:
@@ -323,7 +361,8 @@ def _project_from_coarse(
     """
     times = np.linspace(trajectory.times[0], trajectory.times[-1], _MOST_SAMPLES)
     few = trajectory.resampled(times=times)
-    coarse = _project(few, system, hold_position, boundaries, weights, max_iterations)
+    ends = {k and _MOST_SAMPLES - 1: boundary for k, boundary in boundaries.items()}
+    coarse = _project(few, system, hold_position, ends, begin, weights, max_iterations)
     turned = coarse.trajectory.rotations * few.rotations.inv()
     moved = coarse.trajectory.positions - few.positions
     inside = np.clip(trajectory.times, times[0], times[-1])
@@ -333,9 +372,11 @@ def _project_from_coarse(
         rotations=RotationSpline(times, turned)(inside) * trajectory.rotations,
         name=trajectory.name,
     )
-    kept = {end: replace(b, position=None, rotation=None) for end, b in boundaries.items()}
+    kept = {k: replace(b, position=None, rotation=None) for k, b in boundaries.items()}
     weights = (*weights[:2], coarse.smoothing)
-    problem = _Problem(guess, system, hold_position, kept, weights, np.zeros((len(guess), 3)))
+    problem = _Problem(
+        guess, system, hold_position, kept, begin, weights, np.zeros((len(guess), 3))
+    )
     fine = problem.solve(max_iterations, careful=False)
     return replace(
         fine,
@@ -347,7 +388,7 @@ def _project_from_coarse(
 
 @dataclass(frozen=True, eq=False)
 class _Boundary:
-    """What an end must keep, or become."""
+    """What a sample must keep, or an end become."""
 
     fixes_position: bool
     fixes_rotation: bool
@@ -358,7 +399,7 @@ class _Boundary:
     def of(
         cls, name: str, fixed: str, position: ArrayLike | None, rotation: Rotation | None
     ) -> _Boundary:
-        if fixed not in ("free", "position", "rotation", "pose"):
+        if fixed not in get_args(End):
             raise InputError(f"{name} must be free, position, rotation or pose; got {fixed!r}")
         if position is not None:
             position = _arguments.vector(f"{name}_position", position)
@@ -372,26 +413,20 @@ class _Boundary:
         )
 
 
-_Boundaries = dict[str, _Boundary]
-
-
-def _blend(count: int, end: str) -> Floats:
-    """From 0 to 1 towards an end; velocity and acceleration at both ends stay as they were."""
-    fraction = np.linspace(0.0, 1.0, count)
-    if end == "start":
-        fraction = fraction[::-1]
-    return np.asarray(fraction**3 * (10 - 15 * fraction + 6 * fraction**2))
+_Boundaries = dict[int, _Boundary]
+"""By sample number."""
 
 
 def _moved(trajectory: PoseTrajectory, boundaries: _Boundaries) -> PoseTrajectory:
     """Return the trajectory with its ends moved to where boundaries want their positions."""
-    positions = trajectory.positions
-    for end, boundary in boundaries.items():
-        if boundary.position is not None:
-            shift = boundary.position - trajectory.positions[0 if end == "start" else -1]
-            positions = positions + _blend(len(trajectory), end)[:, None] * shift
-    if positions is trajectory.positions:
+    shifts: dict[int, Floats] = {
+        k: boundary.position - trajectory.positions[k]
+        for k, boundary in boundaries.items()
+        if boundary.position is not None
+    }
+    if not shifts:
         return trajectory
+    positions = trajectory.positions + spread(shifts, np.arange(len(trajectory)))
     return PoseTrajectory(trajectory.times, positions, trajectory.rotations, name=trajectory.name)
 
 
@@ -409,10 +444,12 @@ class _Problem:
         system: ConstraintSystem,
         hold_position: bool,
         boundaries: _Boundaries,
+        begin: float,
         weights: tuple[float, float, float],
         turns: Floats,
     ) -> None:
         self.given, self.system, self.smoothing = trajectory, system, weights[2]
+        self.begin = begin
         self.equalities, self.limits = system.equalities, system.limits
         count, rows = len(trajectory), system.size
         self.count, self.rows = count, rows
@@ -442,12 +479,15 @@ class _Problem:
         self._evaluate = _stage_function(system, hold_position, count)
         self.parameters = self._stage_parameters()
         # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
-        decided = levels != "position"
-        first = boundaries["start"]
-        if (first.fixes_position or hold_position) and first.fixes_rotation:
-            decided[:] = True
         self.active = np.ones((count, rows), dtype=bool)
-        self.active[0] = ~decided
+        self.active[0] = levels == "position"
+        for k in range(count):
+            sample = boundaries.get(k)
+            if sample is None or not (
+                (sample.fixes_position or hold_position) and sample.fixes_rotation
+            ):
+                break
+            self.active[k] = False
         # An acceleration is that from the step before a sample to the step after it.
         self.active[-1] = levels != "acceleration"
         self.slack = np.ones((count, rows))
@@ -469,20 +509,23 @@ class _Problem:
     def _fix(self, boundaries: _Boundaries) -> NDArray[np.bool_]:
         """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
         fixed = np.zeros_like(self.z, dtype=bool)
-        for end, boundary in boundaries.items():
-            k = 0 if end == "start" else self.count - 1
-            blend = _blend(self.count, end)
+        turns, shifts = {}, {}
+        for k, boundary in boundaries.items():
             if boundary.fixes_rotation:
-                fixed[k, :3] = True
                 wanted = boundary.rotation or self.given.rotations[k]
-                turn = (wanted * self.reference[k].inv()).as_rotvec()
-                self.z[:, :3] += blend[:, None] * (turn - self.z[k, :3])
-                self.z[k, :3] = turn
+                turns[k] = (wanted * self.reference[k].inv()).as_rotvec()
             if boundary.fixes_position and self.unknowns == 6:
-                fixed[k, 3:] = True
-                if boundary.position is not None:
-                    shift = (boundary.position - self.given.positions[k]) / self.length
-                    self.z[:, 3:] += blend[:, None] * shift
+                at = self.given.positions[k]
+                moved = at if boundary.position is None else boundary.position
+                shifts[k] = (moved - at) / self.length
+        for wanted_here, columns in ((turns, slice(0, 3)), (shifts, slice(3, 6))):
+            if not wanted_here:
+                continue
+            changes = {k: value - self.z[k, columns] for k, value in wanted_here.items()}
+            self.z[:, columns] += spread(changes, np.arange(self.count))
+            for k, value in wanted_here.items():
+                self.z[k, columns] = value
+                fixed[k, columns] = True
         return fixed
 
     def _weigh(self, position: float, position_smoothing: float, rotation_smoothing: float) -> None:
@@ -503,7 +546,7 @@ class _Problem:
         positions = self.given.positions
         # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
         velocities = np.diff(positions, axis=0, prepend=positions[:1]) / self.time_step
-        times = self.given.times - self.given.times[0]
+        times = self.given.times - self.given.times[0] + self.begin
         return np.column_stack(
             [
                 quaternions[previous],
@@ -633,10 +676,9 @@ class _Problem:
         asked[heeded] = self.slack[heeded] - value[heeded] - barrier / multipliers[heeded]
         right[:, self.unknowns :] = asked
         right[:, self.unknowns :][~self.active] = 0.0
-        for k in (0, self.count - 1):
-            for j in np.flatnonzero(self.fixed[k]).tolist():
-                band.fix(k, j)
-                right[k, j] = 0.0
+        for k, j in np.argwhere(self.fixed).tolist():
+            band.fix(k, j)
+            right[k, j] = 0.0
         solution = band.solve(right.ravel()).reshape(self.count, self.stage)
         return solution[:, : self.unknowns], solution[:, self.unknowns :]
 
@@ -677,7 +719,7 @@ class _Problem:
     def _residuals(self, trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
         """Residuals (N, m) and margins (N, k) of a trajectory."""
         linear, angular = trajectory.step_velocities()
-        times = trajectory.times - trajectory.times[0]
+        times = trajectory.times - trajectory.times[0] + self.begin
         pose = (times, trajectory.positions, trajectory.quaternions)
         velocities = [np.concatenate([v[:1], v]) for v in (linear, angular)]
         accelerations = [

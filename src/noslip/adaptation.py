@@ -1,0 +1,451 @@
+"""New goals, starts and via points under the constraint.
+
+A constraint that forbids velocities forbids no pose, yet no smooth feedback law leads a
+non-holonomic system to every pose (Brockett 1983), and a coupling term alone stops short of a goal
+that moved.  So a whole trajectory is adapted: the unconstrained primitive's motion is moved to the
+new boundary values by minimum jerk, projected onto the constraints with these values fixed, and the
+primitive is fitted to the result.  From a state in the middle of a motion, the same is re-planning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip.constraints.system import ConstraintSystem
+from noslip.errors import ConstraintError, InputError
+from noslip.primitives.pose import (
+    SAMPLES_PER_BASIS_FUNCTION,
+    PoseDMP,
+    State,
+    evenly_sampled,
+)
+from noslip.projection.blend import spread
+from noslip.projection.feasibility import project_pose
+from noslip.projection.pointwise import project_velocities
+from noslip.projection.trajectory import (
+    End,
+    ProjectedTrajectory,
+    project_heeding_what_it_can,
+)
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+POSITION_WEIGHT = 10.0
+"""w_p of an adaptation: far less than in learning, for the path must be reshaped."""
+POSITION_SMOOTHING = 1e-2
+ROTATION_SMOOTHING = 1e-4
+MOST_SAMPLES = 2001
+"""An adapted motion is as smooth as its primitive; more samples than these add nothing."""
+FEWEST_SAMPLES = 20
+REPLANNED_SAMPLES = 201
+"""Knots of a re-planned motion unless told otherwise."""
+_OFF = 1e-9
+"""Residual of a boundary pose that is none (m or rad)."""
+_DETOUR = 2.0
+"""Way that a displacement takes under a constraint, over its length, when time is allotted."""
+_LEAST_TIME = 0.02
+"""Of the duration, that a re-planned motion takes at least."""
+
+
+@dataclass(frozen=True)
+class Via:
+    """A point or a pose to pass on the way.
+
+    Parameters
+    ----------
+    at : float
+        When, as a fraction of the duration: 0 < at < 1.
+    position : array, shape (3,), optional
+        Metres.
+    rotation : Rotation, optional
+    """
+
+    at: float
+    position: ArrayLike | None = None
+    rotation: Rotation | None = None
+
+    def __post_init__(self) -> None:
+        at = _arguments.positive("via at", self.at)
+        if at >= 1:
+            raise InputError(
+                f"via at must be between 0 and 1, a fraction of the motion, got {at:g}"
+            )
+        object.__setattr__(self, "at", at)
+        if self.position is not None:
+            position = _arguments.vector("via position", self.position)
+            object.__setattr__(self, "position", position)
+        if self.rotation is not None:
+            _arguments.rotation("via rotation", self.rotation)
+        if self.position is None and self.rotation is None:
+            raise InputError(f"via at {at:g} names neither a position nor a rotation")
+
+    @classmethod
+    def of(cls, given: Via | Sequence[Any]) -> Via:
+        """Return a via from itself or from ``(at, position)`` or ``(at, position, rotation)``."""
+        if isinstance(given, Via):
+            return given
+        try:
+            return cls(*given)
+        except TypeError:
+            raise InputError(
+                f"via is a list of (at, position), (at, position, rotation) or Via; got {given!r}"
+            ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """What an adaptation comes to.
+
+    Attributes
+    ----------
+    primitive : PoseDMP
+        Fitted to the projected trajectory.
+    reference : PoseTrajectory
+        What was projected: the unconstrained motion, moved to the boundary values.
+    projected : ProjectedTrajectory
+    step : float
+        Of the projected trajectory, as a fraction of its duration.
+    """
+
+    primitive: PoseDMP
+    reference: PoseTrajectory
+    projected: ProjectedTrajectory
+    step: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A reference that already meets its boundary values, and what of it must stay.
+
+    ``reference`` begins with one more sample, a step before the start, where ``moving``.
+    """
+
+    reference: PoseTrajectory
+    keep: dict[int, End]
+    begin: float
+    moving: bool
+
+
+def adapt(
+    dmp: PoseDMP,
+    system: ConstraintSystem,
+    *,
+    goal_position: Floats,
+    goal_rotation: Rotation,
+    start_position: Floats,
+    start_rotation: Rotation,
+    start_velocities: tuple[Floats, Floats] | None,
+    duration: float,
+    via: Iterable[Via | Sequence[Any]],
+    start: End,
+    end: End,
+    samples: int,
+    begin: float,
+    weights: tuple[float, float, float],
+) -> Adapted:
+    """Adapt an unconstrained primitive's motion to boundary values under constraints.
+
+    Parameters
+    ----------
+    dmp : PoseDMP
+        Without coupling; its own start and goal may be others.
+    start_velocities : pair of arrays, shape (3,), or None
+        Linear and angular velocity to begin with; None leaves them free.
+    begin : float
+        Time at the start (s), for constraints that depend on it.
+
+    The other parameters are those of :meth:`noslip.ConstrainedDMP.adapt`.
+    """
+    free = dmp.rollout(duration=duration, time_step=duration / (samples - 1))
+    vias = [Via.of(v) for v in via]
+    places: dict[int, Via] = {}
+    for passed in vias:
+        place = round(passed.at * (samples - 1))
+        if not 0 < place < samples - 1 or place in places:
+            raise InputError(
+                f"via at {passed.at:g} falls on an end or on another via; {samples} samples tell "
+                f"{1 / (samples - 1):.2g} of the motion apart"
+            )
+        places[place] = passed
+    goals: dict[int, tuple[ArrayLike | None, Rotation | None]] = {
+        0: _kept(start, start_position, start_rotation),
+        **{place: (v.position, v.rotation) for place, v in places.items()},
+        samples - 1: _kept(end, goal_position, goal_rotation),
+    }
+    reference = _through(free, goals)
+    task = _task(reference, goals, begin, start_velocities)
+    return _carried_out(dmp, system, task, weights)
+
+
+def replan(
+    dmp: PoseDMP,
+    system: ConstraintSystem,
+    nominal: PoseTrajectory,
+    state: State,
+    *,
+    goal_position: Floats,
+    goal_rotation: Rotation,
+    duration: float | None,
+    end: End,
+    samples: int,
+    weights: tuple[float, float, float],
+) -> tuple[Adapted, float]:
+    """Adapt what remains of a motion to the state that it is in.
+
+    Parameters
+    ----------
+    dmp : PoseDMP
+        Whose constants the result has.
+    nominal : PoseTrajectory
+        The motion as planned, whole.
+    duration : float or None
+        Of what remains (s).  By default what is left of the motion, and longer where a displacement
+        makes the way longer, such that the mean speed stays.
+
+    Returns
+    -------
+    Adapted
+    float
+        Its duration (s).
+    """
+    done = min(max(dmp.phase.fraction(state.phase), 0.0), 1.0)
+    left = 1.0 - done
+    fractions = done + left * np.linspace(0.0, 1.0, samples)
+    times = nominal.times[0] + nominal.duration * fractions
+    if left * nominal.duration < 4 * nominal.period:
+        # Next to nothing is left of it: from where it ends.
+        rest = PoseTrajectory(
+            np.linspace(0.0, 1.0, samples),
+            np.repeat(nominal.positions[-1:], samples, axis=0),
+            Rotation.concatenate([nominal.rotations[-1]] * samples),
+        )
+    else:
+        rest = nominal.resampled(times=times)
+    position, quaternion = state.position, state.rotation.as_quat(scalar_first=True)
+    if "position" in system.row_levels:
+        # A state off a surface is led back onto it at run time; the plan lies on it.
+        position, quaternion = project_pose(system.equalities, state.time, position, quaternion)
+    turned = Rotation.from_quat(quaternion, scalar_first=True)
+    goals: dict[int, tuple[ArrayLike | None, Rotation | None]] = {
+        0: (position, turned),
+        samples - 1: _kept(end, goal_position, goal_rotation),
+    }
+    moved = _through(rest, goals)
+    if duration is None:
+        displaced = float(np.linalg.norm(position - rest.positions[0]))
+        displaced += float(np.linalg.norm(goal_position - rest.positions[-1]))
+        speed = nominal.path_length / state.duration
+        wanted = (rest.path_length + _DETOUR * displaced) / speed if speed > 0 else 0.0
+        turn = float((turned * rest.rotations[0].inv()).magnitude()) / np.pi
+        duration = max(left, wanted / state.duration, turn, _LEAST_TIME) * state.duration
+    moved = replace(
+        moved,
+        times=np.linspace(0.0, duration, samples),
+        linear_velocities=None,
+        angular_velocities=None,
+    )
+    velocities = (state.linear_velocity, state.angular_velocity)
+    task = _task(moved, goals, state.time, velocities)
+    return _carried_out(dmp, system, task, weights), duration
+
+
+def samples_of(dmp: PoseDMP, samples: int | None) -> int:
+    """Return how many samples an adaptation takes."""
+    if samples is None:
+        fewest = SAMPLES_PER_BASIS_FUNCTION * dmp.position.forcing.basis.count
+        return min(max(dmp.steps, fewest) + 1, MOST_SAMPLES)
+    samples = _arguments.count("samples", samples, MOST_SAMPLES)
+    if samples < FEWEST_SAMPLES:
+        raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
+    return samples
+
+
+def boundary_pose(
+    system: ConstraintSystem,
+    what: str,
+    time: float,
+    position: ArrayLike | None,
+    rotation: Rotation | None,
+    own_position: Floats,
+    own_rotation: Rotation,
+) -> tuple[Floats, Rotation]:
+    """Return a start or goal: what is given of it, the primitive's own for the rest.
+
+    A start, and a goal of which nothing is given, is moved onto the constraints.
+    """
+    placed, turned = own_position, own_rotation
+    if position is not None:
+        placed = _arguments.vector(f"{what}_position", position)
+    if rotation is not None:
+        turned = _arguments.rotation(f"{what}_rotation", rotation)
+    given = position is not None or rotation is not None
+    if "position" in system.equalities.row_levels and not (given and what == "goal"):
+        placed, quaternion = project_pose(
+            system.equalities, time, placed, turned.as_quat(scalar_first=True)
+        )
+        turned = Rotation.from_quat(quaternion, scalar_first=True)
+    if what != "start":
+        require_feasible(system, what, time, placed, turned)
+    return placed, turned
+
+
+def start_velocities(
+    system: ConstraintSystem,
+    inverse_metric: Sequence[float],
+    position: Floats,
+    rotation: Rotation,
+    given: ArrayLike,
+) -> tuple[Floats, Floats]:
+    """Return linear and angular velocity at the start, nearest to given ones."""
+    values = np.ravel(np.asarray(given, dtype=np.float64))
+    if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
+        raise InputError(
+            "start_velocity must be 3 finite numbers (m/s), or 6 with the angular velocity (rad/s)"
+        )
+    linear, angular = values[:3], np.zeros(3) if len(values) == 3 else values[3:]
+    return project_velocities(
+        system.equalities,
+        0.0,
+        position,
+        rotation.as_quat(scalar_first=True),
+        linear,
+        angular,
+        inverse_metric=inverse_metric,
+    )[:2]
+
+
+def require_feasible(
+    system: ConstraintSystem,
+    what: str,
+    time: float,
+    position: Floats,
+    rotation: Rotation,
+) -> None:
+    """Refuse a boundary pose that position-level equalities or hard limits do not allow.
+
+    Raises
+    ------
+    ConstraintError
+        Naming the constraint and by how much it is missed.
+    """
+    quaternion = rotation.as_quat(scalar_first=True)
+    values = system.residuals(time, position, quaternion, np.zeros(3), np.zeros(3))[0]
+    priorities = system.per_row(c.priority for c in system.constraints)
+    for name, level, is_limit, unit, priority, value in zip(
+        system.row_names,
+        system.row_levels,
+        system.row_is_limit,
+        system.row_units,
+        priorities,
+        values,
+        strict=True,
+    ):
+        off = max(-value, 0.0) if is_limit else abs(value)
+        if level == "position" and priority == 0 and off > _OFF:
+            raise ConstraintError(
+                f"{what} violates {name!r} by {off:.3g} {unit}; no motion that satisfies it "
+                f"{'ends' if what.startswith('goal') else 'passes'} there"
+            )
+
+
+def _kept(what: End, position: Floats, rotation: Rotation) -> tuple[Any, Any]:
+    return (
+        position if what in ("position", "pose") else None,
+        rotation if what in ("rotation", "pose") else None,
+    )
+
+
+def _through(
+    free: PoseTrajectory, goals: dict[int, tuple[ArrayLike | None, Rotation | None]]
+) -> PoseTrajectory:
+    """Return a motion displaced by minimum jerk such that it passes what it must, exactly."""
+    samples = np.arange(len(free))
+    positions, rotations = free.positions, free.rotations
+    shifts = {
+        k: np.asarray(wanted) - free.positions[k]
+        for k, (wanted, _) in goals.items()
+        if wanted is not None
+    }
+    # In the tool's frame, as a new goal turns the attractor's.
+    turns = {
+        k: (free.rotations[k].inv() * wanted).as_rotvec()
+        for k, (_, wanted) in goals.items()
+        if wanted is not None
+    }
+    if shifts:
+        positions = positions + spread(shifts, samples)
+        for k in shifts:
+            positions[k] = goals[k][0]
+    if turns:
+        rotations = rotations * Rotation.from_rotvec(spread(turns, samples))
+    return PoseTrajectory(free.times, positions, rotations, name="adapted")
+
+
+def _task(
+    reference: PoseTrajectory,
+    goals: dict[int, tuple[ArrayLike | None, Rotation | None]],
+    begin: float,
+    velocities: tuple[Floats, Floats] | None,
+) -> _Task:
+    keep: dict[int, End] = {}
+    for k, (position, rotation) in goals.items():
+        if position is not None and rotation is not None:
+            keep[k] = "pose"
+        elif position is not None or rotation is not None:
+            keep[k] = "rotation" if position is None else "position"
+    if velocities is None:
+        return _Task(reference, keep, begin, moving=False)
+    # A sample before the start, such that the step from it has the velocities asked for.
+    h = reference.times[1] - reference.times[0]
+    linear, angular = velocities
+    back = Rotation.from_rotvec(-h * angular) * reference.rotations[0]
+    longer = PoseTrajectory(
+        np.concatenate([[reference.times[0] - h], reference.times]),
+        np.vstack([reference.positions[0] - h * linear, reference.positions]),
+        Rotation.concatenate([back, reference.rotations]),
+        name=reference.name,
+    )
+    shifted: dict[int, End] = {k + 1: what for k, what in keep.items()}
+    return _Task(longer, {0: "pose", **shifted, 1: "pose"}, begin - h, moving=True)
+
+
+def _carried_out(
+    dmp: PoseDMP, system: ConstraintSystem, task: _Task, weights: tuple[float, float, float]
+) -> Adapted:
+    last = len(task.reference) - 1
+    between = {k: what for k, what in task.keep.items() if 0 < k < last}
+    projected = project_heeding_what_it_can(
+        task.reference,
+        system,
+        start=task.keep.get(0, "free"),
+        end=task.keep.get(last, "free"),
+        keep=between,
+        begin=task.begin,
+        position_weight=weights[0],
+        position_smoothing=weights[1],
+        rotation_smoothing=weights[2],
+    )
+    first = 1 if task.moving else 0
+    trajectory = projected.trajectory[first:]
+    basis, attractor = dmp.position.forcing.basis, dmp.position.attractor
+    fitted = PoseDMP.fit(
+        evenly_sampled(trajectory, basis.count),
+        basis_functions=basis.count,
+        alpha=attractor.alpha,
+        beta=attractor.beta,
+        alpha_s=dmp.phase.alpha_s,
+    )
+    return Adapted(
+        replace(fitted, steps=dmp.steps),
+        task.reference[first:],
+        projected,
+        1 / (len(trajectory) - 1),
+    )
