@@ -1,6 +1,7 @@
 """noslip: movement primitives for tools that must not slip sideways."""
 
 from noslip._version import __version__
+from noslip.adaptation import Via
 from noslip.constraints import (
     AccelerationLimit,
     AngularRateLimit,
@@ -84,6 +85,7 @@ __all__ = [
     "SurfaceContact",
     "ToolAxis",
     "TurningRadius",
+    "Via",
     "Wheel",
     "__version__",
     "check",

@@ -24,7 +24,6 @@ from noslip.primitives.pose import (
     SAMPLES_PER_BASIS_FUNCTION,
     PoseDMP,
     State,
-    evenly_sampled,
 )
 from noslip.projection.blend import spread
 from noslip.projection.feasibility import project_pose
@@ -45,6 +44,8 @@ ROTATION_SMOOTHING = 1e-4
 MOST_SAMPLES = 2001
 """An adapted motion is as smooth as its primitive; more samples than these add nothing."""
 FEWEST_SAMPLES = 20
+_PINNED = 0.05
+"""Fraction of a motion over which its ends' fixed rotations go over into the shifted ones."""
 REPLANNED_SAMPLES = 201
 """Knots of a re-planned motion unless told otherwise."""
 _OFF = 1e-9
@@ -180,7 +181,7 @@ def adapt(
         **{place: (v.position, v.rotation) for place, v in places.items()},
         samples - 1: _kept(end, goal_position, goal_rotation),
     }
-    reference = _through(free, goals)
+    reference = _through(free, goals, start_velocities)
     task = _task(reference, goals, begin, start_velocities)
     return _carried_out(dmp, system, task, weights)
 
@@ -238,7 +239,6 @@ def replan(
         0: (position, turned),
         samples - 1: _kept(end, goal_position, goal_rotation),
     }
-    moved = _through(rest, goals)
     if duration is None:
         displaced = float(np.linalg.norm(position - rest.positions[0]))
         displaced += float(np.linalg.norm(goal_position - rest.positions[-1]))
@@ -246,13 +246,11 @@ def replan(
         wanted = (rest.path_length + _DETOUR * displaced) / speed if speed > 0 else 0.0
         turn = float((turned * rest.rotations[0].inv()).magnitude()) / np.pi
         duration = max(left, wanted / state.duration, turn, _LEAST_TIME) * state.duration
-    moved = replace(
-        moved,
-        times=np.linspace(0.0, duration, samples),
-        linear_velocities=None,
-        angular_velocities=None,
+    rest = PoseTrajectory(
+        np.linspace(0.0, duration, samples), rest.positions, rest.rotations, name="re-planned"
     )
-    velocities = (state.linear_velocity, state.angular_velocity)
+    velocities = _velocities_now(nominal, done, state)
+    moved = _through(rest, goals, velocities)
     task = _task(moved, goals, state.time, velocities)
     return _carried_out(dmp, system, task, weights), duration
 
@@ -364,29 +362,51 @@ def _kept(what: End, position: Floats, rotation: Rotation) -> tuple[Any, Any]:
 
 
 def _through(
-    free: PoseTrajectory, goals: dict[int, tuple[ArrayLike | None, Rotation | None]]
+    free: PoseTrajectory,
+    goals: dict[int, tuple[ArrayLike | None, Rotation | None]],
+    velocities: tuple[Floats, Floats] | None = None,
 ) -> PoseTrajectory:
-    """Return a motion displaced by minimum jerk such that it passes what it must, exactly."""
-    samples = np.arange(len(free))
+    """Return a motion displaced by minimum jerk such that it passes what it must, exactly.
+
+    If velocities are given it begins with them.
+    """
     positions, rotations = free.positions, free.rotations
     shifts = {
-        k: np.asarray(wanted) - free.positions[k]
+        float(free.times[k]): np.asarray(wanted) - positions[k]
         for k, (wanted, _) in goals.items()
         if wanted is not None
     }
     # In the tool's frame, as a new goal turns the attractor's.
     turns = {
-        k: (free.rotations[k].inv() * wanted).as_rotvec()
+        float(free.times[k]): (rotations[k].inv() * wanted).as_rotvec()
         for k, (_, wanted) in goals.items()
         if wanted is not None
     }
+    faster = turning = None
+    if velocities is not None:
+        faster = velocities[0] - free.linear_velocities[0]
+        turning = _rate_of_turn(turns[float(free.times[0])], free, velocities[1])
     if shifts:
-        positions = positions + spread(shifts, samples)
-        for k in shifts:
-            positions[k] = goals[k][0]
+        positions = positions + spread(shifts, free.times, faster)
+        for k, (wanted, _) in goals.items():
+            if wanted is not None:
+                positions[k] = wanted
     if turns:
-        rotations = rotations * Rotation.from_rotvec(spread(turns, samples))
-    return PoseTrajectory(free.times, positions, rotations, name="adapted")
+        rotations = rotations * Rotation.from_rotvec(spread(turns, free.times, turning))
+    return PoseTrajectory(free.times, positions, rotations, name=free.name)
+
+
+def _rate_of_turn(turn: Floats, free: PoseTrajectory, wanted: Floats) -> Floats:
+    """Rate of a turn in the tool's frame with which a motion gets the angular velocity wanted.
+
+    ``R Exp(turn)`` rotates at ``Exp(-turn) w + J turn'`` in its own frame, with the right Jacobian
+    J of SO(3); its inverse to third order.
+    """
+    before = free.rotations[0]
+    after = before * Rotation.from_rotvec(turn)
+    missing = after.inv().apply(wanted - free.angular_velocities[0])
+    once = np.cross(turn, missing)
+    return np.asarray(missing + once / 2 + np.cross(turn, once) / 12)
 
 
 def _task(
@@ -395,6 +415,7 @@ def _task(
     begin: float,
     velocities: tuple[Floats, Floats] | None,
 ) -> _Task:
+    """Keep what goals name, and the velocities at the start if there are any."""
     keep: dict[int, End] = {}
     for k, (position, rotation) in goals.items():
         if position is not None and rotation is not None:
@@ -403,9 +424,11 @@ def _task(
             keep[k] = "rotation" if position is None else "position"
     if velocities is None:
         return _Task(reference, keep, begin, moving=False)
-    # A sample before the start, such that the step from it has the velocities asked for.
-    h = reference.times[1] - reference.times[0]
-    linear, angular = velocities
+    # A sample before the start.  Velocities are those at the start, half a step after that of the
+    # step which leads there: in between lies half a step of the reference's acceleration.
+    h = float(reference.times[1] - reference.times[0])
+    steps = (np.diff(v[:2], axis=0)[0] / 2 for v in reference.step_velocities())
+    linear, angular = (v - change for v, change in zip(velocities, steps, strict=True))
     back = Rotation.from_rotvec(-h * angular) * reference.rotations[0]
     longer = PoseTrajectory(
         np.concatenate([[reference.times[0] - h], reference.times]),
@@ -415,6 +438,20 @@ def _task(
     )
     shifted: dict[int, End] = {k + 1: what for k, what in keep.items()}
     return _Task(longer, {0: "pose", **shifted, 1: "pose"}, begin - h, moving=True)
+
+
+def _velocities_now(nominal: PoseTrajectory, done: float, state: State) -> tuple[Floats, Floats]:
+    """Velocities at a state, half a step after those of the step that led to it."""
+    after = min(done * nominal.duration + state.previous_step / 2, nominal.duration)
+    before = max(after - state.previous_step, 0.0)
+    if not before < after:
+        return state.linear_velocity, state.angular_velocity
+    both = nominal.resampled(times=nominal.times[0] + np.array([before, after]))
+    share = state.previous_step / 2 / (after - before)
+    return (
+        state.linear_velocity + share * np.diff(both.linear_velocities, axis=0)[0],
+        state.angular_velocity + share * np.diff(both.angular_velocities, axis=0)[0],
+    )
 
 
 def _carried_out(
@@ -436,8 +473,11 @@ def _carried_out(
     first = 1 if task.moving else 0
     trajectory = projected.trajectory[first:]
     basis, attractor = dmp.position.forcing.basis, dmp.position.attractor
+    if len(trajectory) < samples_of(dmp, None):
+        at_velocity = bool(system.equalities.row_is_velocity.any())
+        trajectory = _refined(trajectory, samples_of(dmp, None), at_velocity)
     fitted = PoseDMP.fit(
-        evenly_sampled(trajectory, basis.count),
+        trajectory,
         basis_functions=basis.count,
         alpha=attractor.alpha,
         beta=attractor.beta,
@@ -449,3 +489,20 @@ def _carried_out(
         projected,
         1 / (len(trajectory) - 1),
     )
+
+
+def _refined(trajectory: PoseTrajectory, samples: int, at_velocity: bool) -> PoseTrajectory:
+    """Return a trajectory on shorter steps that still satisfies velocity constraints, nearly.
+
+    These tie the rotation at the end of a step to the chord of the step, half a step earlier: on
+    shorter steps each rotation comes earlier, except at the ends, where poses are fixed.
+    """
+    fractions = np.linspace(0.0, 1.0, samples)
+    times = trajectory.times[0] + trajectory.duration * fractions
+    finer = trajectory.resampled(times=times)
+    if not at_velocity:
+        return finer
+    inside = np.clip(np.minimum(fractions, 1 - fractions) / _PINNED, 0.0, 1.0)
+    lead = (1 / (len(trajectory) - 1) - 1 / (samples - 1)) / 2 * inside
+    turned = trajectory.resampled(times=times + lead * trajectory.duration)
+    return PoseTrajectory(times, finer.positions, turned.rotations, name=trajectory.name)

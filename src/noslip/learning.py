@@ -335,8 +335,7 @@ class ConstrainedDMP(PoseDMP):
             samples=count,
             weights=(position_weight, position_smoothing, rotation_smoothing),
         )
-        velocities = (state.linear_velocity, state.angular_velocity)
-        return self._of(adapted, tau, velocities, state.time, "none")
+        return self._of(adapted, tau, None, state.time, "none")
 
     def _of(
         self,

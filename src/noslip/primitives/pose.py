@@ -347,7 +347,7 @@ class PoseDMP:
         rows, all_rows = len(names), len(names) + len(limits)
         values, multipliers = outputs[:, column["values"]], outputs[:, column["multipliers"]]
         return ConstrainedMotion(
-            times=state.time + np.arange(steps + 1) * time_step,
+            times=np.asarray(state.time + np.arange(steps + 1) * time_step),
             positions=states[:, 0:3],
             # Each step has normalised them; SciPy 1.16 would take a fifth of the rollout's time.
             rotations=Rotation(states[:, 3:7], normalize=False, scalar_first=True),

@@ -52,8 +52,8 @@ def scaled_position(
           5 % of the largest axis' way, is not scaled.
         - ``"rotation-dilation"``: S is the smallest rotation that turns the demonstrated way into
           the new one, times the ratio of their lengths (Ginesi, Sansonetto and Fiorini 2021,
-          section 3.2).  Into the opposite direction it turns about the vertical.  A demonstration that ends
-          where it began says nothing about a direction; it is not scaled.
+          section 3.2).  Into the opposite direction it turns about the vertical.  A demonstration
+          that ends where it began says nothing about a direction; it is not scaled.
     start_position, goal_position : array, shape (3,), optional
         Metres; the learned ones by default.
 

@@ -11,12 +11,15 @@ Floats = NDArray[np.float64]
 
 
 def spread(
-    displacements: Mapping[int, ArrayLike] | Mapping[float, ArrayLike], places: ArrayLike
+    displacements: Mapping[int, ArrayLike] | Mapping[float, ArrayLike],
+    places: ArrayLike,
+    first_slope: ArrayLike | None = None,
 ) -> Floats:
     """Interpolate displacements by minimum jerk from each given place to the next.
 
     Velocity and acceleration of the displacement are zero at the given places (Flash and Hogan
-    1985, eq. 3), so those of what is displaced stay as they were there.
+    1985, eq. 3), so those of what is displaced stay as they were there; but for the velocity at the
+    first place, if one is given.
 
     Parameters
     ----------
@@ -24,6 +27,8 @@ def spread(
         Where it is known; at the first and the last place it is zero unless told.
     places : array, shape (N,)
         Increasing: sample numbers, times or fractions.
+    first_slope : array, shape (d,), optional
+        Of the displacement at the first place, per unit of places.
 
     Returns
     -------
@@ -38,4 +43,10 @@ def spread(
     before = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = (at - knots[before]) / (knots[before + 1] - knots[before])
     blend = share**3 * (10 - 15 * share + 6 * share**2)
-    return np.asarray(values[before] + blend[:, None] * (values[before + 1] - values[before]))
+    found = values[before] + blend[:, None] * (values[before + 1] - values[before])
+    if first_slope is not None:
+        # The quintic with slope 1 at 0 and all else zero at 0 and 1.
+        slope = share - share**3 * (6 - 8 * share + 3 * share**2)
+        width = float(knots[1] - knots[0])
+        found += np.where(before == 0, slope * width, 0.0)[:, None] * np.asarray(first_slope)
+    return np.asarray(found)
