@@ -15,12 +15,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip import _arguments
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConstraintError, InputError
 from noslip.primitives.pose import (
+    FEWEST_STEPS,
     SAMPLES_PER_BASIS_FUNCTION,
     PoseDMP,
     State,
@@ -183,7 +185,7 @@ def adapt(
     }
     reference = _through(free, goals, start_velocities)
     task = _task(reference, goals, begin, start_velocities)
-    return _carried_out(dmp, system, task, weights)
+    return _carried_out(dmp, system, task, weights, dmp.steps)
 
 
 def replan(
@@ -252,18 +254,24 @@ def replan(
     velocities = _velocities_now(nominal, done, state)
     moved = _through(rest, goals, velocities)
     task = _task(moved, goals, state.time, velocities)
-    return _carried_out(dmp, system, task, weights), duration
+    # The time step stays what it was, unless that is too long for the fit.
+    steps = round(dmp.steps * duration / state.duration)
+    steps = max(steps, SAMPLES_PER_BASIS_FUNCTION * dmp.position.forcing.basis.count, FEWEST_STEPS)
+    return _carried_out(dmp, system, task, weights, steps), duration
 
 
 def samples_of(dmp: PoseDMP, samples: int | None) -> int:
     """Return how many samples an adaptation takes."""
     if samples is None:
-        fewest = SAMPLES_PER_BASIS_FUNCTION * dmp.position.forcing.basis.count
-        return min(max(dmp.steps, fewest) + 1, MOST_SAMPLES)
+        return _samples_for(dmp.position.forcing.basis.count, dmp.steps)
     samples = _arguments.count("samples", samples, MOST_SAMPLES)
     if samples < FEWEST_SAMPLES:
         raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
     return samples
+
+
+def _samples_for(basis_functions: int, steps: int) -> int:
+    return min(max(steps, SAMPLES_PER_BASIS_FUNCTION * basis_functions) + 1, MOST_SAMPLES)
 
 
 def boundary_pose(
@@ -442,20 +450,22 @@ def _task(
 
 def _velocities_now(nominal: PoseTrajectory, done: float, state: State) -> tuple[Floats, Floats]:
     """Velocities at a state, half a step after those of the step that led to it."""
-    after = min(done * nominal.duration + state.previous_step / 2, nominal.duration)
-    before = max(after - state.previous_step, 0.0)
-    if not before < after:
-        return state.linear_velocity, state.angular_velocity
-    both = nominal.resampled(times=nominal.times[0] + np.array([before, after]))
-    share = state.previous_step / 2 / (after - before)
+    # Both velocities of the nominal motion change but little within half a step.
+    steps = len(nominal) - 1
+    k = min(max(round(done * steps), 1), steps - 1)
+    share = state.previous_step / 2 / nominal.period
     return (
-        state.linear_velocity + share * np.diff(both.linear_velocities, axis=0)[0],
-        state.angular_velocity + share * np.diff(both.angular_velocities, axis=0)[0],
+        state.linear_velocity + share * np.diff(nominal.linear_velocities[k : k + 2], axis=0)[0],
+        state.angular_velocity + share * np.diff(nominal.angular_velocities[k : k + 2], axis=0)[0],
     )
 
 
 def _carried_out(
-    dmp: PoseDMP, system: ConstraintSystem, task: _Task, weights: tuple[float, float, float]
+    dmp: PoseDMP,
+    system: ConstraintSystem,
+    task: _Task,
+    weights: tuple[float, float, float],
+    steps: int,
 ) -> Adapted:
     last = len(task.reference) - 1
     between = {k: what for k, what in task.keep.items() if 0 < k < last}
@@ -473,9 +483,10 @@ def _carried_out(
     first = 1 if task.moving else 0
     trajectory = projected.trajectory[first:]
     basis, attractor = dmp.position.forcing.basis, dmp.position.attractor
-    if len(trajectory) < samples_of(dmp, None):
+    samples = _samples_for(basis.count, steps)
+    if len(trajectory) < samples:
         at_velocity = bool(system.equalities.row_is_velocity.any())
-        trajectory = _refined(trajectory, samples_of(dmp, None), at_velocity)
+        trajectory = _refined(trajectory, samples, at_velocity)
     fitted = PoseDMP.fit(
         trajectory,
         basis_functions=basis.count,
@@ -484,7 +495,7 @@ def _carried_out(
         alpha_s=dmp.phase.alpha_s,
     )
     return Adapted(
-        replace(fitted, steps=dmp.steps),
+        replace(fitted, steps=steps),
         task.reference[first:],
         projected,
         1 / (len(trajectory) - 1),
@@ -498,11 +509,14 @@ def _refined(trajectory: PoseTrajectory, samples: int, at_velocity: bool) -> Pos
     shorter steps each rotation comes earlier, except at the ends, where poses are fixed.
     """
     fractions = np.linspace(0.0, 1.0, samples)
-    times = trajectory.times[0] + trajectory.duration * fractions
-    finer = trajectory.resampled(times=times)
-    if not at_velocity:
-        return finer
-    inside = np.clip(np.minimum(fractions, 1 - fractions) / _PINNED, 0.0, 1.0)
-    lead = (1 / (len(trajectory) - 1) - 1 / (samples - 1)) / 2 * inside
-    turned = trajectory.resampled(times=times + lead * trajectory.duration)
-    return PoseTrajectory(times, finer.positions, turned.rotations, name=trajectory.name)
+    lead = np.zeros(samples)
+    if at_velocity:
+        inside = np.clip(np.minimum(fractions, 1 - fractions) / _PINNED, 0.0, 1.0)
+        lead = (1 / (len(trajectory) - 1) - 1 / (samples - 1)) / 2 * inside
+    known = np.linspace(0.0, 1.0, len(trajectory))
+    return PoseTrajectory(
+        trajectory.times[0] + trajectory.duration * fractions,
+        CubicSpline(known, trajectory.positions)(fractions),
+        RotationSpline(known, trajectory.rotations)(fractions + lead),
+        name=trajectory.name,
+    )

@@ -326,7 +326,7 @@ class ConstrainedDMP(PoseDMP):
         adapted, tau = adaptation.replan(
             self,
             self.system,
-            self.rollout(duration=state.duration),
+            self.rollout(duration=state.duration, time_step=state.duration / (count - 1)),
             state,
             goal_position=goal,
             goal_rotation=goal_turn,
@@ -366,6 +366,7 @@ class ConstrainedDMP(PoseDMP):
             position=position,
             orientation=orientation,
             duration=duration,
+            steps=adapted.primitive.steps,
             regular=regular,
             record=(LearningRecord.of(adapted.reference, adapted.projected),),
             projected_step=adapted.step,
