@@ -52,8 +52,8 @@ REPLANNED_SAMPLES = 201
 """Knots of a re-planned motion unless told otherwise."""
 _OFF = 1e-9
 """Residual of a boundary pose that is none (m or rad)."""
-_DETOUR = 2.0
-"""Way that a displacement takes under a constraint, over its length, when time is allotted."""
+_DETOUR = 5.0
+"""Way for which time is allotted to a displacement, over its length: it may lie sideways."""
 _LEAST_TIME = 0.02
 """Of the duration, that a re-planned motion takes at least."""
 
