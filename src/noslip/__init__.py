@@ -45,6 +45,7 @@ from noslip.learning import ConstrainedDMP, learn
 from noslip.primitives import ConstrainedMotion, OrientationDMP, PoseDMP, PositionDMP, State
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import project_trajectory
+from noslip.runtime.controller import Controller
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
@@ -58,6 +59,7 @@ __all__ = [
     "ConstrainedMotion",
     "Constraint",
     "ConstraintError",
+    "Controller",
     "ConvergenceError",
     "CylinderContact",
     "DepthLimit",

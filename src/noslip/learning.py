@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +39,9 @@ from noslip.projection.trajectory import (
     project_heeding_what_it_can,
 )
 from noslip.trajectory import PoseTrajectory
+
+if TYPE_CHECKING:
+    from noslip.runtime.controller import Controller
 
 Floats = NDArray[np.float64]
 
@@ -336,6 +339,12 @@ class ConstrainedDMP(PoseDMP):
             weights=(position_weight, position_smoothing, rotation_smoothing),
         )
         return self._of(adapted, tau, None, state.time, "none")
+
+    def controller(self, *, time_step: float, **options: Any) -> Controller:
+        """Return what steps this primitive in a control loop; see :class:`noslip.Controller`."""
+        from noslip.runtime.controller import Controller
+
+        return Controller(self, time_step=time_step, **options)
 
     def _of(
         self,

@@ -57,6 +57,8 @@ class State:
     goal_rotation : Rotation
     pull_in : float
         Rate at which a violation decays (1/s).
+    steering : array, shape (3,)
+        Turn of the orientation's target (rad, world frame), see :mod:`noslip.runtime.steering`.
     constraint_residuals, multipliers : array, shape (m,)
         Of the equalities.
     margins, limit_multipliers : array, shape (k,)
@@ -76,6 +78,7 @@ class State:
     goal_position: Floats
     goal_rotation: Rotation
     pull_in: float = 0.0
+    steering: Floats = field(default_factory=lambda: np.zeros(3))
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros(0))
     multipliers: Floats = field(default_factory=lambda: np.zeros(0))
     margins: Floats = field(default_factory=lambda: np.zeros(0))
@@ -516,7 +519,7 @@ class PoseDMP:
         column["rotation_goal"][:] = self.orientation.winding.along(
             begin + lead, steps, time_step / tau, state.goal_rotation
         )
-        column["rotation_offset"][:] = offsets[:, 3:]
+        column["rotation_offset"][:] = offsets[:, 3:] + state.steering
         return table
 
 

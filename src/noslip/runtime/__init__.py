@@ -1,0 +1,1 @@
+"""Primitives in a control loop."""
