@@ -20,7 +20,7 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     if not 0 < number <= LARGEST:
         wanted = f"a positive number of {unit}" if unit else "positive"
         limit = f" up to {LARGEST:g}" if number > LARGEST else ""
-        raise InputError(f"{name} must be {wanted}{limit}, got {_short(value)}")
+        raise InputError(f"{name} must be {wanted}{limit}, got {short(value)}")
     return number
 
 
@@ -28,7 +28,15 @@ def not_negative(name: str, value: Any) -> float:
     """Return a finite number, 0 or more."""
     number = _number(value)
     if not 0 <= number <= LARGEST:
-        raise InputError(f"{name} must be a number, 0 or more, got {_short(value)}")
+        raise InputError(f"{name} must be a number, 0 or more, got {short(value)}")
+    return number
+
+
+def finite(name: str, value: Any) -> float:
+    """Return a finite number."""
+    number = _number(value)
+    if not np.isfinite(number):
+        raise InputError(f"{name} must be a finite number, got {short(value)}")
     return number
 
 
@@ -51,7 +59,7 @@ def count(name: str, value: Any, most: int | None = None) -> int:
     if not (np.isfinite(number) and number >= 1 and number == int(number)):
         raise InputError(f"{name} must be a whole number, 1 or more, got {value!r}")
     if most is not None and number > most:
-        raise InputError(f"{name} must be {most} or less, got {_short(value)}")
+        raise InputError(f"{name} must be {most} or less, got {short(value)}")
     return int(number)
 
 
@@ -63,7 +71,7 @@ def vector(name: str, value: Any, unit: str = "m") -> Floats:
         array = np.empty(0)
     if array.shape != (3,) or not np.all(np.abs(array) <= LARGEST):
         raise InputError(
-            f"{name} must be 3 finite numbers up to {LARGEST:g} ({unit}), got {_short(value)}"
+            f"{name} must be 3 finite numbers up to {LARGEST:g} ({unit}), got {short(value)}"
         )
     return array
 
@@ -71,7 +79,7 @@ def vector(name: str, value: Any, unit: str = "m") -> Floats:
 def rotation(name: str, value: Any) -> Rotation:
     """Return a single rotation."""
     if not isinstance(value, Rotation) or not value.single:
-        raise InputError(f"{name} must be a single scipy Rotation, got {_short(value)}")
+        raise InputError(f"{name} must be a single scipy Rotation, got {short(value)}")
     return value
 
 
@@ -83,7 +91,7 @@ def inverse_metric(value: Sequence[float]) -> tuple[float, ...]:
         numbers = ()
     fits = len(numbers) == 6 and all(np.isfinite(x) and x >= 0 for x in numbers)
     if not fits or not any(numbers):
-        raise InputError(f"inverse_metric must be 6 numbers >= 0, not all 0; got {_short(value)}")
+        raise InputError(f"inverse_metric must be 6 numbers >= 0, not all 0; got {short(value)}")
     return numbers
 
 
@@ -95,9 +103,7 @@ def positive_weights(name: str, value: Sequence[float]) -> tuple[float, ...]:
         numbers = ()
     fits = len(numbers) == 6 and all(x > 0 for x in numbers)
     if not fits or not any(map(np.isfinite, numbers)):
-        raise InputError(
-            f"{name} must be 6 positive numbers, not all infinite; got {_short(value)}"
-        )
+        raise InputError(f"{name} must be 6 positive numbers, not all infinite; got {short(value)}")
     return numbers
 
 
@@ -108,5 +114,6 @@ def _number(value: Any) -> float:
         return float("nan")
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """Return a value as text of one line."""
     return " ".join(repr(value).split())[:80]

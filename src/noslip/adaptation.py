@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip import _arguments
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import ConstraintError, InputError
+from noslip.errors import ConstraintError, ConvergenceError, InputError
 from noslip.primitives.pose import (
     FEWEST_STEPS,
     SAMPLES_PER_BASIS_FUNCTION,
@@ -46,15 +46,16 @@ ROTATION_SMOOTHING = 1e-4
 MOST_SAMPLES = 2001
 """An adapted motion is as smooth as its primitive; more samples than these add nothing."""
 FEWEST_SAMPLES = 20
-_PINNED = 0.05
-"""Fraction of a motion over which its ends' fixed rotations go over into the shifted ones."""
+_STATE_VECTORS = ("position", "linear_velocity", "angular_velocity", "goal_position")
+_PINNED = 3.0
+"""Steps in which the rotation at the start goes over into the shifted ones."""
 REPLANNED_SAMPLES = 201
 """Knots of a re-planned motion unless told otherwise."""
 _OFF = 1e-9
 """Residual of a boundary pose that is none (m or rad)."""
 _DETOUR = 5.0
 """Way for which time is allotted to a displacement, over its length: it may lie sideways."""
-_LEAST_TIME = 0.02
+_LEAST_TIME = 0.05
 """Of the duration, that a re-planned motion takes at least."""
 
 
@@ -99,7 +100,8 @@ class Via:
             return cls(*given)
         except TypeError:
             raise InputError(
-                f"via is a list of (at, position), (at, position, rotation) or Via; got {given!r}"
+                "via is a list of (at, position), (at, position, rotation) or Via; got "
+                + _arguments.short(given)
             ) from None
 
 
@@ -167,8 +169,20 @@ def adapt(
 
     The other parameters are those of :meth:`noslip.ConstrainedDMP.adapt`.
     """
+    _require_end("start", start)
+    _require_end("end", end)
+    if start_velocities is not None and start != "pose":
+        raise InputError(
+            f'start_velocity needs a whole pose to begin in: start="pose", not {start!r}'
+        )
     free = dmp.rollout(duration=duration, time_step=duration / (samples - 1))
-    vias = [Via.of(v) for v in via]
+    try:
+        vias = [Via.of(v) for v in via]
+    except TypeError:
+        raise InputError(
+            "via is a list of (at, position), (at, position, rotation) or Via; got "
+            + _arguments.short(via)
+        ) from None
     places: dict[int, Via] = {}
     for passed in vias:
         place = round(passed.at * (samples - 1))
@@ -178,6 +192,13 @@ def adapt(
                 f"{1 / (samples - 1):.2g} of the motion apart"
             )
         places[place] = passed
+        require_feasible(
+            system,
+            f"via at {passed.at:g}",
+            begin + passed.at * duration,
+            None if passed.position is None else np.asarray(passed.position),
+            passed.rotation,
+        )
     goals: dict[int, tuple[ArrayLike | None, Rotation | None]] = {
         0: _kept(start, start_position, start_rotation),
         **{place: (v.position, v.rotation) for place, v in places.items()},
@@ -185,7 +206,19 @@ def adapt(
     }
     reference = _through(free, goals, start_velocities)
     task = _task(reference, goals, begin, start_velocities)
-    return _carried_out(dmp, system, task, weights, dmp.steps)
+    adapted = _carried_out(dmp, system, task, weights, dmp.steps)
+    hard = [c.priority == 0 for c in system.limits.constraints]
+    left_out = [
+        name
+        for name, is_hard in zip(system.limits.names, hard, strict=True)
+        if is_hard and name in adapted.projected.left_out
+    ]
+    if left_out:
+        raise ConvergenceError(
+            f"no motion found that keeps {', '.join(left_out)} between these ends; give it more "
+            "time (duration), other ends, or a priority above 0"
+        )
+    return adapted
 
 
 def replan(
@@ -194,8 +227,8 @@ def replan(
     nominal: PoseTrajectory,
     state: State,
     *,
-    goal_position: Floats,
-    goal_rotation: Rotation,
+    goal_position: ArrayLike | None,
+    goal_rotation: Rotation | None,
     duration: float | None,
     end: End,
     samples: int,
@@ -210,8 +243,8 @@ def replan(
     nominal : PoseTrajectory
         The motion as planned, whole.
     duration : float or None
-        Of what remains (s).  By default what is left of the motion, and longer where a displacement
-        makes the way longer, such that the mean speed stays.
+        Of what remains (s).  By default what is left of the motion, and the time that a
+        displacement takes besides.
 
     Returns
     -------
@@ -219,19 +252,37 @@ def replan(
     float
         Its duration (s).
     """
+    _require_end("end", end)
+    if duration is not None:
+        duration = _arguments.positive("duration", duration, "seconds")
+    goal = state.goal_position
+    if goal_position is not None:
+        goal = _arguments.vector("goal_position", goal_position)
     done = min(max(dmp.phase.fraction(state.phase), 0.0), 1.0)
     left = 1.0 - done
-    fractions = done + left * np.linspace(0.0, 1.0, samples)
-    times = nominal.times[0] + nominal.duration * fractions
-    if left * nominal.duration < 4 * nominal.period:
-        # Next to nothing is left of it: from where it ends.
-        rest = PoseTrajectory(
-            np.linspace(0.0, 1.0, samples),
-            np.repeat(nominal.positions[-1:], samples, axis=0),
-            Rotation.concatenate([nominal.rotations[-1]] * samples),
-        )
-    else:
-        rest = nominal.resampled(times=times)
+    step = state.previous_step or state.duration / dmp.steps
+    if duration is None:
+        now = round(done * (len(nominal) - 1))
+        # Sideways, and the more so where little of the path is left to spread it over.
+        displaced = float(np.linalg.norm(state.position - nominal.positions[now]))
+        displaced += float(np.linalg.norm(goal - nominal.positions[-1]))
+        way = float(np.linalg.norm(np.diff(nominal.positions[now:], axis=0), axis=1).sum())
+        speed = nominal.path_length / state.duration
+        detour = _DETOUR * displaced**2 / (displaced + way) if displaced else 0.0
+        longer = detour / speed / state.duration if speed > 0 else 0.0
+        turn = float((state.rotation * nominal.rotations[now].inv()).magnitude()) / np.pi
+        duration = max(left + longer, turn, _LEAST_TIME) * state.duration
+        duration = max(duration, FEWEST_SAMPLES * step)
+    # Not on shorter steps than those that the motion is run on.
+    samples = min(samples, max(round(duration / step) + 1, FEWEST_SAMPLES))
+    rest = _rest(nominal, done, samples, duration)
+    goal, goal_turn = boundary_pose(
+        system,
+        "goal",
+        state.time + duration,
+        (goal_position, goal_rotation),
+        (state.goal_position, state.goal_rotation),
+    )
     position, quaternion = state.position, state.rotation.as_quat(scalar_first=True)
     if "position" in system.row_levels:
         # A state off a surface is led back onto it at run time; the plan lies on it.
@@ -239,18 +290,8 @@ def replan(
     turned = Rotation.from_quat(quaternion, scalar_first=True)
     goals: dict[int, tuple[ArrayLike | None, Rotation | None]] = {
         0: (position, turned),
-        samples - 1: _kept(end, goal_position, goal_rotation),
+        samples - 1: _kept(end, goal, goal_turn),
     }
-    if duration is None:
-        displaced = float(np.linalg.norm(position - rest.positions[0]))
-        displaced += float(np.linalg.norm(goal_position - rest.positions[-1]))
-        speed = nominal.path_length / state.duration
-        wanted = (rest.path_length + _DETOUR * displaced) / speed if speed > 0 else 0.0
-        turn = float((turned * rest.rotations[0].inv()).magnitude()) / np.pi
-        duration = max(left, wanted / state.duration, turn, _LEAST_TIME) * state.duration
-    rest = PoseTrajectory(
-        np.linspace(0.0, duration, samples), rest.positions, rest.rotations, name="re-planned"
-    )
     velocities = _velocities_now(nominal, done, state)
     moved = _through(rest, goals, velocities)
     task = _task(moved, goals, state.time, velocities)
@@ -258,6 +299,36 @@ def replan(
     steps = round(dmp.steps * duration / state.duration)
     steps = max(steps, SAMPLES_PER_BASIS_FUNCTION * dmp.position.forcing.basis.count, FEWEST_STEPS)
     return _carried_out(dmp, system, task, weights, steps), duration
+
+
+def _require_end(name: str, value: str) -> None:
+    if value not in get_args(End):
+        raise InputError(f"{name} is one of {', '.join(get_args(End))}; got {value!r}")
+
+
+def _rest(nominal: PoseTrajectory, done: float, samples: int, duration: float) -> PoseTrajectory:
+    """What remains of a motion of which a fraction is done, over another duration."""
+    times = np.linspace(0.0, duration, samples)
+    if (1 - done) * nominal.duration < 4 * nominal.period:
+        # Next to nothing: it stays where it ends.
+        last = Rotation.concatenate([nominal.rotations[-1]] * samples)
+        return PoseTrajectory(times, np.repeat(nominal.positions[-1:], samples, axis=0), last)
+    fractions = np.linspace(done, 1.0, samples)
+    rest = nominal.resampled(times=nominal.times[0] + nominal.duration * fractions)
+    return PoseTrajectory(times, rest.positions, rest.rotations, name="re-planned")
+
+
+def require_state(state: State) -> None:
+    """Refuse what is not a state of a motion."""
+    if not isinstance(state, State):
+        raise InputError(f"state must be a State, got {type(state).__name__}")
+    vectors = {name: getattr(state, name) for name in _STATE_VECTORS}
+    for name, value in vectors.items():
+        _arguments.vector(f"state: {name}", value)
+    _arguments.positive("state: duration", state.duration, "seconds")
+    _arguments.not_negative("state: previous_step", state.previous_step)
+    for name in ("time", "phase"):
+        _arguments.finite(f"state: {name}", getattr(state, name))
 
 
 def samples_of(dmp: PoseDMP, samples: int | None) -> int:
@@ -278,22 +349,20 @@ def boundary_pose(
     system: ConstraintSystem,
     what: str,
     time: float,
-    position: ArrayLike | None,
-    rotation: Rotation | None,
-    own_position: Floats,
-    own_rotation: Rotation,
+    given: tuple[ArrayLike | None, Rotation | None],
+    own: tuple[Floats, Rotation],
 ) -> tuple[Floats, Rotation]:
     """Return a start or goal: what is given of it, the primitive's own for the rest.
 
     A start, and a goal of which nothing is given, is moved onto the constraints.
     """
-    placed, turned = own_position, own_rotation
+    (position, rotation), (placed, turned) = given, own
     if position is not None:
         placed = _arguments.vector(f"{what}_position", position)
     if rotation is not None:
         turned = _arguments.rotation(f"{what}_rotation", rotation)
-    given = position is not None or rotation is not None
-    if "position" in system.equalities.row_levels and not (given and what == "goal"):
+    is_asked_for = what == "goal" and (position is not None or rotation is not None)
+    if "position" in system.equalities.row_levels and not is_asked_for:
         placed, quaternion = project_pose(
             system.equalities, time, placed, turned.as_quat(scalar_first=True)
         )
@@ -306,12 +375,16 @@ def boundary_pose(
 def start_velocities(
     system: ConstraintSystem,
     inverse_metric: Sequence[float],
+    time: float,
     position: Floats,
     rotation: Rotation,
     given: ArrayLike,
 ) -> tuple[Floats, Floats]:
     """Return linear and angular velocity at the start, nearest to given ones."""
-    values = np.ravel(np.asarray(given, dtype=np.float64))
+    try:
+        values = np.ravel(np.array(given, dtype=np.float64))
+    except (TypeError, ValueError):
+        values = np.empty(0)
     if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
         raise InputError(
             "start_velocity must be 3 finite numbers (m/s), or 6 with the angular velocity (rad/s)"
@@ -319,7 +392,7 @@ def start_velocities(
     linear, angular = values[:3], np.zeros(3) if len(values) == 3 else values[3:]
     return project_velocities(
         system.equalities,
-        0.0,
+        time,
         position,
         rotation.as_quat(scalar_first=True),
         linear,
@@ -332,21 +405,39 @@ def require_feasible(
     system: ConstraintSystem,
     what: str,
     time: float,
-    position: Floats,
-    rotation: Rotation,
+    position: Floats | None,
+    rotation: Rotation | None,
 ) -> None:
     """Refuse a boundary pose that position-level equalities or hard limits do not allow.
+
+    Where only a position or a rotation is given, what depends on the other is not asked.
 
     Raises
     ------
     ConstraintError
         Naming the constraint and by how much it is missed.
     """
-    quaternion = rotation.as_quat(scalar_first=True)
-    values = system.residuals(time, position, quaternion, np.zeros(3), np.zeros(3))[0]
+    # What is open takes any value: rows that change with it are not decided.
+    random = np.random.default_rng(0)
+    tried = np.array(
+        [
+            system.residuals(
+                time,
+                random.normal(size=3) if position is None else position,
+                (Rotation.random(rng=random) if rotation is None else rotation).as_quat(
+                    scalar_first=True
+                ),
+                np.zeros(3),
+                np.zeros(3),
+            )[0]
+            for _ in range(2 if position is None or rotation is None else 1)
+        ]
+    )
+    values, decided = tried[0], np.ptp(tried, axis=0) <= _OFF
     priorities = system.per_row(c.priority for c in system.constraints)
-    for name, level, is_limit, unit, priority, value in zip(
+    for name, counts, level, is_limit, unit, priority, value in zip(
         system.row_names,
+        decided,
         system.row_levels,
         system.row_is_limit,
         system.row_units,
@@ -355,10 +446,10 @@ def require_feasible(
         strict=True,
     ):
         off = max(-value, 0.0) if is_limit else abs(value)
-        if level == "position" and priority == 0 and off > _OFF:
+        if counts and level == "position" and priority == 0 and off > _OFF:
             raise ConstraintError(
                 f"{what} violates {name!r} by {off:.3g} {unit}; no motion that satisfies it "
-                f"{'ends' if what.startswith('goal') else 'passes'} there"
+                f"{'ends' if what == 'goal' else 'passes'} there"
             )
 
 
@@ -506,17 +597,18 @@ def _refined(trajectory: PoseTrajectory, samples: int, at_velocity: bool) -> Pos
     """Return a trajectory on shorter steps that still satisfies velocity constraints, nearly.
 
     These tie the rotation at the end of a step to the chord of the step, half a step earlier: on
-    shorter steps each rotation comes earlier, except at the ends, where poses are fixed.
+    shorter steps each rotation comes earlier, except at the start, where the pose is fixed; the
+    last one stays.
     """
     fractions = np.linspace(0.0, 1.0, samples)
     lead = np.zeros(samples)
     if at_velocity:
-        inside = np.clip(np.minimum(fractions, 1 - fractions) / _PINNED, 0.0, 1.0)
-        lead = (1 / (len(trajectory) - 1) - 1 / (samples - 1)) / 2 * inside
+        longer, shorter = 1 / (len(trajectory) - 1), 1 / (samples - 1)
+        lead = (longer - shorter) / 2 * np.minimum(fractions / (_PINNED * longer), 1.0)
     known = np.linspace(0.0, 1.0, len(trajectory))
     return PoseTrajectory(
         trajectory.times[0] + trajectory.duration * fractions,
         CubicSpline(known, trajectory.positions)(fractions),
-        RotationSpline(known, trajectory.rotations)(fractions + lead),
+        RotationSpline(known, trajectory.rotations)(np.minimum(fractions + lead, 1.0)),
         name=trajectory.name,
     )

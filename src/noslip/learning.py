@@ -84,14 +84,15 @@ class LearningRecord:
     @classmethod
     def of(cls, demonstration: PoseTrajectory, projected: ProjectedTrajectory) -> LearningRecord:
         # A re-planned trajectory has one sample more, before its start.
-        samples = slice(-len(demonstration), None)
+        count = len(demonstration)
+        samples, steps = slice(-count, None), slice(1 - count, None)
         moved = projected.trajectory.positions[samples] - demonstration.positions
         return cls(
             demonstration.name,
             len(demonstration),
             projected.iterations,
             projected.backing,
-            projected.residual,
+            float(np.abs(projected.residuals[steps]).max(initial=0.0)),
             float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
             float(np.sqrt(np.mean(np.sum(projected.turns**2, axis=1)))),
             projected.smoothing,
@@ -248,15 +249,23 @@ class ConstrainedDMP(PoseDMP):
             tau = _arguments.positive("duration", duration, "seconds")
         count = adaptation.samples_of(self, samples)
         goal, goal_turn = adaptation.boundary_pose(
-            self.system, "goal", tau, goal_position, goal_rotation, own.goal, turned.goal
+            self.system,
+            "goal",
+            self.begin + tau,
+            (goal_position, goal_rotation),
+            (own.goal, turned.goal),
         )
         first, first_turn = adaptation.boundary_pose(
-            self.system, "start", 0.0, start_position, start_rotation, own.start, turned.start
+            self.system,
+            "start",
+            self.begin,
+            (start_position, start_rotation),
+            (own.start, turned.start),
         )
         velocities = None
         if start_velocity is not None:
             velocities = adaptation.start_velocities(
-                self.system, self.inverse_metric, first, first_turn, start_velocity
+                self.system, self.inverse_metric, self.begin, first, first_turn, start_velocity
             )
         position = own
         if scaling != "none":
@@ -309,7 +318,7 @@ class ConstrainedDMP(PoseDMP):
         end : "free", "position", "rotation" or "pose"
             What of the goal is kept to.
         samples : int
-            Of the projection: fewer are faster.
+            Of the projection, at most: fewer are faster.
 
         Returns
         -------
@@ -317,22 +326,14 @@ class ConstrainedDMP(PoseDMP):
             Its :meth:`initial_state` is the state to go on from.
         """
         count = adaptation.samples_of(self, samples)
-        goal, goal_turn = adaptation.boundary_pose(
-            self.system,
-            "goal",
-            state.time,
-            goal_position,
-            goal_rotation,
-            state.goal_position,
-            state.goal_rotation,
-        )
+        adaptation.require_state(state)
         adapted, tau = adaptation.replan(
             self,
             self.system,
             self.rollout(duration=state.duration, time_step=state.duration / (count - 1)),
             state,
-            goal_position=goal,
-            goal_rotation=goal_turn,
+            goal_position=goal_position,
+            goal_rotation=goal_rotation,
             duration=duration,
             end=end,
             samples=count,

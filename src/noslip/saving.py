@@ -49,6 +49,7 @@ def save_primitive(dmp: ConstrainedDMP, path: str | Path) -> Path:
         "primitive": _parts(dmp),
         "regular": _parts(dmp.regular),
         "projected_step": dmp.projected_step,
+        "begin": dmp.begin,
         "learned_from": [asdict(record) for record in dmp.record],
     }
     document = {
@@ -121,6 +122,7 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         barrier_rate=(
             read.positive(content, "barrier_rate") if "barrier_rate" in content else BARRIER_RATE
         ),
+        begin=read.finite({"begin": 0.0} | content, "begin"),
         record=tuple(read.records(content)),
         projected_step=read.field(
             content,
@@ -177,6 +179,9 @@ class _Reader:
 
     def positive(self, data: dict[str, Any], name: str) -> float:
         return self.field(data, name, lambda value: _arguments.positive(name, value))
+
+    def finite(self, data: dict[str, Any], name: str) -> float:
+        return self.field(data, name, lambda value: _arguments.finite(name, value))
 
     def count(self, data: dict[str, Any], name: str) -> int:
         return self.field(data, name, lambda value: _arguments.count(name, value))

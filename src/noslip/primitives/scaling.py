@@ -60,7 +60,8 @@ def scaled_position(
     Returns
     -------
     PositionDMP
-        A goal equal to the start gives a motion that stays there, under either scaling.
+        A goal equal to the start lets an axis that is scaled stand still, and with
+        ``"rotation-dilation"`` the whole motion.
     """
     if scaling not in get_args(Scaling):
         raise InputError(f"scaling is one of {', '.join(get_args(Scaling))}; got {scaling!r}")

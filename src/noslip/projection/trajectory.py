@@ -201,8 +201,8 @@ def project_trajectory(
         last: _Boundary.of("end", end, end_position, end_rotation),
     }
     for k, kept in (keep or {}).items():
-        if not 0 < k < last:
-            raise InputError(f"keep: samples between the ends are 1 to {last - 1}, got {k}")
+        if not isinstance(k, (int, np.integer)) or not 0 < k < last:
+            raise InputError(f"keep: samples between the ends are 1 to {last - 1}, got {k!r}")
         boundaries[k] = _Boundary.of(f"keep[{k}]", kept, None, None)
     if hold_position and any(b.position is not None for b in boundaries.values()):
         raise InputError("hold_position=True keeps every position; no end can get another one")

@@ -1,0 +1,267 @@
+"""The loop: steps like a rollout, comes back when pushed, reaches goals that move."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from noslip.experiments.numerical_example import demonstration
+from noslip.runtime.steering import LARGEST_TURN, Steering
+
+Floats = NDArray[np.float64]
+seeds = st.integers(0, 2**32 - 1)
+
+
+@cache
+def primitive() -> ns.ConstrainedDMP:
+    return ns.learn(demonstration(), [ns.Blade()])
+
+
+@cache
+def length() -> float:
+    return primitive().rollout().path_length
+
+
+STEP = primitive().duration / primitive().steps
+
+
+def unit(rng: np.random.Generator) -> Floats:
+    x = rng.normal(size=3)
+    return np.asarray(x / np.linalg.norm(x))
+
+
+def run(
+    controller: ns.Controller,
+    pushes: dict[int, Floats] | None = None,
+    goals: dict[int, dict[str, Any]] | None = None,
+    measured: bool = True,
+) -> list[ns.State]:
+    """Step to the end; each measured state is the last one, pushed where asked."""
+    pushes, goals = pushes or {}, goals or {}
+    state = controller.reset()
+    states = [state]
+    while not controller.done:
+        k = len(states) - 1
+        assert k < 10 * primitive().steps
+        given_state = replace(state, position=state.position + pushes.get(k, np.zeros(3)))
+        state = controller.step(given_state if measured else None, **goals.get(k, {}))
+        states.append(state)
+    return states
+
+
+def residual(states: list[ns.State]) -> float:
+    return max(float(np.abs(s.constraint_residuals).max()) for s in states)
+
+
+def misses(state: ns.State, position: Floats, rotation: Rotation) -> tuple[float, float]:
+    """Distance from a goal over the path's length, and degrees."""
+    off = float(np.linalg.norm(state.position - position)) / length()
+    return off, float(np.degrees((state.rotation * rotation.inv()).magnitude()))
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_undisturbed_it_is_the_rollout_to_the_bit(measured: bool) -> None:
+    dmp = primitive()
+    states = run(dmp.controller(time_step=STEP), measured=measured)
+    motion = dmp.rollout(time_step=STEP)
+    np.testing.assert_allclose([s.position for s in states], motion.positions, rtol=0, atol=1e-12)
+    last = states[-1].rotation * motion.rotations[-1].inv()
+    assert last.magnitude() <= 1e-12
+
+
+@given(seeds, st.floats(0, 0.999), st.floats(0.01, 0.2), st.booleans())
+@settings(max_examples=25)
+def test_a_pushed_tool_reaches_the_goal_and_never_slips(
+    seed: int, when: float, size: float, sideways: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP)
+    k = int(when * dmp.steps)
+    direction = unit(rng)
+    if sideways:
+        direction = dmp.rollout().rotations[k].as_matrix()[:, 1]
+    states = run(controller, {k: size * length() * direction})
+    assert residual(states) <= 1e-10
+    off, turned = misses(states[-1], dmp.position.goal, dmp.orientation.goal)
+    assert off <= 1e-3
+    assert turned <= 1.0
+    assert not any(plan.failure for plan in controller.replanned)
+
+
+@given(seeds, st.floats(0.05, 0.9))
+@settings(max_examples=10)
+def test_a_goal_that_moves_is_reached(seed: int, when: float) -> None:
+    rng = np.random.default_rng(seed)
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP)
+    goal = dmp.position.goal + 0.2 * length() * unit(rng)
+    turned_goal = Rotation.from_rotvec(0.5 * unit(rng)) * dmp.orientation.goal
+    asked = {int(when * dmp.steps): {"goal_position": goal, "goal_rotation": turned_goal}}
+    states = run(controller, goals=asked)
+    assert residual(states) <= 1e-10
+    off, turned = misses(states[-1], goal, turned_goal)
+    assert off <= 1e-3
+    assert turned <= 1.0
+    assert [plan.reason for plan in controller.replanned] == ["goal"]
+
+
+def test_small_sideways_pushes_are_steered_away_without_a_new_plan() -> None:
+    dmp = primitive()
+    nominal = dmp.rollout(time_step=STEP)
+    k = 150
+    push = 0.0015 * length() * nominal.rotations[k].as_matrix()[:, 1]
+    controller = dmp.controller(time_step=STEP)
+    steered = run(controller, {k: push})
+    assert controller.replanned == []
+    # Without steering: the same steps, none of them measured.
+    state = dmp.initial_state()
+    for i in range(dmp.steps):
+        if i == k:
+            state = replace(state, position=state.position + push)
+        state = dmp.step(state, STEP)
+    halfway = (k + dmp.steps) // 2
+    off = np.linalg.norm(steered[halfway].position - nominal.positions[halfway])
+    left = np.linalg.norm(state.position - nominal.positions[-1])
+    assert off <= 0.25 * np.linalg.norm(push)
+    assert np.linalg.norm(steered[-1].position - nominal.positions[-1]) <= left
+
+
+def test_noise_of_measurement_does_not_make_it_slip_or_miss() -> None:
+    rng = np.random.default_rng(0)
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP)
+    pushes = {k: 1e-5 * length() * rng.normal(size=3) for k in range(dmp.steps)}
+    states = run(controller, pushes)
+    assert residual(states) <= 1e-10
+    assert misses(states[-1], dmp.position.goal, dmp.orientation.goal)[0] <= 2e-3
+
+
+def test_a_tool_that_is_held_is_waited_for() -> None:
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP)
+    state = controller.reset()
+    for _ in range(300):
+        state = controller.step(state)
+    held = state
+    for _ in range(2000):
+        pose = replace(
+            controller.state,
+            position=held.position,
+            rotation=held.rotation,
+            linear_velocity=np.zeros(3),
+            angular_velocity=np.zeros(3),
+        )
+        state = controller.step(pose)
+    assert not controller.done
+    while not controller.done:
+        state = controller.step(state)
+        assert np.abs(state.constraint_residuals).max() <= 1e-10
+    off, turned = misses(state, dmp.position.goal, dmp.orientation.goal)
+    assert off <= 2e-3
+    assert turned <= 1.0
+
+
+def test_a_goal_that_no_motion_reaches_is_told_and_the_old_one_kept() -> None:
+    t = np.linspace(0, 1, 101)
+    flat = np.column_stack([t, 0.2 * np.sin(2 * t), 0 * t])
+    heading = np.arctan2(0.4 * np.cos(2 * t), 1.0)
+    dmp = ns.learn(
+        ns.PoseTrajectory(t, flat, Rotation.from_euler("z", heading)),
+        [ns.Blade(), ns.PlaneContact()],
+    )
+    controller = dmp.controller(time_step=dmp.duration / dmp.steps)
+    state = controller.step(goal_position=[1.0, 0.2, 0.1])
+    while not controller.done:
+        state = controller.step(state)
+        assert np.abs(state.constraint_residuals).max() <= 1e-10
+    assert "plane-contact" in controller.replanned[0].failure
+    np.testing.assert_allclose(state.position, dmp.position.goal, atol=2e-3)
+
+
+def test_cycles_that_come_late_are_caught_up_with() -> None:
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP)
+    rng = np.random.default_rng(1)
+    while not controller.done:
+        state = controller.step(controller.state, time_step=STEP * rng.choice([0.5, 1, 1, 3]))
+        assert np.abs(state.constraint_residuals).max() <= 1e-10
+    assert misses(state, dmp.position.goal, dmp.orientation.goal)[0] <= 3e-3
+
+
+def test_reset_begins_anew() -> None:
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP)
+    push = {400: 0.1 * length() * np.array([0.0, 1.0, 0.0])}
+    first = run(controller, push)
+    second = run(controller, push)
+    np.testing.assert_array_equal(first[-1].position, second[-1].position)
+    assert len(controller.replanned) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"time_step": 0.0}, "time_step"),
+        ({"time_step": np.nan}, "time_step"),
+        ({"time_step": 1e-3, "tolerance": -1}, "tolerance"),
+        ({"time_step": 1e-3, "angle_tolerance": 0}, "angle_tolerance"),
+    ],
+)
+def test_wrong_options_are_named(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(ns.InputError, match=said):
+        primitive().controller(**options)
+
+
+def test_wrong_steps_are_named() -> None:
+    controller = primitive().controller(time_step=STEP)
+    with pytest.raises(ns.InputError, match="measured_state"):
+        controller.step(np.zeros(3))
+    with pytest.raises(ns.InputError, match="goal_position"):
+        controller.step(goal_position=[1, 2])
+    with pytest.raises(ns.InputError, match="time_step"):
+        controller.step(time_step=-1)
+
+
+# -------------------------------------------------------------------- steering
+
+
+@given(seeds)
+def test_the_turned_blade_allows_the_wish(seed: int) -> None:
+    # Of first order: what is left is of second order in the wish.
+    rng = np.random.default_rng(seed)
+    system = ns.learn(demonstration(), [ns.Blade()]).system if seed == 0 else primitive().system
+    R = Rotation.random(rng=rng)
+    along = R.as_matrix() @ [1.0, 0, 0.3 * rng.normal()]
+    left = []
+    for size in (1e-2, 1e-3):
+        wish = size * unit(np.random.default_rng(seed))
+        quaternion = R.as_quat(scalar_first=True)
+        turn = Steering(system, 1e-9)(0.0, np.zeros(3), quaternion, along, np.zeros(3), wish)
+        lateral = (Rotation.from_rotvec(turn) * R).as_matrix()[:, 1]
+        left.append(abs(lateral @ (along + wish)))
+    assert left[0] <= 2e-4
+    assert left[1] <= 2e-6
+
+
+def test_steering_is_bounded_and_nothing_where_the_tool_rests() -> None:
+    steering = Steering(primitive().system, 1.0)
+    at = (0.0, np.zeros(3), np.array([1.0, 0, 0, 0]))
+    far = steering(*at, np.array([1.0, 0, 0]), np.zeros(3), np.array([0, 1e3, 0]))
+    assert np.linalg.norm(far) <= LARGEST_TURN * (1 + 1e-12)
+    rest = steering(*at, np.zeros(3), np.zeros(3), np.array([0, 1e-3, 0]))
+    np.testing.assert_allclose(rest, 0, atol=1e-12)
+
+
+def test_constraints_on_poses_do_not_steer() -> None:
+    steering = Steering(ns.learn(demonstration(), [ns.PlaneContact()]).system, 1.0)
+    assert not steering(0.0, np.zeros(3), np.array([1.0, 0, 0, 0]), *np.eye(3)).any()
