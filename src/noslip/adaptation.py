@@ -9,7 +9,7 @@ primitive is fitted to the result.  From a state in the middle of a motion, the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
@@ -204,7 +204,7 @@ def adapt(
         **{place: (v.position, v.rotation) for place, v in places.items()},
         samples - 1: _kept(end, goal_position, goal_rotation),
     }
-    reference = _through(free, goals, start_velocities)
+    reference = through(free, goals, start_velocities)
     task = _task(reference, goals, begin, start_velocities)
     adapted = _carried_out(dmp, system, task, weights, dmp.steps)
     hard = [c.priority == 0 for c in system.limits.constraints]
@@ -293,7 +293,7 @@ def replan(
         samples - 1: _kept(end, goal, goal_turn),
     }
     velocities = _velocities_now(nominal, done, state)
-    moved = _through(rest, goals, velocities)
+    moved = through(rest, goals, velocities)
     task = _task(moved, goals, state.time, velocities)
     # The time step stays what it was, unless that is too long for the fit.
     steps = round(dmp.steps * duration / state.duration)
@@ -460,9 +460,9 @@ def _kept(what: End, position: Floats, rotation: Rotation) -> tuple[Any, Any]:
     )
 
 
-def _through(
+def through(
     free: PoseTrajectory,
-    goals: dict[int, tuple[ArrayLike | None, Rotation | None]],
+    goals: Mapping[int, tuple[ArrayLike | None, Rotation | None]],
     velocities: tuple[Floats, Floats] | None = None,
 ) -> PoseTrajectory:
     """Return a motion displaced by minimum jerk such that it passes what it must, exactly.

@@ -38,6 +38,7 @@ from noslip.projection.trajectory import (
     ProjectedTrajectory,
     project_heeding_what_it_can,
 )
+from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ class ConstrainedDMP(PoseDMP):
     begin : float
         Time at its start (s), for constraints that depend on it; that of the state from which it
         was re-planned.
+    spread : Spread or None
+        How far the demonstrations lie apart, if there were several.
     """
 
     constraints: tuple[Constraint, ...]
@@ -134,6 +137,7 @@ class ConstrainedDMP(PoseDMP):
     record: tuple[LearningRecord, ...] = ()
     projected_step: float | None = None
     begin: float = 0.0
+    spread: Spread | None = None
 
     @cached_property
     def system(self) -> ConstraintSystem:
@@ -542,4 +546,5 @@ def learn(
         projected_step=(
             float(np.mean([1 / (len(d) - 1) for d in projected])) if projected else None
         ),
+        spread=Spread.about(fitted, projected or sampled),
     )

@@ -26,6 +26,7 @@ from noslip.primitives.phase import Phase
 from noslip.primitives.pose import PoseDMP
 from noslip.primitives.position import PositionDMP
 from noslip.primitives.winding import Winding
+from noslip.spread import Spread
 
 Floats = NDArray[np.float64]
 T = TypeVar("T")
@@ -50,6 +51,7 @@ def save_primitive(dmp: ConstrainedDMP, path: str | Path) -> Path:
         "regular": _parts(dmp.regular),
         "projected_step": dmp.projected_step,
         "begin": dmp.begin,
+        "spread": None if dmp.spread is None else _spread(dmp.spread),
         "learned_from": [asdict(record) for record in dmp.record],
     }
     document = {
@@ -123,6 +125,7 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
             read.positive(content, "barrier_rate") if "barrier_rate" in content else BARRIER_RATE
         ),
         begin=read.finite({"begin": 0.0} | content, "begin"),
+        spread=read.spread(content),
         record=tuple(read.records(content)),
         projected_step=read.field(
             content,
@@ -146,6 +149,14 @@ def _parts(dmp: PoseDMP) -> dict[str, Any]:
             "winding": dmp.orientation.winding.quaternions.tolist(),
             "start_velocity": dmp.orientation.start_velocity.tolist(),
         },
+    }
+
+
+def _spread(spread: Spread) -> dict[str, Any]:
+    return {
+        "demonstrations": spread.demonstrations,
+        "positions": spread.positions.tolist(),
+        "rotations": spread.rotations.tolist(),
     }
 
 
@@ -218,6 +229,17 @@ class _Reader:
                 Winding(self.array(orientation, "winding", (None, 4))),
                 self.array(orientation, "start_velocity", (3,)),
             ),
+        )
+
+    def spread(self, content: dict[str, Any]) -> Spread | None:
+        # Files written before it was kept have none.
+        if content.get("spread") is None:
+            return None
+        part = self.part(content, "spread")
+        return Spread(
+            self.count(part, "demonstrations"),
+            self.array(part, "positions", (None, 3, 3)),
+            self.array(part, "rotations", (None, 3, 3)),
         )
 
     def records(self, content: dict[str, Any]) -> list[LearningRecord]:

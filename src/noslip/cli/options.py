@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, cast, get_args
 
+import numpy as np
 import typer
+from scipy.spatial.transform import Rotation
 
+from noslip import _arguments
 from noslip.constraints.catalogue import CATALOGUE, parse_constraint
 from noslip.constraints.declaration import Constraint
 from noslip.demonstrations.loading import load_demonstrations
@@ -149,6 +152,23 @@ def numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
         wanted = " or ".join(map(str, counts))
         raise InputError(f"{option}: expected {wanted} numbers separated by commas, got {text!r}")
     return values
+
+
+def vector(option: str, text: str | None) -> list[float] | None:
+    """Return the three finite numbers that an option gives (m)."""
+    if text is None:
+        return None
+    return list(_arguments.vector(option, numbers(option, text, (3,))))
+
+
+def rotation(option: str, text: str | None) -> Rotation | None:
+    """Return the rotation whose unit quaternion (qw,qx,qy,qz) an option gives."""
+    if text is None:
+        return None
+    quaternion = np.array(numbers(option, text, (4,)))
+    if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:
+        raise InputError(f"{option}: {text} is not a unit quaternion (qw,qx,qy,qz)")
+    return Rotation.from_quat(quaternion, scalar_first=True)
 
 
 def output(path: Path | None, option: str = "--out") -> Path | None:

@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from scipy.spatial.transform import Rotation
 
 from noslip.cli import options, output
 from noslip.constraints.check import CheckReport, amount, check
@@ -118,12 +117,12 @@ def run(
         Variant.CONSTRAINED: dmp.constrained,
         Variant.REGULAR: dmp.regular,
     }[variant]
-    goal = _vector("--goal-position", goal_position)
+    goal = options.vector("--goal-position", goal_position)
     motion = chosen.rollout(
         goal_position=goal,
-        goal_rotation=_rotation("--goal-rotation", goal_rotation),
-        start_position=_vector("--start-position", start_position),
-        start_rotation=_rotation("--start-rotation", start_rotation),
+        goal_rotation=options.rotation("--goal-rotation", goal_rotation),
+        start_position=options.vector("--start-position", start_position),
+        start_rotation=options.rotation("--start-rotation", start_rotation),
         duration=duration,
         time_step=time_step,
         project_start=project_start,
@@ -188,16 +187,3 @@ def _write(motion: PoseTrajectory, out: Path) -> None:
         motion.to_npz(out)
     else:
         motion.to_csv(out)
-
-
-def _vector(option: str, text: str | None) -> list[float] | None:
-    return None if text is None else options.numbers(option, text, (3,))
-
-
-def _rotation(option: str, text: str | None) -> Rotation | None:
-    if text is None:
-        return None
-    quaternion = np.array(options.numbers(option, text, (4,)))
-    if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:
-        raise InputError(f"{option}: {text} is not a unit quaternion (qw,qx,qy,qz)")
-    return Rotation.from_quat(quaternion, scalar_first=True)

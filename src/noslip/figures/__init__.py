@@ -4,6 +4,7 @@ Figure-level functions return a :class:`matplotlib.figure.Figure`; :func:`save_f
 The others draw into axes and return what they drew.
 """
 
+from noslip.figures.family import adapted_family
 from noslip.figures.history import constraint_history
 from noslip.figures.motion import (
     compare_motions,
@@ -18,6 +19,7 @@ from noslip.figures.spread import demonstration_spread, orientation_adjustments,
 from noslip.figures.style import save_figure
 
 __all__ = [
+    "adapted_family",
     "blade_snapshots",
     "compare_motions",
     "constraint_history",

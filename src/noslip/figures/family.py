@@ -1,0 +1,379 @@
+"""A primitive adapted to other goals: where the family goes, how near it ends, what it slips."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator, NullFormatter
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from noslip._arguments import vector
+from noslip.constraints.declaration import axis_index
+from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.errors import InputError
+from noslip.figures.quantities import (
+    Constraints,
+    Motions,
+    amount,
+    named,
+    residual_rows,
+    scaled_unit,
+    violations,
+)
+from noslip.figures.snapshots import equally_far_apart
+from noslip.figures.style import (
+    PALETTE,
+    SMALL_FONT_SIZE,
+    TWO_COLUMNS,
+    dress,
+    line_styles,
+    new_figure,
+    number,
+    put_legend,
+    short_name,
+    write_title,
+)
+from noslip.trajectory import Floats, PoseTrajectory
+
+Goal = tuple[ArrayLike | None, Rotation | None]
+"""Where a motion should end: position (m) and rotation, None of what is left free."""
+
+MOST_NAMED = 8
+"""Motions that get a colour and a name each; more of them share one colour."""
+SIDE_VIEW = 0.15
+"""Share of the family's reach from which its least axis gets a view of its own."""
+TICK = 0.035
+"""Half the length of a tick across the tool, as a share of the family's reach."""
+MOST_TICKS, FEWEST_TICKS = 9, 4
+"""Ticks along a motion that has a colour of its own, when it is alone and when there are many."""
+SEEN = 0.5
+"""Share of its length that an axis of the tool must show in a view to be drawn there."""
+VISIBLE_SHARE, VISIBLE_TURN = 1e-3, 0.1
+"""Displacement of a goal (of the path's length) and its turn (degrees) that are worth telling."""
+
+ORIGINAL: dict[str, Any] = {"color": PALETTE["grey"], "linewidth": 3.2, "zorder": 1.5}
+ON_TOP: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 1.5, "zorder": 2.8}
+"""The original among so many others that would hide it."""
+MANY: dict[str, Any] = {"color": PALETTE["sky"], "linestyle": "-", "linewidth": 0.6}
+WANTED: dict[str, Any] = {"color": PALETTE["black"], "mfc": "none", "mew": 0.7, "marker": "s"}
+FAILED: dict[str, Any] = {"color": PALETTE["vermillion"], "marker": "x", "mew": 1.3, "ms": 5}
+NOTHING: dict[str, Any] = {"color": PALETTE["black"], "marker": "v", "mfc": "white", "ms": 4}
+ENDS = "ends off by"
+FOOT = 0.05
+"""Height of the marks of what a logarithmic axis cannot show, as a share of the axis."""
+
+
+def adapted_family(
+    original: PoseTrajectory,
+    adapted: Motions,
+    goals: Mapping[str, Goal],
+    constraints: Constraints = (),
+    *,
+    title: str | None = None,
+) -> Figure:
+    """Show the motions of a primitive adapted to other goals, and how well they get there.
+
+    Panels: the paths in the plane in which they reach furthest, and from the side if they leave it,
+    with the tool's lateral axis across them here and there; for each goal how far from it the
+    motion ends, in position and in rotation; and the largest residual of the constraints.  Up to 8
+    motions have a colour each.
+
+    Parameters
+    ----------
+    original : PoseTrajectory
+        Of the primitive as it was learned.
+    adapted : PoseTrajectory or mapping of them by name
+    goals : mapping of (position, rotation) by name
+        Metres; None of what is left free.  A goal without a motion is drawn as failed.
+    constraints : Constraint or several
+        None leaves their panel out.
+    title : str, optional
+        By default the finding: how far away the goals are, and the largest errors.
+
+    Raises
+    ------
+    InputError
+        If there is no motion, or one without a goal.
+    """
+    motions = named(adapted)
+    if strangers := [name for name in motions if name not in goals]:
+        raise InputError(f"goals lack {strangers[0]!r}, which adapted holds; name a goal for each")
+    named({"original": original})
+    numbers = {name: index for index, name in enumerate(goals, start=1)}
+    styles = _styles(motions)
+    system = as_system(constraints)
+    panels = _measured(motions, goals, system)
+
+    views = _views([original, *motions.values()], goals)
+    figure = new_figure(TWO_COLUMNS, max(2.9, 0.7 + 1.25 * len(panels)) + 0.7 * (len(views) - 1))
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.35, 1))
+    paths = grid[0].subgridspec(len(views), 1, height_ratios=(2, 1)[: len(views)])
+    ticks = []
+    for row, view in enumerate(views):
+        ax = figure.add_subplot(paths[row])
+        ticks.append(_draw_paths(ax, view, original, motions, goals, styles, system))
+        if not row:
+            ax.set_title("paths (○ start, ■ end)", fontsize=SMALL_FONT_SIZE)
+    stack = grid[1].subgridspec(max(1, len(panels)), 1)
+    axes = [figure.add_subplot(stack[row]) for row in range(len(panels))]
+    for ax, panel in zip(axes, panels, strict=True):
+        _draw_sizes(ax, panel, numbers, styles)
+    for ax in axes[:-1]:
+        ax.set_xlabel("")
+        ax.tick_params(labelbottom=False)
+    figure.align_ylabels(axes)
+
+    nothing = any((values == 0).any() for values in (p.in_order(motions) for p in panels))
+    failed = [name for name in goals if name not in motions]
+    put_legend(figure, _handles(styles, ticks, failed=bool(failed), nothing=nothing))
+    write_title(figure, title or _finding(original, motions, goals, panels))
+    return figure
+
+
+def end_errors(motion: PoseTrajectory, goal: Goal) -> tuple[float | None, float | None]:
+    """Return how far from its goal a motion ends: metres and radians, None of what is left free."""
+    position, rotation = goal
+    off = turned = None
+    if position is not None:
+        off = float(np.linalg.norm(motion.positions[-1] - vector("goal position", position)))
+    if rotation is not None:
+        turned = float((motion.rotations[-1].inv() * rotation).magnitude())
+    return off, turned
+
+
+# ---------------------------------------------------------------- what is measured
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """One number a motion, of those that have it, in SI units or degrees."""
+
+    name: str
+    unit: str
+    values: dict[str, float]
+
+    def in_order(self, motions: Mapping[str, PoseTrajectory]) -> Floats:
+        return np.array([self.values[name] for name in motions if name in self.values])
+
+    @property
+    def told(self) -> str:
+        """The largest of all with its unit."""
+        return f"{number(self.most)}°" if self.unit == "°" else amount(self.most, self.unit)
+
+    @property
+    def most(self) -> float:
+        return max(self.values.values())
+
+
+def _measured(
+    motions: Mapping[str, PoseTrajectory], goals: Mapping[str, Goal], system: ConstraintSystem
+) -> list[_Sizes]:
+    """What the panels beside the paths show; nothing that is not there."""
+    errors = {name: end_errors(motion, goals[name]) for name, motion in motions.items()}
+    off = {name: found for name, (found, _) in errors.items() if found is not None}
+    turned = {name: np.degrees(found) for name, (_, found) in errors.items() if found is not None}
+    rows = residual_rows(motions, system) if system.size else []
+    peaks = {
+        name: max(
+            float(violations(row.values[name], row.is_limit).max()) / row.scale for row in rows
+        )
+        for name in (motions if rows else ())
+    }
+    units = {row.own_unit for row in rows}
+    sizes = [
+        _Sizes(ENDS, "m", off),
+        _Sizes(ENDS, "°", turned),
+        _Sizes(
+            "violation" if any(row.is_limit for row in rows) else "residual",
+            units.pop() if len(units) == 1 else "SI",
+            peaks,
+        ),
+    ]
+    return [size for size in sizes if size.values]
+
+
+def _finding(
+    original: PoseTrajectory,
+    motions: Mapping[str, PoseTrajectory],
+    goals: Mapping[str, Goal],
+    panels: Sequence[_Sizes],
+) -> str:
+    """Say how far away the goals are, and how well all of them are reached."""
+    away = [end_errors(original, goals[name]) for name in motions]
+    share = max(off or 0.0 for off, _ in away) / (original.path_length or 1.0)
+    turn = np.degrees(max(turned or 0.0 for _, turned in away))
+    count = f"{len(motions)} of {len(goals)}" if len(motions) < len(goals) else f"{len(goals)}"
+    text = "One goal" if len(goals) == 1 else f"{count} goals"
+    up_to = " up to" if len(goals) > 1 else ""
+    where = []
+    if share >= VISIBLE_SHARE:
+        where.append(f"{number(100 * share)} % of the path away")
+    if turn >= VISIBLE_TURN:
+        where.append(f"turned by {number(turn)}°")
+    if where:
+        text += f"{up_to} {' and '.join(where)}"
+    ends = [panel.told for panel in panels if panel.name == ENDS]
+    results = [f"ends within {' and '.join(ends)}"] if ends else []
+    results += [f"{panel.name} {panel.told}" for panel in panels if panel.name != ENDS]
+    return f"{text}: {', '.join(results)}" if results else text
+
+
+# ---------------------------------------------------------------- what is drawn
+
+
+def _styles(motions: Mapping[str, PoseTrajectory]) -> dict[str, dict[str, Any]]:
+    if len(motions) > MOST_NAMED:
+        return dict.fromkeys(motions, MANY)
+    # By number: some names, such as "regular", have styles of their own.
+    colors = line_styles(str(index) for index in range(len(motions)))
+    return dict(zip(motions, colors.values(), strict=True))
+
+
+def _views(family: Sequence[PoseTrajectory], goals: Mapping[str, Goal]) -> list[tuple[int, int]]:
+    """World axes of each view of the paths: that of the furthest reach, and one from the side."""
+    points = [motion.positions for motion in family]
+    points += [
+        np.reshape(position, (1, 3)) for position, _ in goals.values() if position is not None
+    ]
+    reach = np.ptp(np.concatenate(points), axis=0)
+    least = 2 if reach[2] <= reach[:2].min() else int(np.argmin(reach[:2]))
+    a, b = (axis for axis in range(3) if axis != least)
+    beside = reach[least] > SIDE_VIEW * reach.max()
+    return [(a, b), (a, least)] if beside else [(a, b)]
+
+
+def _draw_paths(
+    ax: Axes,
+    view: tuple[int, int],
+    original: PoseTrajectory,
+    motions: Mapping[str, PoseTrajectory],
+    goals: Mapping[str, Goal],
+    styles: Mapping[str, dict[str, Any]],
+    system: ConstraintSystem,
+) -> str:
+    """Draw all paths in a plane, to scale; return what the ticks across them are."""
+    family = [original, *motions.values()]
+    reach = float(np.ptp(np.concatenate([m.positions for m in family]), axis=0).max()) or 1.0
+    scale, unit = scaled_unit(reach)
+    columns = list(view)
+    few = len(motions) <= MOST_NAMED
+    before = ORIGINAL if few else ON_TOP
+    count = max(FEWEST_TICKS, MOST_TICKS + 1 - len(motions)) if few else 1
+    axis, tick = _tool_axis(system, family, columns)
+
+    ax.plot(*(scale * original.positions[:, columns].T), **before)
+    starts, ends = (
+        scale * np.array([motion.positions[at, columns] for motion in family]) for at in (0, -1)
+    )
+    for name, motion in motions.items():
+        ax.plot(*(scale * motion.positions[:, columns].T), **styles[name], label=short_name(name))
+    size = 4.5 if few else 1.9
+    for motion, style, start, end in zip(
+        family, [before, *styles.values()], starts, ends, strict=True
+    ):
+        color = style["color"]
+        if motion is not original:
+            ticks = _ticks(motion, axis, count, TICK * reach)[:, :, columns]
+            ax.add_collection(LineCollection(list(scale * ticks), colors=color, linewidths=0.8))
+        ax.plot(*end, "s", color=color, ms=0.75 * size, zorder=3)
+        ax.plot(*start, "o", color=color, mfc="white", ms=size, zorder=3.2)
+    for name, (position, _) in goals.items():
+        if position is None:
+            continue
+        place = scale * np.asarray(position, dtype=np.float64)[columns]
+        if name in motions:
+            ax.plot(*place, **WANTED, ms=1.6 * size, zorder=3.5)
+        else:
+            ax.plot(*place, **FAILED, zorder=4)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.08)
+    dress(ax, *(f"{'xyz'[column]} ({unit})" for column in columns))
+    return tick
+
+
+def _tool_axis(
+    system: ConstraintSystem, family: Sequence[PoseTrajectory], columns: Sequence[int]
+) -> tuple[int, str]:
+    """Body axis that ticks show, and what it is: the lateral one, unless it points at the eye."""
+    tools = [c for c in system.constraints if c.lateral is not None]
+    lateral = axis_index(tools[0].lateral)[0] if tools and tools[0].lateral else 1
+    edge = axis_index(tools[0].edge)[0] if tools and tools[0].edge else 0
+    matrices = np.concatenate([motion.rotations.as_matrix() for motion in family])
+    seen = np.median(np.linalg.norm(matrices[:, columns, lateral], axis=1))
+    axis = lateral if seen >= SEEN else edge
+    role = "lateral axis" if axis == lateral else "edge"
+    return axis, f"{('x̂', 'ŷ', 'ẑ')[axis]}, the tool's {role}"
+
+
+def _ticks(motion: PoseTrajectory, axis: int, count: int, half: float) -> Floats:
+    """Return segments along a body axis, the last at the motion's end, shape (count, 2, 3), metres.
+
+    Fewer of a motion that rests.
+    """
+    where = equally_far_apart(motion, count + 1)[1:]
+    along = half * motion.rotations[where].as_matrix()[:, :, axis]
+    middle = motion.positions[where]
+    return np.stack([middle - along, middle + along], axis=1)
+
+
+def _draw_sizes(
+    ax: Axes,
+    panel: _Sizes,
+    numbers: Mapping[str, int],
+    styles: Mapping[str, dict[str, Any]],
+) -> None:
+    """Draw one value a goal on a logarithmic axis; what is zero, and failed, at its foot."""
+    scale, unit = scaled_unit(panel.most, panel.unit)
+    positive = [scale * value for value in panel.values.values() if value > 0]
+    if positive:
+        ax.set_yscale("log")
+        # Whole decades, so that two of them have a number.
+        ends = np.log10([min(positive) / 2, 1.2 * max(positive)])
+        ax.set_ylim(10 ** np.floor(ends[0]), 10 ** np.ceil(ends[1]))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        ax.set_ylim(-FOOT, 1 - FOOT)
+        ax.set_yticks([0])
+    size = 4.5 if len(styles) <= MOST_NAMED else 2.5
+    foot = ax.get_xaxis_transform()
+    for name, place in numbers.items():
+        if name not in styles:
+            ax.plot(place, FOOT, linestyle="none", transform=foot, **FAILED)
+        elif panel.values.get(name) == 0:
+            ax.plot(place, FOOT, linestyle="none", transform=foot, **NOTHING)
+        elif name in panel.values:
+            color = styles[name]["color"] if styles[name] is not MANY else PALETTE["blue"]
+            ax.plot(place, scale * panel.values[name], "o", color=color, ms=size, mew=0)
+    room = max(0.5, 0.02 * len(numbers))
+    ax.set_xlim(1 - room, len(numbers) + room)
+    ax.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
+    dress(ax, "goal (number)", f"{panel.name} ({unit})")
+
+
+def _handles(
+    styles: Mapping[str, dict[str, Any]], ticks: Sequence[str], *, failed: bool, nothing: bool
+) -> dict[str, Artist]:
+    many = len(styles) > MOST_NAMED
+    before = ON_TOP if many else ORIGINAL
+    marks: dict[str, Artist] = {"original primitive": Line2D([], [], **before)}
+    if many:
+        marks[f"adapted ({len(styles)})"] = Line2D([], [], **MANY)
+    else:
+        marks |= {name: Line2D([], [], **style) for name, style in styles.items()}
+    marks["wanted goal"] = Line2D([], [], linestyle="none", ms=7, **WANTED)
+    for tick in ticks:
+        marks[tick] = Line2D([], [], linestyle="none", color="black", marker="|", ms=7)
+    if failed:
+        marks["failed"] = Line2D([], [], linestyle="none", **FAILED)
+    if nothing:
+        marks["exactly 0"] = Line2D([], [], linestyle="none", **NOTHING)
+    return marks

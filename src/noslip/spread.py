@@ -1,0 +1,97 @@
+"""How far the demonstrations of one primitive lie apart, starts and goals aside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noslip.adaptation import through
+from noslip.errors import InputError
+from noslip.primitives.pose import PoseDMP
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+_SAMPLES = 101
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Covariance of demonstrations about the primitive learned from them, along the motion.
+
+    Each demonstration is compared with the primitive's motion, moved to the demonstration's own
+    start and goal as in :meth:`noslip.ConstrainedDMP.adapt`, at equal fractions of the durations:
+    what differs in start, goal and duration is no spread.
+
+    Attributes
+    ----------
+    demonstrations : int
+        How many; two or more.
+    positions, rotations : array, shape (K, 3, 3)
+        Covariances of position (m^2) and of the rotation vector ``Log(R_demo R^T)`` (rad^2), world
+        frame, at fractions of the duration evenly spaced from 0 to 1; unbiased (over n - 1).
+    """
+
+    demonstrations: int
+    positions: Floats
+    rotations: Floats
+
+    def __post_init__(self) -> None:
+        if self.demonstrations < 2:
+            raise InputError(f"a spread is of 2 demonstrations or more, not {self.demonstrations}")
+        for name in ("positions", "rotations"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.ndim != 3 or array.shape[1:] != (3, 3) or not np.isfinite(array).all():
+                raise InputError(
+                    f"spread: {name} has shape {array.shape}, expected finite (K, 3, 3)"
+                )
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @property
+    def fractions(self) -> Floats:
+        """Where it is known, as fractions of the duration, shape (K,)."""
+        return np.linspace(0.0, 1.0, len(self.positions))
+
+    @property
+    def position_deviation(self) -> Floats:
+        """Standard deviation along each world axis (m), shape (K, 3)."""
+        return np.sqrt(np.diagonal(self.positions, axis1=1, axis2=2))
+
+    @property
+    def rotation_deviation(self) -> Floats:
+        """Standard deviation about each world axis (rad), shape (K, 3)."""
+        return np.sqrt(np.diagonal(self.rotations, axis1=1, axis2=2))
+
+    @classmethod
+    def about(cls, dmp: PoseDMP, demonstrations: Sequence[PoseTrajectory]) -> Spread | None:
+        """Spread of demonstrations about an unconstrained primitive; None of fewer than two.
+
+        Parameters
+        ----------
+        dmp : PoseDMP
+            Fitted to all of them.
+        demonstrations : sequence of PoseTrajectory
+        """
+        if len(demonstrations) < 2:
+            return None
+        fractions = np.linspace(0.0, 1.0, _SAMPLES)
+        mean = dmp.rollout(duration=1.0).resampled(times=fractions)
+        moved, turned = [], []
+        for demonstration in demonstrations:
+            times = demonstration.times[0] + demonstration.duration * fractions
+            theirs = demonstration.resampled(times=times)
+            ends = {k: (theirs.positions[k], theirs.rotations[k]) for k in (0, _SAMPLES - 1)}
+            own = through(mean, ends)
+            moved.append(theirs.positions - own.positions)
+            turned.append((theirs.rotations * own.rotations.inv()).as_rotvec())
+        return cls(len(demonstrations), _covariance(moved), _covariance(turned))
+
+
+def _covariance(deviations: Sequence[Floats]) -> Floats:
+    apart = np.array(deviations)
+    apart -= apart.mean(axis=0)
+    return np.asarray(np.einsum("nki,nkj->kij", apart, apart) / (len(apart) - 1))
