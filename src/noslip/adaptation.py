@@ -55,6 +55,8 @@ _OFF = 1e-9
 """Residual of a boundary pose that is none (m or rad)."""
 _DETOUR = 5.0
 """Way for which time is allotted to a displacement, over its length: it may lie sideways."""
+_SETTLED = 0.3
+"""Fraction of what remains after which a displacement is to be gone, unless it is large."""
 _LEAST_TIME = 0.05
 """Of the duration, that a re-planned motion takes at least."""
 
@@ -293,7 +295,15 @@ def replan(
         samples - 1: _kept(end, goal, goal_turn),
     }
     velocities = _velocities_now(nominal, done, state)
-    moved = through(rest, goals, velocities)
+    moved = through(rest, {samples - 1: goals[samples - 1]})
+    # Back onto the path, not just to its end, if the way there is long enough.
+    travelled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))
+    displaced = float(np.linalg.norm(position - moved.positions[0]))
+    k = max(round(_SETTLED * samples), int(np.searchsorted(travelled, _DETOUR * displaced)) + 1)
+    if k < samples - 1:
+        moved = through(moved, goals | {k: (moved.positions[k], moved.rotations[k])}, velocities)
+    else:
+        moved = through(moved, goals, velocities)
     task = _task(moved, goals, state.time, velocities)
     # The time step stays what it was, unless that is too long for the fit.
     steps = round(dmp.steps * duration / state.duration)
