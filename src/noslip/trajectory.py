@@ -141,6 +141,11 @@ class PoseTrajectory:
         return float(np.median(np.diff(self.times)))
 
     @property
+    def clock(self) -> Floats:
+        """Times as constraints see them (s): of a recording, from its first sample on."""
+        return np.asarray(self.times - self.times[0])
+
+    @property
     def is_uniform(self) -> bool:
         """Whether all samples are the same time apart (to a millionth)."""
         periods = np.diff(self.times)

@@ -254,13 +254,13 @@ def step_residuals(
 ) -> Floats:
     """Residual, or margin, of each step at the pose where it ends, shape (N - 1, m).
 
-    Time counts from the first sample.  Accelerations are those of :func:`step_accelerations`.
+    Time is that of :attr:`PoseTrajectory.clock`.  Accelerations are those of :func:`step_accelerations`.
     """
     system = as_system(constraints)
     linear, angular = trajectory.step_velocities()
     accelerated = "acceleration" in system.row_levels
     return system.residuals(
-        trajectory.times[1:] - trajectory.times[0],
+        trajectory.clock[1:],
         trajectory.positions[1:],
         trajectory.quaternions[1:],
         linear,

@@ -167,6 +167,11 @@ class ConstrainedMotion(PoseTrajectory):
         self._freeze("limit_multipliers", self.limit_multipliers, (limits,))
         self._freeze("row_forces", self.row_forces, (rows + limits, 6))
 
+    @property
+    def clock(self) -> Floats:
+        """Times as constraints see them: its own, which begin where a re-planned motion does."""
+        return self.times
+
     def force_of(self, name: str) -> Floats:
         """What one constraint or limit added to the acceleration, shape (N, 6).
 
