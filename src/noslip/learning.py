@@ -402,14 +402,24 @@ class ConstrainedDMP(PoseDMP):
             return super()._stepper
         return Stepper(coupling(self.system, inverse_metric=self.inverse_metric), self.system.size)
 
+    @property
+    def step_function(self) -> Any:
+        """One step as a CasADi function of (state, row of the step table): (state, outputs)."""
+        return self._stepper.function
+
+    @property
+    def leading_step(self) -> float:
+        """Step, as a fraction of the duration, without lead of the orientation; 0 if all are."""
+        at_velocity = bool(self.system.equalities.row_is_velocity.any())
+        return self.projected_step if self.projected_step and at_velocity else 0.0
+
     def _rotation_lead(self, step_fraction: float) -> float:
         # A velocity constraint ties the rotation at the end of a step to the chord of the step,
         # that is, to the motion half a step earlier.  What was learned from steps of one length is
         # half the difference early or late in steps of another.
-        at_velocity = self.system.equalities.row_is_velocity.any()
-        if self.projected_step is None or not at_velocity:
+        if not self.leading_step:
             return 0.0
-        lead = (self.projected_step - step_fraction) / 2
+        lead = (self.leading_step - step_fraction) / 2
         return lead if abs(lead) > _NO_LEAD else 0.0
 
     @property

@@ -254,7 +254,8 @@ def step_residuals(
 ) -> Floats:
     """Residual, or margin, of each step at the pose where it ends, shape (N - 1, m).
 
-    Time is that of :attr:`PoseTrajectory.clock`.  Accelerations are those of :func:`step_accelerations`.
+    Time is that of :attr:`PoseTrajectory.clock`, accelerations those of
+    :func:`step_accelerations`.
     """
     system = as_system(constraints)
     linear, angular = trajectory.step_velocities()

@@ -456,8 +456,8 @@ class PoseDMP:
         return _UNCOUPLED
 
     @cached_property
-    def _offset_weights(self) -> Floats:
-        """Weights of both forces over ``alpha beta``: what they add to the goals."""
+    def offset_weights(self) -> Floats:
+        """Weights of both forces over ``alpha beta``: what they add to the goals, shape (K, 6)."""
         parts = (self.position, self.orientation)
         return np.hstack([p.forcing.weights / p.attractor.stiffness for p in parts])
 
@@ -466,7 +466,7 @@ class PoseDMP:
     ) -> Floats:
         """Forces over ``alpha beta`` for each step: position (3), rotation (3)."""
         alpha, starting = self.position.attractor.alpha, state.previous_step == 0.0
-        weights = self._offset_weights
+        weights = self.offset_weights
         offsets = basis.stepping_forces(begin, steps, h, alpha, weights, starting=starting)
         if rotation_begin != begin:
             offsets[:, 3:] = basis.stepping_forces(

@@ -148,11 +148,11 @@ class Stepper:
     def __init__(self, coupling: Coupling | None = None, rows: int = 0) -> None:
         self.rows = rows
         self.outputs = output_columns(rows)
-        self._function = _step_function(coupling)
+        self.function = _step_function(coupling)
         self._accumulated = lru_cache(maxsize=8)(self._accumulate)
 
     def _accumulate(self, count: int) -> ca.Function:
-        return self._function if count == 1 else self._function.mapaccum(count)
+        return self.function if count == 1 else self.function.mapaccum(count)
 
     def run(self, state: Floats, table: Floats) -> tuple[Floats, Floats]:
         """Carry a state over the table's steps.

@@ -74,6 +74,16 @@ class Winding:
         knots = Rotation.from_quat(self.quaternions, scalar_first=True)
         return RotationSpline(np.linspace(0.0, 1.0, len(self.quaternions)), knots)
 
+    @property
+    def splines(self) -> Floats:
+        """Rotation vector in each interval as a cubic of the fraction since its knot.
+
+        Shape (K - 1, 4, 3), the cubic coefficient first; ``R = R_knot Exp(vector)``.
+        """
+        if len(self.quaternions) == 1:
+            return np.zeros((0, 4, 3))
+        return np.moveaxis(self._spline.interpolator.c, 0, 1)
+
     def at(self, fractions: ArrayLike, goal: Rotation | None = None) -> Rotation:
         """W at fractions of the duration, led to another goal if one is given."""
         if len(self.quaternions) == 1:

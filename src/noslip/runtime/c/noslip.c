@@ -1,0 +1,198 @@
+/* Phase, basis functions, attractor and winding; the constraints are in noslip_core. */
+#include "noslip.h"
+
+#include <tgmath.h>
+
+/* Generated from the declaration of the constraints; see the end of this file. */
+static void noslip_core(const noslip_real *state, const noslip_real *step, noslip_real *after,
+                        noslip_real *output);
+
+#define REAL(x) ((noslip_real)(x))
+
+/* Exponent below which a Gaussian is lost in the rounding of the sum. */
+#define NEGLIGIBLE REAL(-38)
+/* One standard deviation is the distance to the next centre, so these many reach that far. */
+#define REACH 10
+
+static noslip_real smaller(noslip_real a, noslip_real b) { return a < b ? a : b; }
+
+/* Learned force over alpha beta at a fraction of the motion; columns first to last. */
+static void force_at(const noslip_primitive *p, noslip_real fraction, int first, int last,
+                     noslip_real *force) {
+    const noslip_real phase = exp(-p->alpha_s * fraction);
+    int low = 0, high = p->basis_functions;
+    noslip_real nearest = 0, sum = 0;
+    int i, j;
+    if (p->basis_functions > 2 * REACH) {
+        /* Centres are evenly spaced in time; those near this time, or the outermost. */
+        noslip_real place = fraction * (noslip_real)(p->basis_functions - 1);
+        if (!(place > 0)) place = 0;
+        place = smaller(place, (noslip_real)(p->basis_functions - 1));
+        low = (int)place - REACH;
+        high = (int)place + REACH + 2;
+        if (low < 0) low = 0;
+        if (high > p->basis_functions) high = p->basis_functions;
+    }
+    for (j = first; j < last; ++j) force[j] = 0;
+    /* The largest exponent is taken out, so that no phase leaves every Gaussian at zero. */
+    for (i = low; i < high; ++i) {
+        const noslip_real apart = (phase - p->centers[i]) / p->widths[i];
+        const noslip_real exponent = REAL(-0.5) * apart * apart;
+        if (i == low || exponent > nearest) nearest = exponent;
+    }
+    for (i = low; i < high; ++i) {
+        const noslip_real apart = (phase - p->centers[i]) / p->widths[i];
+        const noslip_real exponent = REAL(-0.5) * apart * apart - nearest;
+        if (exponent >= NEGLIGIBLE) {
+            const noslip_real psi = exp(exponent);
+            sum += psi;
+            for (j = first; j < last; ++j) force[j] += psi * p->weights[i][j];
+        }
+    }
+    for (j = first; j < last; ++j) force[j] *= phase / sum;
+}
+
+/* The same as a step from there wants it: what a constant target leaves out is added. */
+static void stepping_force(const noslip_primitive *p, noslip_real fraction, noslip_real h,
+                           int starting, int first, int last, noslip_real *force) {
+    noslip_real before[6], now[6], after[6];
+    int j;
+    force_at(p, fraction, first, last, now);
+    force_at(p, fraction + h, first, last, after);
+    if (starting) {
+        for (j = first; j < last; ++j) force[j] = now[j] + (after[j] - now[j]) / 3;
+        return;
+    }
+    force_at(p, fraction - h, first, last, before);
+    for (j = first; j < last; ++j) {
+        const noslip_real bend = after[j] - 2 * now[j] + before[j];
+        const noslip_real slope = p->alpha * h / 2 * (after[j] - before[j]);
+        force[j] = now[j] + (bend + slope) / 12;
+    }
+}
+
+static void multiply(const noslip_real *a, const noslip_real *b, noslip_real *product) {
+    product[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
+    product[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
+    product[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
+    product[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
+}
+
+/* The rotation that plays the goal's part in the attractor, led to the state's goal. */
+static void leading(const noslip_primitive *p, noslip_real fraction, const noslip_real *goal,
+                    noslip_real *quaternion) {
+    noslip_real turn[4], rotation[4], vector[3], quarter[4], own[4], size, scale, within;
+    const noslip_real *spline;
+    int interval, i;
+    if (p->knots == 1) {
+        for (i = 0; i < 4; ++i) quaternion[i] = goal[i];
+        return;
+    }
+    if (!(fraction > 0)) fraction = 0;
+    fraction = smaller(fraction, 1);
+    interval = (int)(fraction * (noslip_real)(p->knots - 1));
+    if (interval > p->knots - 2) interval = p->knots - 2;
+    within = fraction - (noslip_real)interval / (noslip_real)(p->knots - 1);
+    spline = p->knot_splines[interval];
+    for (i = 0; i < 3; ++i) {
+        vector[i] = ((spline[i] * within + spline[3 + i]) * within + spline[6 + i]) * within
+                    + spline[9 + i];
+    }
+    size = sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
+    scale = size > REAL(1e-6) ? sin(size / 2) / size : REAL(0.5) - size * size / 48;
+    turn[0] = cos(size / 2);
+    for (i = 0; i < 3; ++i) turn[1 + i] = scale * vector[i];
+    multiply(p->knot_quaternions[interval], turn, rotation);
+    /* In the tool's frame: from the learned goal to the one asked for. */
+    own[0] = p->knot_quaternions[p->knots - 1][0];
+    for (i = 1; i < 4; ++i) own[i] = -p->knot_quaternions[p->knots - 1][i];
+    multiply(own, goal, quarter);
+    multiply(rotation, quarter, quaternion);
+}
+
+void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
+    int i;
+    state->time = primitive->begin;
+    state->fraction = 0;
+    state->previous_step = 0;
+    state->duration = primitive->duration;
+    state->pull_in = primitive->residual_rate / primitive->duration;
+    for (i = 0; i < 3; ++i) {
+        state->position[i] = primitive->start_position[i];
+        state->linear_velocity[i] = primitive->start_linear_velocity[i];
+        state->angular_velocity[i] = primitive->start_angular_velocity[i];
+        state->goal_position[i] = primitive->goal_position[i];
+        state->steering[i] = 0;
+    }
+    for (i = 0; i < 4; ++i) {
+        state->quaternion[i] = primitive->start_quaternion[i];
+        state->goal_quaternion[i] = primitive->goal_quaternion[i];
+    }
+    for (i = 0; i < 6; ++i) state->force[i] = 0;
+    for (i = 0; i < NOSLIP_ROWS; ++i) state->values[i] = state->multipliers[i] = 0;
+}
+
+int noslip_done(const noslip_state *state) { return state->fraction >= 1 - REAL(1e-9); }
+
+void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
+    const noslip_primitive *p = primitive;
+    const noslip_real tau = state->duration, h = time_step / tau;
+    const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
+    const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
+    const int starting = !(state->previous_step > 0);
+    noslip_real offset[6], now[13], step[18], after[13], output[NOSLIP_OUTPUTS];
+    noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain, lead = 0;
+    int i;
+
+    if (inside >= 0) {
+        gain = expm1((-p->alpha / 2 - root) * kicked) * expm1((-p->alpha / 2 + root) * kicked);
+    } else {
+        const noslip_real half = exp(-p->alpha * kicked / 2), less = expm1(-p->alpha * kicked / 2);
+        const noslip_real turned = sin(root * kicked / 2);
+        gain = less * less + 4 * half * turned * turned;
+    }
+    if (p->projected_step > 0) {
+        lead = (p->projected_step - h) / 2;
+        if (!(fabs(lead) > REAL(1e-9))) lead = 0;
+    }
+    if (lead > 0 || lead < 0) {
+        stepping_force(p, state->fraction, h, starting, 0, 3, offset);
+        stepping_force(p, state->fraction + lead, h, starting, 3, 6, offset);
+    } else {
+        stepping_force(p, state->fraction, h, starting, 0, 6, offset);
+    }
+    for (i = 0; i < 3; ++i) {
+        now[i] = state->position[i];
+        now[7 + i] = state->linear_velocity[i];
+        now[10 + i] = state->angular_velocity[i];
+        step[8 + i] = state->goal_position[i] + offset[i];
+        step[15 + i] = offset[3 + i] + state->steering[i];
+    }
+    for (i = 0; i < 4; ++i) now[3 + i] = state->quaternion[i];
+    step[0] = time_step;
+    step[1] = kick;
+    step[2] = state->previous_step;
+    step[3] = state->time + time_step;
+    step[4] = state->pull_in;
+    step[5] = p->barrier_rate / tau;
+    step[6] = decay;
+    step[7] = gain / kick;
+    leading(p, state->fraction + lead, state->goal_quaternion, step + 11);
+
+    noslip_core(now, step, after, output);
+
+    for (i = 0; i < 3; ++i) {
+        state->position[i] = after[i];
+        state->linear_velocity[i] = after[7 + i];
+        state->angular_velocity[i] = after[10 + i];
+    }
+    for (i = 0; i < 4; ++i) state->quaternion[i] = after[3 + i];
+    for (i = 0; i < 6; ++i) state->force[i] = output[i];
+    for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
+        state->values[i] = output[6 + i];
+        state->multipliers[i] = output[6 + NOSLIP_EQUALITIES + NOSLIP_LIMITS + i];
+    }
+    state->time += time_step;
+    state->fraction += h;
+    state->previous_step = time_step;
+}
