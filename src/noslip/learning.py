@@ -43,6 +43,7 @@ from noslip.trajectory import PoseTrajectory
 
 if TYPE_CHECKING:
     from noslip.runtime.controller import Controller
+    from noslip.runtime.export import Exported
 
 Floats = NDArray[np.float64]
 
@@ -350,6 +351,12 @@ class ConstrainedDMP(PoseDMP):
         from noslip.runtime.controller import Controller
 
         return Controller(self, time_step=time_step, **options)
+
+    def export_c(self, folder: str | Path, *, name: str = "primitive") -> Exported:
+        """Write the primitive as C99 for a robot; see :func:`noslip.runtime.export.export_c`."""
+        from noslip.runtime.export import export_c
+
+        return export_c(self, folder, name=name)
 
     def _of(
         self,

@@ -52,19 +52,47 @@ static void force_at(const noslip_primitive *p, noslip_real fraction, int first,
     for (j = first; j < last; ++j) force[j] *= phase / sum;
 }
 
+/* Both forces, the orientation's with a lead. */
+static void forces_at(const noslip_primitive *p, noslip_real fraction, noslip_real lead,
+                      noslip_real *force) {
+    if (lead > 0 || lead < 0) {
+        force_at(p, fraction, 0, 3, force);
+        force_at(p, fraction + lead, 3, 6, force);
+    } else {
+        force_at(p, fraction, 0, 6, force);
+    }
+}
+
 /* The same as a step from there wants it: what a constant target leaves out is added. */
-static void stepping_force(const noslip_primitive *p, noslip_real fraction, noslip_real h,
-                           int starting, int first, int last, noslip_real *force) {
+static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_real h,
+                           noslip_real lead, noslip_real *force) {
+    const int starting = !(s->previous_step > 0);
+    const int known = !starting && !(s->known_fraction < s->fraction)
+                      && !(s->known_fraction > s->fraction) && !(s->known_step < h)
+                      && !(s->known_step > h);
     noslip_real before[6], now[6], after[6];
     int j;
-    force_at(p, fraction, first, last, now);
-    force_at(p, fraction + h, first, last, after);
+    if (known) {
+        for (j = 0; j < 6; ++j) {
+            before[j] = s->known[0][j];
+            now[j] = s->known[1][j];
+        }
+    } else {
+        if (!starting) forces_at(p, s->fraction - h, lead, before);
+        forces_at(p, s->fraction, lead, now);
+    }
+    forces_at(p, s->fraction + h, lead, after);
+    s->known_fraction = s->fraction + h;
+    s->known_step = h;
+    for (j = 0; j < 6; ++j) {
+        s->known[0][j] = now[j];
+        s->known[1][j] = after[j];
+    }
     if (starting) {
-        for (j = first; j < last; ++j) force[j] = now[j] + (after[j] - now[j]) / 3;
+        for (j = 0; j < 6; ++j) force[j] = now[j] + (after[j] - now[j]) / 3;
         return;
     }
-    force_at(p, fraction - h, first, last, before);
-    for (j = first; j < last; ++j) {
+    for (j = 0; j < 6; ++j) {
         const noslip_real bend = after[j] - 2 * now[j] + before[j];
         const noslip_real slope = p->alpha * h / 2 * (after[j] - before[j]);
         force[j] = now[j] + (bend + slope) / 12;
@@ -129,6 +157,8 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
         state->goal_quaternion[i] = primitive->goal_quaternion[i];
     }
     for (i = 0; i < 6; ++i) state->force[i] = 0;
+    state->known_fraction = state->known_step = -1;
+    for (i = 0; i < 6; ++i) state->known[0][i] = state->known[1][i] = 0;
     for (i = 0; i < NOSLIP_ROWS; ++i) state->values[i] = state->multipliers[i] = 0;
 }
 
@@ -139,7 +169,6 @@ void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
     const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
-    const int starting = !(state->previous_step > 0);
     noslip_real offset[6], now[13], step[18], after[13], output[NOSLIP_OUTPUTS];
     noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain, lead = 0;
     int i;
@@ -155,12 +184,7 @@ void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_
         lead = (p->projected_step - h) / 2;
         if (!(fabs(lead) > REAL(1e-9))) lead = 0;
     }
-    if (lead > 0 || lead < 0) {
-        stepping_force(p, state->fraction, h, starting, 0, 3, offset);
-        stepping_force(p, state->fraction + lead, h, starting, 3, 6, offset);
-    } else {
-        stepping_force(p, state->fraction, h, starting, 0, 6, offset);
-    }
+    stepping_force(p, state, h, lead, offset);
     for (i = 0; i < 3; ++i) {
         now[i] = state->position[i];
         now[7 + i] = state->linear_velocity[i];

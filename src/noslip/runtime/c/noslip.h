@@ -65,6 +65,10 @@ typedef struct noslip_state {
     noslip_real force[6];          /* added to the acceleration, m/s^2 and rad/s^2 */
     noslip_real values[NOSLIP_ROWS];       /* residuals, then margins */
     noslip_real multipliers[NOSLIP_ROWS];
+    /* Forces that the next step of the same length needs again; not to be written to. */
+    noslip_real known_fraction;
+    noslip_real known_step;
+    noslip_real known[2][6];
 } noslip_state;
 
 /* Put a state at the start of a primitive. */

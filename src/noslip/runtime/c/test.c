@@ -1,0 +1,47 @@
+/* Compares a motion with the one that Python made; exits with 1 where they differ. */
+#include "@NAME@.h"
+
+#include <stdio.h>
+#include <tgmath.h>
+
+#define STEPS @STEPS@
+#define EVERY @EVERY@
+
+/* Position (m), quaternion. */
+static const double expected[][7] = {
+@EXPECTED@
+};
+
+/* Largest residual that rounding causes, and difference from double precision. */
+#define SINGLE (sizeof(noslip_real) < sizeof(double))
+#define DIFFERENCE (SINGLE ? @SINGLE_DIFFERENCE@ : @DIFFERENCE@)
+#define RESIDUAL (SINGLE ? @SINGLE_RESIDUAL@ : 1e-10)
+
+int main(void) {
+    noslip_state state;
+    double apart = 0, residual = 0;
+    int k, i, failed;
+    noslip_start(&@NAME@, &state);
+    for (k = 1; k <= STEPS; ++k) {
+        noslip_step(&@NAME@, &state, @NAME@.duration / STEPS);
+        for (i = 0; i < NOSLIP_EQUALITIES; ++i) {
+            residual = fmax(residual, fabs((double)state.values[i]));
+        }
+        if (k % EVERY == 0) {
+            const double *wanted = expected[k / EVERY - 1];
+            double sign = 0;
+            for (i = 0; i < 4; ++i) sign += (double)state.quaternion[i] * wanted[3 + i];
+            sign = sign < 0 ? -1 : 1;
+            for (i = 0; i < 3; ++i) {
+                apart = fmax(apart, fabs((double)state.position[i] - wanted[i]));
+            }
+            for (i = 0; i < 4; ++i) {
+                apart = fmax(apart, fabs(sign * (double)state.quaternion[i] - wanted[3 + i]));
+            }
+        }
+    }
+    /* Written so that NaN fails. */
+    failed = !(apart <= DIFFERENCE) || !(residual <= RESIDUAL);
+    printf("%s: differs by %.3g, residual %.3g\n", failed ? "FAILED" : "passed", apart, residual);
+    return failed;
+}

@@ -1,0 +1,140 @@
+"""A primitive as C99 in a folder, for a robot: no heap, no library but libm, parameters as data."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from noslip._files import write_beside
+from noslip.errors import InputError
+from noslip.learning import ConstrainedDMP
+from noslip.runtime import code
+
+_COMPARED = 100
+"""Samples of the motion that the generated test compares, about."""
+_KEYWORDS = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long main register restrict return short signed sizeof static struct switch typedef union unsigned
+void volatile while R REAL noslip
+"""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What an export wrote.
+
+    Attributes
+    ----------
+    files : tuple of Path
+    instructions : int or None
+        Most instructions that one step of the motion took, counted by callgrind; None where a C
+        compiler or valgrind is missing.
+    """
+
+    files: tuple[Path, ...]
+    instructions: int | None
+
+
+def export_c(dmp: ConstrainedDMP, folder: str | Path, *, name: str = "primitive") -> Exported:
+    """Write a primitive as C99.
+
+    Parameters
+    ----------
+    dmp : ConstrainedDMP
+    folder : path
+        Made if it is missing.
+    name : str
+        Of the primitive in C, and of its files.
+
+    Returns
+    -------
+    Exported
+        ``noslip.h`` and ``noslip.c`` (the step under these constraints), ``NAME.h`` and ``NAME.c``
+        (this primitive's numbers), ``example.c``, ``test.c`` and ``CMakeLists.txt``.
+
+    Raises
+    ------
+    InputError
+        If the name is no C identifier, or the folder is a file.
+    """
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in _KEYWORDS.split():
+        raise InputError(f"name must be an identifier of C, got {name!r}")
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; give the name of a folder")
+    texts = _texts(dmp, name)
+    instructions = _instructions(texts, name)
+    counted = (
+        f"\n * At most {instructions} instructions in any step of {name} (callgrind, x86-64, -O2);"
+        "\n * each step runs the same code, but for the exponentials of the basis functions near."
+        if instructions
+        else "\n * Instructions a step were not counted (that takes a C compiler and valgrind)."
+    )
+    texts["noslip.h"] = code.header(dmp, counted)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = [write_beside(folder / file, text.encode()) for file, text in texts.items()]
+    return Exported(tuple(written), instructions)
+
+
+def _texts(dmp: ConstrainedDMP, name: str) -> dict[str, str]:
+    motion = dmp.rollout()
+    steps = len(motion) - 1
+    every = max(1, steps // _COMPARED)
+    rows = np.hstack([motion.positions, motion.quaternions])[every::every]
+    reach = float(np.abs(motion.positions).max()) + float(np.ptp(motion.positions, axis=0).max())
+    speed = max(float(np.linalg.norm(motion.linear_velocities, axis=1).max()), 1.0)
+    values = {
+        "NAME": name,
+        "STEPS": str(steps),
+        "EVERY": str(every),
+        "EXPECTED": ",\n".join("    {" + ", ".join(map(repr, row)) + "}" for row in rows.tolist()),
+        "DIFFERENCE": repr(1e-12 * max(1.0, reach)),
+        "SINGLE_DIFFERENCE": repr(2e-3 * max(1.0, reach)),
+        "SINGLE_RESIDUAL": repr(1e-4 * speed),
+    }
+    declared = f"#ifndef {name.upper()}_H\n#define {name.upper()}_H\n\n"
+    declared += f'#include "noslip.h"\n\nextern const noslip_primitive {name};\n\n#endif\n'
+    texts = {
+        "noslip.h": code.header(dmp),
+        "noslip.c": code.source(dmp),
+        f"{name}.h": declared,
+        f"{name}.c": code.data(dmp, name),
+    }
+    for file in ("example.c", "test.c", "CMakeLists.txt"):
+        text = code.template(file)
+        for key, value in values.items():
+            text = text.replace(f"@{key}@", value)
+        texts[file] = text
+    return texts
+
+
+def _instructions(texts: dict[str, str], name: str) -> int | None:
+    """Most instructions of a step over the example's motion."""
+    compiler, valgrind = shutil.which("cc"), shutil.which("valgrind")
+    if compiler is None or valgrind is None:
+        return None
+    with tempfile.TemporaryDirectory() as scratch:
+        for file, text in texts.items():
+            (Path(scratch) / file).write_text(text, encoding="utf-8")
+        sources = ["noslip.c", f"{name}.c", "example.c"]
+        build = [compiler, "-std=c99", "-O2", *sources, "-lm", "-o", "example"]
+        count = [
+            *(valgrind, "--tool=callgrind", "--toggle-collect=noslip_step"),
+            *("--dump-after=noslip_step", "./example"),
+        ]
+        for command in (build, count):
+            done = subprocess.run(command, cwd=scratch, capture_output=True, check=False)
+            if done.returncode != 0:
+                return None
+        counts = [
+            int(found[1])
+            for dump in Path(scratch).glob("callgrind.out.*.*")
+            if (found := re.search(r"^(?:summary|totals): (\d+)", dump.read_text(), re.M))
+        ]
+    return max(counts, default=None)
