@@ -344,7 +344,7 @@ class ConstrainedDMP(PoseDMP):
             samples=count,
             weights=(position_weight, position_smoothing, rotation_smoothing),
         )
-        return self._of(adapted, tau, None, state.time, "none")
+        return self._of(adapted, tau, None, state.time, "none", whole=False)
 
     def controller(self, *, time_step: float, **options: Any) -> Controller:
         """Return what steps this primitive in a control loop; see :class:`noslip.Controller`."""
@@ -365,6 +365,8 @@ class ConstrainedDMP(PoseDMP):
         velocities: tuple[Floats, Floats] | None,
         begin: float,
         scaling: Scaling,
+        *,
+        whole: bool = True,
     ) -> ConstrainedDMP:
         """Return this primitive with an adapted motion."""
         position, orientation = adapted.primitive.position, adapted.primitive.orientation
@@ -390,6 +392,8 @@ class ConstrainedDMP(PoseDMP):
             steps=adapted.primitive.steps,
             regular=regular,
             record=(LearningRecord.of(adapted.reference, adapted.projected),),
+            # Of the whole motion, along its demonstrated way.
+            spread=self.spread if whole and scaling == "none" else None,
             projected_step=adapted.step,
             begin=begin,
         )

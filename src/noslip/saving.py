@@ -236,10 +236,14 @@ class _Reader:
         if content.get("spread") is None:
             return None
         part = self.part(content, "spread")
-        return Spread(
-            self.count(part, "demonstrations"),
-            self.array(part, "positions", (None, 3, 3)),
-            self.array(part, "rotations", (None, 3, 3)),
+        positions, rotations = (
+            self.array(part, name, (None, 3, 3)) for name in ("positions", "rotations")
+        )
+        # Its own errors are values that are wrong; here they get the file and the field.
+        return self.field(
+            content,
+            "spread",
+            lambda _: Spread(self.count(part, "demonstrations"), positions, rotations),
         )
 
     def records(self, content: dict[str, Any]) -> list[LearningRecord]:

@@ -20,7 +20,7 @@ _SAMPLES = 101
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Covariance of demonstrations about the primitive learned from them, along the motion.
+    """Covariance of the demonstrations of a primitive about their mean, along the motion.
 
     Each demonstration is compared with the primitive's motion, moved to the demonstration's own
     start and goal as in :meth:`noslip.ConstrainedDMP.adapt`, at equal fractions of the durations:
@@ -48,8 +48,14 @@ class Spread:
                 raise InputError(
                     f"spread: {name} has shape {array.shape}, expected finite (K, 3, 3)"
                 )
+            variances = np.diagonal(array, axis1=1, axis2=2)
+            if not len(array) or variances.min() < 0 or np.any(array != array.swapaxes(1, 2)):
+                raise InputError(f"spread: {name} must be symmetric, its variances not negative")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+
+        if len(self.positions) != len(self.rotations):
+            raise InputError("spread: positions and rotations must be of equal length")
 
     @property
     def fractions(self) -> Floats:
@@ -94,4 +100,5 @@ class Spread:
 def _covariance(deviations: Sequence[Floats]) -> Floats:
     apart = np.array(deviations)
     apart -= apart.mean(axis=0)
-    return np.asarray(np.einsum("nki,nkj->kij", apart, apart) / (len(apart) - 1))
+    found = np.einsum("nki,nkj->kij", apart, apart) / (len(apart) - 1)
+    return np.asarray((found + found.swapaxes(1, 2)) / 2)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from noslip.cli import options
 from noslip.errors import InputError
-from noslip.figures import compare_motions, constraint_history, save_figure
+from noslip.figures import compare_motions, constraint_history, learned_spread, save_figure
 from noslip.learning import ConstrainedDMP
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
@@ -30,6 +30,8 @@ Examples:
   noslip plot excision.json --out constraints.png
 
   noslip plot excision.json --show motion --out motion.png
+
+  noslip plot excision.json --show spread --out spread.png
 """
 
 
@@ -38,6 +40,7 @@ class Show(enum.StrEnum):
 
     MOTION = "motion"
     CONSTRAINTS = "constraints"
+    SPREAD = "spread"
 
 
 def run(
@@ -56,8 +59,9 @@ def run(
         Show | None,
         typer.Option(
             help="motion: poses, path and residuals, several motions together.  constraints: of "
-            "one primitive, residual or margin, multiplier and force of each constraint.  By "
-            "default constraints for a primitive alone.",
+            "one primitive, residual or margin, multiplier and force of each constraint.  spread: "
+            "of one primitive, how far its demonstrations lie apart.  By default constraints for a "
+            "primitive alone.",
             show_default=False,
         ),
     ] = None,
@@ -84,12 +88,15 @@ def run(
     primitives = {name: load_primitive(name) for name in motions if name.endswith(".json")}
     recordings = [name for name in motions if name not in primitives]
     alone = len(primitives) == 1 and not recordings and not held
-    if show is Show.CONSTRAINTS and not alone:
+    if show in (Show.CONSTRAINTS, Show.SPREAD) and not alone:
         raise InputError(
-            "--show constraints: give one primitive (JSON) alone; it brings its own constraints"
+            f"--show {show}: give one primitive (JSON) alone; it brings its own constraints"
         )
     if alone:
         (primitive,) = primitives.values()
+        if show is Show.SPREAD:
+            _write(learned_spread(primitive, title=title), out)
+            return
         if show is Show.CONSTRAINTS or (show is None and primitive.constraints):
             _write(_history(primitive, title), out)
             return

@@ -6,6 +6,7 @@ The others draw into axes and return what they drew.
 
 from noslip.figures.family import adapted_family
 from noslip.figures.history import constraint_history
+from noslip.figures.learned_spread import learned_spread
 from noslip.figures.motion import (
     compare_motions,
     plot_forces,
@@ -24,6 +25,7 @@ __all__ = [
     "compare_motions",
     "constraint_history",
     "demonstration_spread",
+    "learned_spread",
     "orientation_adjustments",
     "plot_blades",
     "plot_forces",

@@ -1,0 +1,221 @@
+"""What several demonstrations said about one primitive: where they agree, and where they do not."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from noslip.errors import InputError
+from noslip.figures.motion import Plane, plot_path
+from noslip.figures.quantities import amount, extent, length_unit
+from noslip.figures.spread import PROGRESS
+from noslip.figures.style import (
+    LEAST_SHARE,
+    LEAST_TURN,
+    PALETTE,
+    SMALL_FONT_SIZE,
+    TWO_COLUMNS,
+    dress,
+    new_figure,
+    number,
+    put_legend,
+    span_at_least,
+    write_title,
+)
+from noslip.learning import ConstrainedDMP
+from noslip.spread import Spread
+from noslip.trajectory import Floats, PoseTrajectory
+
+ELLIPSES: Floats = np.linspace(0.0, 1.0, 11)
+"""Fractions of the duration at which the path has an ellipse."""
+CIRCLE: Floats = np.column_stack(
+    [function(np.linspace(0, 2 * np.pi, 73)) for function in (np.cos, np.sin)]
+)
+WIDE = 1.8
+"""Width of a path, over its height, from which it is larger below the panels than beside them."""
+SEEN = 0.05
+"""Share of the path's extent below which the largest half axis is enlarged, to be seen."""
+AGREED = 1e-9
+"""Standard deviation (m or rad) that is rounding."""
+
+BANDS: dict[int, dict[str, Any]] = {
+    2: {"alpha": 0.18, "linewidth": 0},
+    1: {"alpha": 0.35, "linewidth": 0},
+}
+"""Style by number of standard deviations, the outer one first."""
+MOTION: dict[str, Any] = {"linewidth": 1.2}
+LEAST: dict[str, Any] = {"color": PALETTE["vermillion"], "linewidth": 1.0, "linestyle": (0, (3, 2))}
+
+
+def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
+    """Show a primitive's motion, and how far its demonstrations lie apart along it.
+
+    Panels, over the share of the motion's time: x, y and z, and how far the tool has turned about
+    each world axis (degrees, summed over the steps), each with bands of 1 and 2 standard
+    deviations; the path in the world plane of its largest extent, with ellipses of 2 standard
+    deviations at each tenth of the time, enlarged by a factor that its title tells where they
+    would be too small.
+
+    Parameters
+    ----------
+    dmp : ConstrainedDMP
+        Learned from two demonstrations or more.
+    title : str, optional
+        By default the finding: along and about which axis they agree least, when, and by how much.
+
+    Raises
+    ------
+    InputError
+        If the primitive has no spread.
+    """
+    spread = dmp.spread
+    if spread is None:
+        raise InputError(
+            "the primitive has no spread: it was learned from one demonstration, or saved before "
+            "spreads were kept; learn it from several demonstrations"
+        )
+    motion = dmp.rollout()
+    scale, unit = length_unit([motion])
+    least = scale * LEAST_SHARE * extent(motion)
+    turned = np.degrees(turns(motion))
+    deviations = scale * spread.position_deviation, np.degrees(spread.rotation_deviation)
+
+    # A wide path lies below the panels, three in a row; a high one beside them, three in a column.
+    plane = _plane(motion)
+    reach = np.ptp(motion.positions, axis=0)[list(plane)]
+    wide = bool(reach[0] >= WIDE * reach[1])
+    figure = new_figure(TWO_COLUMNS, 4.8 if wide else 4.4)
+    ratios = {"height_ratios" if wide else "width_ratios": (1, 1, 1.25)}
+    grid = figure.add_gridspec(3, 3, **ratios)
+    for kind, (values, deviation, verb, axis_unit, span, color) in enumerate(
+        [
+            (scale * motion.positions, deviations[0], "", unit, least, PALETTE["blue"]),
+            (turned, deviations[1], "turned about ", "°", LEAST_TURN, PALETTE["green"]),
+        ]
+    ):
+        panels = [figure.add_subplot(grid[(kind, i) if wide else (i, kind)]) for i in range(3)]
+        for i, ax in enumerate(panels):
+            _draw_bands(ax, motion, values[:, i], spread, deviation[:, i], span, color)
+            lowest = kind == 1 if wide else i == 2
+            dress(ax, PROGRESS if lowest else "", f"{verb}{'xyz'[i]} ({axis_unit})")
+            ax.tick_params(labelbottom=lowest)
+        if (worst := _worst(spread)[kind]) is not None:
+            axis, at, _ = worst
+            panels[axis].axvline(100 * at, **LEAST)
+        figure.align_ylabels(panels)
+    _draw_ellipses(figure.add_subplot(grid[2, :] if wide else grid[:, 2]), motion, plane, spread)
+
+    handles: dict[str, Artist] = {"primitive": Line2D([], [], color="black", **MOTION)}
+    for count, style in sorted(BANDS.items()):
+        name = f"{count} standard deviation{'s' if count > 1 else ''}"
+        handles[name] = Patch(facecolor="black", **style)
+    if any(_worst(spread)):
+        handles["agree least"] = Line2D([], [], **LEAST)
+    put_legend(figure, handles)
+    write_title(figure, title or _finding(spread))
+    return figure
+
+
+def turns(motion: PoseTrajectory) -> Floats:
+    """How far a motion has turned about each world axis since its start, shape (N, 3), radians.
+
+    The sum of the steps' rotation vectors; unlike angles it knows no limit and no jump.
+    """
+    steps = (motion.rotations[1:] * motion.rotations[:-1].inv()).as_rotvec()
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+# ---------------------------------------------------------------- inside
+
+
+def _draw_bands(
+    ax: Axes,
+    motion: PoseTrajectory,
+    values: Floats,
+    spread: Spread,
+    deviation: Floats,
+    least: float,
+    color: str,
+) -> None:
+    """Draw values of shape (N,) of a motion within bands of deviations of shape (K,)."""
+    share = (motion.times - motion.times[0]) / motion.duration
+    middle = np.interp(spread.fractions, share, values)
+    for count, style in BANDS.items():
+        edges = middle - count * deviation, middle + count * deviation
+        ax.fill_between(100 * spread.fractions, *edges, color=color, **style)
+    ax.plot(100 * share, values, color=color, **MOTION)
+    ax.set_xlim(0, 100)
+    span_at_least(ax, [values, middle - 2 * deviation, middle + 2 * deviation], least)
+
+
+def _plane(motion: PoseTrajectory) -> tuple[int, int]:
+    """World axes of the plane in which a motion reaches furthest, in order."""
+    a, b = sorted(np.argsort(-np.ptp(motion.positions, axis=0), kind="stable")[:2])
+    return int(a), int(b)
+
+
+def _draw_ellipses(ax: Axes, motion: PoseTrajectory, axes: tuple[int, int], spread: Spread) -> None:
+    """Draw a motion's path in a world plane, to scale, and ellipses of 2 standard deviations."""
+    color, (a, b) = PALETTE["blue"], axes
+    plot_path(ax, motion, plane=cast(Plane, "XYZ"[a] + "XYZ"[b]))
+    for line in ax.lines:
+        line.set_color(color)
+    scale, _ = length_unit([motion])
+    at = np.round(ELLIPSES * (len(spread.fractions) - 1)).astype(int)
+    share = (motion.times - motion.times[0]) / motion.duration
+    path = scale * motion.positions[:, [a, b]]
+    middles = [[np.interp(f, share, axis) for axis in path.T] for f in spread.fractions[at]]
+    variances, directions = np.linalg.eigh(spread.positions[at][:, [[a], [b]], [a, b]])
+    halves = 2 * scale * directions * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
+    largest = float(np.linalg.norm(halves, axis=1).max())
+    factor = enlargement(largest, scale * extent(motion))
+    for middle, half in zip(middles, halves, strict=True):
+        outline = np.array(middle) + factor * CIRCLE @ half.T
+        ax.fill(*outline.T, facecolor=(color, BANDS[2]["alpha"]), edgecolor=color, linewidth=0.5)
+        ax.plot(*middle, ".", color=color, ms=3)
+    enlarged = f" (× {factor:.0f})" if factor > 1 else ""
+    told = f"2 standard deviations{enlarged}, each 10 %"
+    ax.set_title(f"{ax.get_title()}\n{told}", fontsize=SMALL_FONT_SIZE)
+
+
+def enlargement(largest: float, reach: float) -> float:
+    """Return by how much, 1, 2, 5, 10 and so on, to enlarge a size until it is seen on a path."""
+    if largest <= reach * AGREED or largest >= SEEN * reach:
+        return 1.0
+    wanted = SEEN * reach / largest
+    decade = 10.0 ** np.floor(np.log10(wanted))
+    return float(min(step * decade for step in (1, 2, 5, 10) if step * decade >= wanted))
+
+
+def _worst(spread: Spread) -> list[tuple[int, float, float] | None]:
+    """Axis, fraction and size of the largest deviation (m, rad); None of what is rounding."""
+    found: list[tuple[int, float, float] | None] = []
+    for deviation in (spread.position_deviation, spread.rotation_deviation):
+        at, axis = np.unravel_index(np.argmax(deviation), deviation.shape)
+        size = float(deviation[at, axis])
+        found.append((int(axis), float(spread.fractions[at]), size) if size > AGREED else None)
+    return found
+
+
+def _finding(spread: Spread) -> str:
+    """Say where the demonstrations agree least, and by how much."""
+    moved, turned = _worst(spread)
+    parts = []
+    if moved is not None:
+        axis, at, size = moved
+        parts.append((f"along {'xyz'[axis]} at {100 * at:.0f} %", amount(size, "m")))
+    if turned is not None:
+        axis, at, size = turned
+        parts.append((f"about {'xyz'[axis]} at {100 * at:.0f} %", f"{number(np.degrees(size))}°"))
+    who = f"{spread.demonstrations} demonstrations"
+    if not parts:
+        return f"{who} agree, starts and goals aside"
+    (where, size_told), *others = parts
+    text = f"{who} agree least {where} of the time (standard deviation {size_told})"
+    return text + "".join(f",\nand {where} ({size_told})" for where, size_told in others)

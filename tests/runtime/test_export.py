@@ -1,0 +1,214 @@
+"""C99 of a primitive: compiles without a warning, agrees with Python, holds the constraints."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from noslip.cli import main
+from noslip.experiments.numerical_example import demonstration
+from noslip.runtime import code, export
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O2")
+CC = shutil.which("cc")
+needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler (cc) on this machine")
+
+
+def winding() -> ns.PoseTrajectory:
+    """A cut that turns one and a half times."""
+    s = np.linspace(0, 1, 501)
+    yaw = 3 * np.pi * s
+    velocity = np.column_stack([np.cos(yaw), np.sin(yaw), 0 * s])
+    path = np.cumsum(velocity, axis=0) / 500
+    return ns.PoseTrajectory(2 * s, path, Rotation.from_euler("z", yaw + 0.2))
+
+
+def moving() -> ns.PoseTrajectory:
+    s = np.linspace(0, 1, 301)
+    path = np.column_stack([0.1 * s, 0.02 * np.sin(3 * s), 0.01 * s])
+    return ns.PoseTrajectory(s, path, Rotation.from_euler("z", 0.3 * s))
+
+
+CASES: dict[str, Any] = {
+    "blade": lambda: ns.learn(demonstration(), [ns.Blade()]),
+    "free": lambda: ns.learn(demonstration()),
+    "shared": lambda: ns.learn(demonstration(), [ns.Blade()], metric="shared"),
+    "winding": lambda: ns.learn(winding(), [ns.Blade()]),
+    "few basis functions": lambda: ns.learn(moving(), [ns.Needle()], basis_functions=12),
+    "underdamped": lambda: ns.learn(moving(), [ns.Blade()], beta=10.0),
+    "breathing": lambda: ns.learn(moving(), [ns.InMovingFrame(ns.Blade())]),
+    "limits": lambda: ns.learn(
+        demonstration(), [ns.Blade(), ns.DepthLimit(depth=0.1), ns.SpeedLimit(speed=3.0)]
+    ),
+    "a limit that pushes": lambda: ns.learn(
+        moving(), [ns.SpeedLimit(speed=0.11, priority=1), ns.PlaneContact(normal=(0.1, 0, -1))]
+    ),
+    "replanned": lambda: (dmp := primitive("blade")).replan(dmp.step(dmp.initial_state(), 1e-3)),
+}
+
+
+@cache
+def primitive(name: str) -> ns.ConstrainedDMP:
+    return CASES[name]()
+
+
+def build(folder: Path, main: str, name: str = "cut", *flags: str) -> Path:
+    """Compile the step, the numbers and a main."""
+    program = folder / main.removesuffix(".c")
+    sources = ("noslip.c", f"{name}.c", main)
+    done = subprocess.run(
+        [str(CC), *STRICT, *flags, *sources, "-lm", "-o", program.name],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return program
+
+
+def run(program: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([str(program)], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def uncounted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the counting of instructions, which takes seconds."""
+    monkeypatch.setattr(export, "_instructions", lambda texts, name: None)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", CASES)
+def test_the_step_in_c_is_the_step_in_python(name: str, tmp_path: Path, uncounted: None) -> None:
+    dmp = primitive(name)
+    dmp.export_c(tmp_path, name="cut")
+    tested = run(build(tmp_path, "test.c"))
+    assert tested.returncode == 0, tested.stdout
+    rows = list(csv.reader(run(build(tmp_path, "example.c")).stdout.splitlines()))
+    assert rows[0] == ["t", "x", "y", "z", "qw", "qx", "qy", "qz"]
+    found = np.array(rows[1:], dtype=float)
+    motion = dmp.rollout()
+    assert found.shape == (len(motion), 8)
+    reach = max(1.0, float(np.abs(motion.positions).max()))
+    np.testing.assert_allclose(found[:, 1:4], motion.positions, rtol=0, atol=1e-12 * reach)
+    turned = Rotation.from_quat(found[:, 4:], scalar_first=True) * motion.rotations.inv()
+    assert turned.magnitude().max() <= 1e-7  # of the magnitude's own rounding
+    np.testing.assert_allclose(found[:, 0], motion.times, rtol=0, atol=1e-12)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["blade", "winding", "limits"])
+def test_it_is_clean_under_the_sanitizers(name: str, tmp_path: Path, uncounted: None) -> None:
+    primitive(name).export_c(tmp_path, name="cut")
+    flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g0")
+    tested = run(build(tmp_path, "test.c", "cut", *flags))
+    assert tested.returncode == 0, tested.stdout + tested.stderr
+
+
+@needs_compiler
+def test_single_precision_agrees_to_its_own_limit(tmp_path: Path, uncounted: None) -> None:
+    primitive("blade").export_c(tmp_path, name="cut")
+    tested = run(build(tmp_path, "test.c", "cut", "-DNOSLIP_REAL=float"))
+    assert tested.returncode == 0, tested.stdout
+    apart = float(re.search(r"differs by (\S+),", tested.stdout)[1])
+    assert 1e-9 < apart < 1e-4
+
+
+@needs_compiler
+def test_the_generated_test_fails_where_the_motion_differs(tmp_path: Path, uncounted: None) -> None:
+    primitive("blade").export_c(tmp_path, name="cut")
+    numbers = tmp_path / "cut.c"
+    numbers.write_text(re.sub(r"\.alpha = R\((.*?)\)", ".alpha = R(25.001)", numbers.read_text()))
+    tested = run(build(tmp_path, "test.c"))
+    assert tested.returncode == 1
+    assert "FAILED" in tested.stdout
+
+
+@needs_compiler
+def test_another_primitive_needs_no_new_code(tmp_path: Path, uncounted: None) -> None:
+    dmp = primitive("blade")
+    other = dmp.adapt(goal_position=dmp.position.goal + [0.3, 0.2, 0.1], duration=2.5)
+    dmp.export_c(tmp_path / "one", name="cut")
+    other.export_c(tmp_path / "two", name="cut")
+    first, second = ((tmp_path / part / "noslip.c").read_text() for part in ("one", "two"))
+    assert first == second
+    assert code.header(dmp) == code.header(other)
+
+
+@needs_compiler
+def test_the_header_is_understood_by_cpp(tmp_path: Path, uncounted: None) -> None:
+    if shutil.which("c++") is None:
+        pytest.skip("no C++ compiler on this machine")
+    primitive("blade").export_c(tmp_path, name="cut")
+    build(tmp_path, "example.c")
+    (tmp_path / "loop.cpp").write_text(
+        '#include "cut.h"\n'
+        "int main() { noslip_state s; noslip_start(&cut, &s); return noslip_done(&s); }\n"
+    )
+    flags = ("-std=c++17", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only")
+    done = subprocess.run(["c++", *flags, "loop.cpp"], cwd=tmp_path, check=False)
+    assert done.returncode == 0
+
+
+@needs_compiler
+def test_it_uses_no_heap(tmp_path: Path, uncounted: None) -> None:
+    primitive("limits").export_c(tmp_path, name="cut")
+    for text in ((tmp_path / "noslip.c").read_text(), (tmp_path / "cut.c").read_text()):
+        assert not re.search(r"\b(malloc|calloc|realloc|free|alloca)\b", text)
+        assert set(re.findall(r"#include (\S+)", text)) <= {'"noslip.h"', "<tgmath.h>"}
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is missing")
+def test_the_header_tells_the_instructions_of_a_step(tmp_path: Path) -> None:
+    exported = primitive("blade").export_c(tmp_path, name="cut")
+    assert exported.instructions is not None
+    assert 1000 < exported.instructions < 100_000
+    assert f"At most {exported.instructions} instructions" in (tmp_path / "noslip.h").read_text()
+
+
+@pytest.mark.parametrize("name", ["", "2cut", "my-cut", "double", "noslip", "a b"])
+def test_a_name_that_c_does_not_allow_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ns.InputError, match="identifier of C"):
+        primitive("blade").export_c(tmp_path / "out", name=name)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(ns.InputError, match="is a file"):
+        primitive("blade").export_c(tmp_path / "out")
+
+
+def test_the_command_writes_the_files_and_names_them_after_the_primitive(
+    tmp_path: Path,
+    uncounted: None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file = primitive("blade").save(tmp_path / "my cut.json")
+    out = tmp_path / "c"
+    monkeypatch.setattr(sys, "argv", ["noslip", "export", str(file), "--out", str(out), "--json"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+        raise SystemExit(0)
+    assert stop.value.code in (0, None)
+    told = json.loads(capsys.readouterr().out)
+    assert sorted(Path(path).name for path in told["files"]) == sorted(
+        path.name for path in out.iterdir()
+    )
+    assert (out / "my_cut.h").exists()
