@@ -13,7 +13,7 @@ from time import perf_counter
 from typing import Any
 
 from benchmarks import peers
-from benchmarks.example import SAMPLES, demonstration
+from benchmarks.example import MOVED_GOAL, SAMPLES, demonstration
 from benchmarks.memory import PeakMemory
 from benchmarks.timing import forget
 from noslip import Blade, PoseDMP, learn
@@ -60,6 +60,9 @@ def prepare(task: str, samples: int, basis_functions: int) -> Callable[[], Any]:
         return lambda: PoseDMP.fit(given, basis_functions=basis_functions)
     if task == "learn":
         return lambda: learn(given, Blade(), basis_functions=basis_functions)
+    if task == "adapt":
+        learned = learn(given, Blade(), basis_functions=basis_functions)
+        return lambda: learned.adapt(goal_position=MOVED_GOAL, samples=samples)
     if task == "rollout":
         dmp = learn(usual, Blade(), basis_functions=basis_functions)
         return lambda: dmp.rollout(time_step=dmp.duration / (samples - 1))
@@ -76,7 +79,7 @@ def prepare(task: str, samples: int, basis_functions: int) -> Callable[[], Any]:
 def measure(task: str, samples: int, basis_functions: int) -> Case:
     """Run one case in this process."""
     call = prepare(task, samples, basis_functions)
-    learns = task in ("fit", "learn")
+    learns = task in ("fit", "learn", "adapt")
     peak = PeakMemory()
     forget()
     peak.start()

@@ -14,15 +14,18 @@ from benchmarks import report
 from benchmarks.comparison import compare
 from benchmarks.environment import environment
 from benchmarks.example import SAMPLES
-from benchmarks.growth import BASIS_SIZES, SAMPLE_SIZES, grow
+from benchmarks.goals import SHIFTS, move_goals
+from benchmarks.growth import ADAPTED_SIZES, ADAPTING, BASIS_SIZES, SAMPLE_SIZES, grow
+from benchmarks.perturbation import CASES, perturb
 from noslip._files import write_beside
 from noslip.errors import InputError
 
 ROUNDS, QUICK_ROUNDS = 7, 1
+QUICK_CASES = 6
 PIPED_WIDTH = 120
 _EXAMPLES = """\
 examples (from the repository's root):
-  python -m benchmarks                                  print the tables; about 3 minutes
+  python -m benchmarks                                  print the tables; about 12 minutes
   python -m benchmarks --out benchmarks/results.json    and keep the figures
   python -m benchmarks --quick                          a smoke test; the figures are rough
 """
@@ -44,14 +47,23 @@ def run(arguments: Sequence[str] | None = None) -> int:
             basis_sizes=[n for n in BASIS_SIZES if not quick or n <= 300],
             progress=progress,
         )
-    found = environment()
+        growths += grow(
+            sample_sizes=ADAPTED_SIZES, basis_sizes=(), tasks=(ADAPTING,), progress=progress
+        )
+        arrivals = move_goals(
+            samples=SAMPLES, shifts=SHIFTS[-1:] if quick else SHIFTS, progress=progress
+        )
+        recoveries = perturb(
+            samples=SAMPLES, cases=QUICK_CASES if quick else CASES, progress=progress
+        )
+    results = report.Results(comparison, growths, arrivals, recoveries, environment())
     console = Console()
     if not console.is_terminal:
         console = Console(width=PIPED_WIDTH)
-    report.show(console, comparison, growths, found)
+    report.show(console, results)
     if options.out is not None:
         try:
-            written = write_beside(options.out, report.as_json(comparison, growths, found))
+            written = write_beside(options.out, report.as_json(results))
         except InputError as error:
             print(error, file=sys.stderr)
             return 1

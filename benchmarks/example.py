@@ -13,6 +13,8 @@ DURATION = 0.999
 BASIS_FUNCTIONS = 100
 ALPHA, BETA, ALPHA_S = 25.0, 6.25, 1.0
 """The paper's constants, for its method and for noslip; movement-primitives' phase is its own."""
+MOVED_GOAL = (-0.2, 1.0, 0.0)
+"""The goal 0.2 m aside, along the blade's y axis as demonstrated."""
 
 
 def demonstration(samples: int = SAMPLES) -> PoseTrajectory:

@@ -29,6 +29,9 @@ LEAST_MEMORY = 1_000_000
 TASKS = ("fit", "learn", "rollout", "imitate", "open_loop")
 """The last two are movement-primitives'."""
 THEIRS = TASKS[3:]
+ADAPTING = "adapt"
+ADAPTED_SIZES = (250, 500, 1000, 2000)
+"""An adaptation takes 2001 samples at most."""
 _ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -83,7 +86,7 @@ def grow(
     growths = []
     for axis, pairs in sizes:
         for task in tasks:
-            if task in THEIRS and peers.MISSING:
+            if not pairs or (task in THEIRS and peers.MISSING):
                 continue
             cases: list[Case] = []
             for samples, basis_functions in pairs:

@@ -9,6 +9,10 @@ step SciPy's BFGS then looks for the angular velocity that minimises
 starting from the last step's w, with gradients by finite differences as SciPy takes them by
 default.  The position is integrated with the coupling term ``f_con`` of that orientation.
 
+A goal may be another from the start, and a state may be pushed: the steps simply go on from there,
+the orientation's goal as demonstrated.  The orientation found for one motion can also be kept for
+another, which leaves the coupling term alone to adapt it, as the trained primitive of the paper.
+
 Where the text leaves a choice, the one that serves the method best is taken: the primitives are
 fitted to the steps that they will take (so that they follow the demonstration to the basis
 functions' error), with the same basis functions and regression as noslip; the attractor has tau
@@ -18,7 +22,7 @@ NumPy on three components takes several times as long.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import cos, sin, sqrt
 
@@ -89,6 +93,8 @@ class PaperResult:
     Attributes
     ----------
     motion : PoseTrajectory
+    turning : array, shape (N - 1, 3)
+        Angular velocity of each step, as optimised (rad/s).
     evaluations : int
         Of the loss, all steps together.
     unconverged : int
@@ -97,6 +103,7 @@ class PaperResult:
     """
 
     motion: PoseTrajectory
+    turning: Floats
     evaluations: int
     unconverged: int
 
@@ -106,61 +113,136 @@ def run(demonstration: PoseTrajectory, basis_functions: int = BASIS_FUNCTIONS) -
     return rollout(UncoupledPrimitives.fit(demonstration, basis_functions))
 
 
-def rollout(primitives: UncoupledPrimitives) -> PaperResult:
-    """Integrate both primitives, the orientation optimised and the position coupled to it."""
-    given = primitives.demonstration
-    count, tau = len(given), given.duration
-    dt = tau / (count - 1)
-    orientations = orientation_rollout(primitives)
-    forces = primitives.forces[:, :3]
-    goal = given.positions[-1]
+def rollout(
+    primitives: UncoupledPrimitives,
+    *,
+    goal_position: Floats | None = None,
+    turning: Floats | None = None,
+) -> PaperResult:
+    """Integrate both primitives, the orientation optimised and the position coupled to it.
 
-    turn: Quaternion = orientations[0]
-    position = given.positions[0].copy()
-    lateral = np.array(_rotate(turn, (0.0, 1.0, 0.0)))
-    # The method assumes a start on the constraint; the paper projects the velocity for it.
-    velocity = given.linear_velocities[0] - lateral * (lateral @ given.linear_velocities[0])
-    w = np.zeros(3)
-    positions, turns = np.empty((count, 3)), np.empty((count, 4))
-    positions[0], turns[0] = position, turn
-    evaluations = unconverged = 0
-    for k in range(count - 1):
-        free = (ALPHA * (BETA * (goal - position) - tau * velocity) + forces[k]) / tau**2
-        loss = loss_of_step(turn, orientations[k + 1], velocity, free, dt)
-        found = minimize(loss, w, method="BFGS")
-        evaluations += found.nfev
-        unconverged += not found.success
-        w = found.x
+    Parameters
+    ----------
+    goal_position : array, shape (3,), optional
+        Metres; the demonstrated one by default.
+    turning : array, shape (N - 1, 3), optional
+        Angular velocities (rad/s) to keep to, instead of optimising them.
+    """
+    stepping = Stepping(primitives, goal_position=goal_position, turning=turning)
+    state = stepping.start()
+    states = [state]
+    for _ in primitives.forces:
+        state = stepping.step(state)
+        states.append(state)
+    turning = np.array([state.w for state in states[1:]])
+    return PaperResult(stepping.motion(states), turning, stepping.evaluations, stepping.unconverged)
+
+
+@dataclass(frozen=True, eq=False)
+class PaperState:
+    """Where the method is: after how many steps, its pose, and the velocities that led there."""
+
+    taken: int
+    position: Floats
+    velocity: Floats
+    turn: Quaternion
+    w: Floats
+
+
+class Stepping:
+    """The method, step by step; :func:`rollout` has the parameters.
+
+    Beyond the end there is no force: the attractor alone goes on towards the goal.
+
+    Attributes
+    ----------
+    evaluations, unconverged : int
+        See :class:`PaperResult`.
+    """
+
+    def __init__(
+        self,
+        primitives: UncoupledPrimitives,
+        *,
+        goal_position: Floats | None = None,
+        turning: Floats | None = None,
+    ) -> None:
+        self.given, self.turning = primitives.demonstration, turning
+        self.goal = self.given.positions[-1] if goal_position is None else goal_position
+        self.time_step = self.given.duration / (len(self.given) - 1)
+        self.forces = primitives.forces[:, :3]
+        self.orientations = _Orientations(primitives)
+        self.evaluations = self.unconverged = 0
+
+    def start(self) -> PaperState:
+        """Return the demonstration's start."""
+        turn = self.orientations[0]
+        lateral = np.array(_rotate(turn, (0.0, 1.0, 0.0)))
+        # The method assumes a start on the constraint; the paper projects the velocity for it.
+        velocity = self.given.linear_velocities[0]
+        velocity = velocity - lateral * (lateral @ velocity)
+        return PaperState(0, self.given.positions[0].copy(), velocity, turn, np.zeros(3))
+
+    def step(self, state: PaperState) -> PaperState:
+        """Return the next state."""
+        tau, dt, k = self.given.duration, self.time_step, state.taken
+        position, velocity, turn = state.position, state.velocity, state.turn
+        free = ALPHA * (BETA * (self.goal - position) - tau * velocity) / tau**2
+        if k < len(self.forces):
+            free = free + self.forces[k] / tau**2
+        w = self._turning(state, free)
         turn = _normalised(_multiply(_exp(w * dt), turn))
         c = np.array(_rotate(turn, (0.0, 1.0, 0.0)))
         b = -np.array(_cross(tuple(w.tolist()), tuple(c.tolist()))) @ velocity
         # c has unit length and is its own pseudo-inverse.
         velocity = velocity + dt * (free + c * (b - c @ free))
-        position = position + dt * velocity
-        positions[k + 1], turns[k + 1] = position, turn
-    motion = PoseTrajectory(
-        times=np.arange(count, dtype=np.float64) * dt,
-        positions=positions,
-        rotations=Rotation.from_quat(turns, scalar_first=True),
-        name="the paper's method",
-    )
-    return PaperResult(motion, evaluations, unconverged)
+        return PaperState(k + 1, position + dt * velocity, velocity, turn, w)
+
+    def motion(self, states: Sequence[PaperState]) -> PoseTrajectory:
+        """Return states, a step apart, as a trajectory."""
+        return PoseTrajectory(
+            times=np.arange(len(states), dtype=np.float64) * self.time_step,
+            positions=np.array([state.position for state in states]),
+            rotations=Rotation.from_quat([state.turn for state in states], scalar_first=True),
+            name="the paper's method",
+        )
+
+    def _turning(self, state: PaperState, free: Floats) -> Floats:
+        if self.turning is not None:
+            return self.turning[state.taken] if state.taken < len(self.turning) else np.zeros(3)
+        wanted = self.orientations[state.taken + 1]
+        loss = loss_of_step(state.turn, wanted, state.velocity, free, self.time_step)
+        found = minimize(loss, state.w, method="BFGS")
+        self.evaluations += found.nfev
+        self.unconverged += not found.success
+        return np.asarray(found.x)
+
+
+class _Orientations:
+    """The orientation primitive, integrated by itself as far as it is asked for."""
+
+    def __init__(self, primitives: UncoupledPrimitives) -> None:
+        self.given, self.forces = primitives.demonstration, primitives.forces[:, 3:]
+        ends = self.given.rotations[[0, -1]].as_quat(scalar_first=True)
+        start, self.goal = (tuple(turn.tolist()) for turn in ends)
+        self.w = self.given.angular_velocities[0]
+        self.turns: list[Quaternion] = [start]
+
+    def __getitem__(self, k: int) -> Quaternion:
+        tau, dt = self.given.duration, self.given.duration / (len(self.given) - 1)
+        while len(self.turns) <= k:
+            turn, taken = self.turns[-1], len(self.turns) - 1
+            to_goal = np.array(_log(_multiply(self.goal, _conjugate(turn))))
+            force = self.forces[taken] if taken < len(self.forces) else np.zeros(3)
+            self.w = self.w + dt * (ALPHA * (BETA * to_goal - tau * self.w) + force) / tau**2
+            self.turns.append(_normalised(_multiply(_exp(self.w * dt), turn)))
+        return self.turns[k]
 
 
 def orientation_rollout(primitives: UncoupledPrimitives) -> list[Quaternion]:
     """Integrate the orientation primitive by itself; a quaternion a sample."""
-    given, forces = primitives.demonstration, primitives.forces[:, 3:]
-    tau, dt = given.duration, given.duration / (len(given) - 1)
-    turn: Quaternion = tuple(given.rotations[0].as_quat(scalar_first=True).tolist())
-    goal: Quaternion = tuple(given.rotations[-1].as_quat(scalar_first=True).tolist())
-    w = given.angular_velocities[0]
-    turns = [turn]
-    for force in forces:
-        to_goal = np.array(_log(_multiply(goal, _conjugate(turn))))
-        w = w + dt * (ALPHA * (BETA * to_goal - tau * w) + force) / tau**2
-        turn = _normalised(_multiply(_exp(w * dt), turn))
-        turns.append(turn)
-    return turns
+    turns = _Orientations(primitives)
+    return [turns[k] for k in range(len(primitives.demonstration))]
 
 
 def loss_of_step(

@@ -35,12 +35,10 @@ class Quality:
         if len(motion) != len(demonstration):
             raise ValueError(f"{motion.name}: {len(motion)} samples, not {len(demonstration)}")
         period = motion.duration / (len(motion) - 1)
-        linear = np.diff(motion.positions, axis=0) / period
-        lateral = motion.rotations[1:].apply([0.0, 1.0, 0.0])
-        angular = (motion.rotations[1:] * motion.rotations[:-1].inv()).as_rotvec() / period
+        angular = angular_velocities(motion)
         distance = np.linalg.norm(motion.positions - demonstration.positions, axis=1)
         return cls(
-            residual=float(np.abs(np.sum(lateral * linear, axis=1)).max()),
+            residual=largest_slip(motion),
             position_rms=float(np.sqrt(np.mean(distance**2))),
             position_end=float(distance[-1]),
             angular_speed=float(np.linalg.norm(angular, axis=1).max()),
@@ -48,3 +46,17 @@ class Quality:
                 np.linalg.norm(np.diff(angular, axis=0), axis=1).max() / period
             ),
         )
+
+
+def largest_slip(motion: PoseTrajectory) -> float:
+    """Return the largest ``|c(R_k+1) . (p_k+1 - p_k)| / dt`` (m/s), c the lateral axis."""
+    period = motion.duration / (len(motion) - 1)
+    lateral = motion.rotations[1:].apply([0.0, 1.0, 0.0])
+    slip = np.sum(lateral * np.diff(motion.positions, axis=0), axis=1) / period
+    return float(np.abs(slip).max())
+
+
+def angular_velocities(motion: PoseTrajectory) -> np.ndarray:
+    """Angular velocity of each step, shape (N - 1, 3), rad/s."""
+    period = motion.duration / (len(motion) - 1)
+    return np.asarray((motion.rotations[1:] * motion.rotations[:-1].inv()).as_rotvec() / period)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -14,7 +15,9 @@ from rich.table import Table
 from benchmarks import peers
 from benchmarks.comparison import OURS, PEER, Comparison, Ratio, StepCost
 from benchmarks.example import ALPHA, ALPHA_S, BETA, DURATION
-from benchmarks.growth import LEAST_MEMORY, THEIRS, Growth
+from benchmarks.goals import Arrival
+from benchmarks.growth import ADAPTING, LEAST_MEMORY, THEIRS, Growth
+from benchmarks.perturbation import REACHED, Recovery, Summary, summaries
 
 FORMAT = 1
 """Version of the JSON's layout."""
@@ -22,13 +25,32 @@ FORMAT = 1
 _AXES = {"samples": "samples", "basis_functions": "basis functions"}
 
 
-def as_json(
-    comparison: Comparison, growths: Sequence[Growth], environment: dict[str, Any]
-) -> bytes:
+@dataclass(frozen=True)
+class Results:
+    """Everything measured.
+
+    Attributes
+    ----------
+    comparison : Comparison
+    growths : sequence of Growth
+    arrivals : sequence of Arrival
+    recoveries : sequence of Recovery
+    environment : dict
+    """
+
+    comparison: Comparison
+    growths: Sequence[Growth]
+    arrivals: Sequence[Arrival]
+    recoveries: Sequence[Recovery]
+    environment: dict[str, Any]
+
+
+def as_json(results: Results) -> bytes:
     """Everything measured; times in seconds, memory in bytes, quality in SI units."""
+    comparison = results.comparison
     content = {
         "format": FORMAT,
-        "environment": environment,
+        "environment": results.environment,
         "demonstration": {
             "name": "numerical example of the paper",
             "samples": comparison.samples,
@@ -55,21 +77,22 @@ def as_json(
                 "memory_exponent": growth.memory_exponent,
                 "cases": [asdict(case) for case in growth.cases],
             }
-            for growth in growths
+            for growth in results.growths
         ],
+        "moved_goals": [asdict(arrival) for arrival in results.arrivals],
+        "pushes": {
+            "summaries": [asdict(summary) for summary in summaries(results.recoveries)],
+            "cases": [asdict(recovery) for recovery in results.recoveries],
+        },
         "left_out": [peers.MISSING] if peers.MISSING else [],
     }
     return (json.dumps(content, indent=2) + "\n").encode()
 
 
-def show(
-    console: Console,
-    comparison: Comparison,
-    growths: Sequence[Growth],
-    environment: dict[str, Any],
-) -> None:
+def show(console: Console, results: Results) -> None:
     """Print all tables."""
-    for line in _head(comparison, environment):
+    comparison, growths = results.comparison, results.growths
+    for line in _head(comparison, results.environment):
         console.print(line, highlight=False)
     tables = [
         _timings(comparison),
@@ -79,8 +102,14 @@ def show(
     ]
     for axis in _AXES:
         along = [growth for growth in growths if growth.axis == axis and growth.cases]
-        if along:
-            tables.append(_growth(along, axis))
+        # An adaptation has sizes of its own.
+        adapting = [growth for growth in along if growth.task == ADAPTING]
+        others = [growth for growth in along if growth.task != ADAPTING]
+        tables += [_growth(group, axis) for group in (others, adapting) if group]
+    if results.arrivals:
+        tables.append(_moved_goals(results.arrivals))
+    if results.recoveries:
+        tables.append(_pushes(summaries(results.recoveries)))
     for table in tables:
         console.print()
         console.print(table)
@@ -195,6 +224,60 @@ def _growth(growths: Sequence[Growth], axis: str) -> Table:
     table.caption = (
         "time: lowest of the repetitions; memory: peak above what the process held before, '-' "
         "below 1 MB; exponents: slope of log time and log memory between the two largest sizes"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def _moved_goals(arrivals: Iterable[Arrival]) -> Table:
+    table = _table(
+        "Goal moved from the start", "by", "end m", "end °", "goal °", "slip m/s", "turn rad/s"
+    )
+    moved = None
+    for a in arrivals:
+        if moved != (a.direction, a.shift):
+            moved = a.direction, a.shift
+            by = f"{a.shift:g} m along {a.direction}" if a.shift else a.direction
+            table.add_row(f"[bold]{by}[/bold]")
+        table.add_row(
+            f"  {a.method}",
+            f"{a.position:.1e}",
+            f"{np.degrees(a.rotation):.1f}",
+            f"{np.degrees(a.from_demonstrated):.1f}",
+            f"{a.residual:.1e}",
+            f"{a.angular_speed:.1f}",
+        )
+    table.caption = (
+        "end m: distance from the goal; end °: from where the same method ends if the goal does "
+        "not move; goal °: from the demonstrated end; slip and turn: the largest"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def _pushes(found: Iterable[Summary]) -> Table:
+    table = _table(
+        "Pushed by 1 to 20 % of the path", "cases", "number", "reached", "median", "95 %", "worst",
+        "slip m/s", "turn rad/s", "time",
+    )  # fmt: skip
+    cases = None
+    for s in found:
+        if cases != s.cases:
+            cases = s.cases
+            table.add_row(f"[bold]{cases}[/bold]")
+        table.add_row(
+            f"  {s.method}",
+            str(s.count),
+            f"{s.reached:.1%}",
+            *(f"{error:.2%}" for error in (s.median, s.percentile_95, s.worst)),
+            f"{s.residual:.1e}",
+            f"{s.angular_speed:.1f}",
+            f"{s.duration:.2f}",
+        )
+    table.caption = (
+        f"reached: within {REACHED:.0%} of the path from the goal at the end; median, 95 % and "
+        "worst: distance from it over the path; slip: the largest after the push; turn: median of "
+        "the largest angular speed after the push; time: median over that without a push"
     )
     table.caption_justify = "left"
     return table

@@ -679,8 +679,31 @@ def test_goals_at_the_start_or_opposite_to_it_are_reached(scaling: Any, part: fl
     dmp = cutting()
     start = dmp.position.start
     goal = start + part * (dmp.position.goal - start)
-    motion = dmp.adapt(goal_position=goal, scaling=scaling).rollout()
-    assert_reaches(motion, goal, dmp.orientation.goal, dmp.rollout().path_length)
+    new = dmp.adapt(goal_position=goal, scaling=scaling)
+    # What is not named turns along with the path.
+    turned = new.orientation.goal if scaling == "rotation-dilation" else dmp.orientation.goal
+    assert_reaches(new.rollout(), goal, turned, dmp.rollout().path_length)
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(0.3, 3.0))
+@settings(max_examples=15)
+def test_a_turned_and_stretched_way_turns_and_stretches_the_whole_motion(
+    angle: float, ratio: float
+) -> None:
+    dmp = cutting()
+    own = dmp.rollout()
+    start, way = dmp.position.start, dmp.position.goal - dmp.position.start
+    # About what is square to the way: the smallest turn from the one way to the other.
+    axis = np.cross(way, [0.0, 0.0, 1.0])
+    axis = np.cross(axis, way) / np.linalg.norm(np.cross(axis, way))
+    turn = Rotation.from_rotvec(angle * axis)
+    new = dmp.adapt(
+        goal_position=start + ratio * turn.apply(way), scaling="rotation-dilation"
+    ).rollout()
+    expected = start + ratio * turn.apply(own.positions - start)
+    apart = np.linalg.norm(new.positions - expected, axis=1).max()
+    assert apart <= 1e-3 * ratio * own.path_length
+    assert np.degrees((new.rotations * (turn * own.rotations).inv()).magnitude()).max() <= 1.0
 
 
 def test_a_closed_cut_is_adapted_under_any_scaling() -> None:

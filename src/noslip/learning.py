@@ -25,7 +25,7 @@ from noslip.primitives.pose import (
     default_steps,
     evenly_sampled,
 )
-from noslip.primitives.scaling import Scaling, scaled_position
+from noslip.primitives.scaling import Scaling, scaled_orientation, scaled_position
 from noslip.primitives.stepping import Stepper
 from noslip.projection.feasibility import project_pose, require_consistent
 from noslip.projection.metric import Metric, inverse_metric
@@ -232,7 +232,8 @@ class ConstrainedDMP(PoseDMP):
         scaling : "none", "difference" or "rotation-dilation"
             How the path follows a new goal before it is projected, see
             :func:`noslip.primitives.scaling.scaled_position`.  Without scaling the displacement
-            grows along the motion by minimum jerk.
+            grows along the motion by minimum jerk.  Where the path turns, orientations that are
+            not named turn along.
         start, end : "free", "position", "rotation" or "pose"
             What of the start and the goal is kept to; all of it by default.  What is not named in
             the call is that of this primitive.
@@ -253,30 +254,33 @@ class ConstrainedDMP(PoseDMP):
         if duration is not None:
             tau = _arguments.positive("duration", duration, "seconds")
         count = adaptation.samples_of(self, samples)
+        position, orientation = own, turned
+        if scaling != "none":
+            position = scaled_position(
+                own, scaling, start_position=start_position, goal_position=goal_position
+            )
+            orientation = scaled_orientation(own, turned, position, scaling)
         goal, goal_turn = adaptation.boundary_pose(
             self.system,
             "goal",
             self.begin + tau,
             (goal_position, goal_rotation),
-            (own.goal, turned.goal),
+            (own.goal, orientation.goal),
         )
         first, first_turn = adaptation.boundary_pose(
             self.system,
             "start",
             self.begin,
             (start_position, start_rotation),
-            (own.start, turned.start),
+            (own.start, orientation.start),
         )
         velocities = None
         if start_velocity is not None:
             velocities = adaptation.start_velocities(
                 self.system, self.inverse_metric, self.begin, first, first_turn, start_velocity
             )
-        position = own
-        if scaling != "none":
-            position = scaled_position(own, scaling, start_position=first, goal_position=goal)
         adapted = adaptation.adapt(
-            PoseDMP(position, turned, self.phase, self.duration, self.steps),
+            PoseDMP(position, orientation, self.phase, self.duration, self.steps),
             self.system,
             goal_position=goal,
             goal_rotation=goal_turn,
@@ -373,15 +377,18 @@ class ConstrainedDMP(PoseDMP):
         if velocities is not None:
             position = replace(position, start_velocity=velocities[0] * duration)
             orientation = replace(orientation, start_velocity=velocities[1] * duration)
+        regular_position = scaled_position(
+            self.regular.position,
+            scaling,
+            start_position=position.start,
+            goal_position=position.goal,
+        )
         regular = replace(
             self.regular,
-            position=scaled_position(
-                self.regular.position,
-                scaling,
-                start_position=position.start,
-                goal_position=position.goal,
-            ),
-            orientation=self.regular.orientation.moved(orientation.start, orientation.goal),
+            position=regular_position,
+            orientation=scaled_orientation(
+                self.regular.position, self.regular.orientation, regular_position, scaling
+            ).moved(orientation.start, orientation.goal),
             duration=duration,
         )
         return replace(

@@ -12,10 +12,10 @@ from rich.console import Console
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from benchmarks import command, comparison, paper_method, peers, report
+from benchmarks import command, comparison, goals, paper_method, peers, perturbation, report
 from benchmarks.case import Case, prepare
 from benchmarks.environment import environment
-from benchmarks.example import DURATION, SAMPLES, demonstration
+from benchmarks.example import DURATION, MOVED_GOAL, SAMPLES, demonstration
 from benchmarks.growth import Growth, grow, run_case
 from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
@@ -93,6 +93,116 @@ def test_uncoupled_primitives_reproduce_the_demonstrated_orientation() -> None:
     turns = paper_method.orientation_rollout(paper_method.UncoupledPrimitives.fit(given))
     error = Rotation.from_quat(turns, scalar_first=True) * given.rotations.inv()
     assert error.magnitude().max() < 1e-3
+
+
+def test_paper_method_comes_to_rest_without_force_after_its_end() -> None:
+    given = demonstration(61)
+    primitives = paper_method.UncoupledPrimitives.fit(given, 20)
+    stepping = paper_method.Stepping(primitives, turning=np.zeros((60, 3)))
+    states = [stepping.start()]
+    while len(states) < 4 * len(given):
+        states.append(stepping.step(states[-1]))
+    assert np.linalg.norm(states[60].velocity) > 0.1
+    assert np.linalg.norm(states[-1].velocity) < 1e-3
+
+
+def test_kept_orientations_are_the_optimised_ones(
+    coarse: dict[int, paper_method.PaperResult],
+) -> None:
+    primitives = paper_method.UncoupledPrimitives.fit(demonstration(61), 20)
+    kept = paper_method.rollout(primitives, turning=coarse[61].turning)
+    assert kept.evaluations == 0
+    assert np.allclose(kept.motion.positions, coarse[61].motion.positions, atol=1e-12)
+
+
+# ---------------------------------------------------------------- goals that move
+
+
+@pytest.fixture(scope="module")
+def arrivals() -> list[goals.Arrival]:
+    return goals.move_goals(samples=61, basis_functions=20, shifts=(0.2,))
+
+
+def test_goals_are_moved_by_every_method_alike(arrivals: list[goals.Arrival]) -> None:
+    methods = [a.method for a in arrivals if a.direction == "unmoved"]
+    assert len(methods) == 5
+    assert [a.method for a in arrivals] == 5 * methods
+    assert {a.shift for a in arrivals} == {0.0, 0.2}
+
+
+def test_adapt_arrives_where_a_coupling_term_alone_stops_short(
+    arrivals: list[goals.Arrival],
+) -> None:
+    for a in arrivals:
+        if a.method in (goals.ADAPTED, goals.TO_THE_DEMONSTRATED):
+            assert a.position < 0.005
+            assert a.rotation < 0.01
+            assert a.residual < 1e-10
+    (short,) = (
+        a for a in arrivals if a.method == goals.COUPLED and a.direction.endswith("arrives")
+    )
+    assert 0.01 < short.position < 0.2
+
+
+def test_the_moved_goal_lies_along_the_demonstrated_lateral_axis() -> None:
+    given = demonstration(61)
+    moved = given.positions[-1] + 0.2 * given.rotations[-1].apply([0.0, 1.0, 0.0])
+    assert np.allclose(MOVED_GOAL, moved, atol=1e-4)
+
+
+# ---------------------------------------------------------------- pushes
+
+
+@pytest.fixture(scope="module")
+def recoveries(tmp_path_factory: pytest.TempPathFactory) -> list[perturbation.Recovery]:
+    absent = tmp_path_factory.mktemp("recordings") / "absent"
+    return perturbation.perturb(samples=61, basis_functions=20, cases=2, recordings=absent)
+
+
+def test_pushes_are_half_sideways_and_always_the_same() -> None:
+    names = ["one", "two"]
+    pushes = perturbation.pushes(40, names)
+    assert sum(p.kind == perturbation.SIDEWAYS for p in pushes) == 20
+    assert {(p.motion, p.kind) for p in pushes} == {
+        (name, kind) for name in names for kind in (perturbation.SIDEWAYS, perturbation.ANYWHERE)
+    }
+    again = perturbation.pushes(40, names)
+    for p, same in zip(pushes, again, strict=True):
+        assert (p.at, p.size) == (same.at, same.size)
+        assert 0.01 <= p.size <= 0.2
+        turn = Rotation.from_rotvec([0.3, 0.2, 0.1])
+        shift = p.shift(turn, 2.0)
+        assert np.linalg.norm(shift) == pytest.approx(2 * p.size)
+        if p.kind == perturbation.SIDEWAYS:
+            across = turn.inv().apply(shift)
+            assert np.allclose(across[[0, 2]], 0, atol=1e-12)
+
+
+def test_all_methods_get_the_same_pushes(recoveries: list[perturbation.Recovery]) -> None:
+    methods = [perturbation.NOSLIP, perturbation.OPTIMISED, perturbation.COUPLED]
+    assert [r.method for r in recoveries] == 3 * methods
+    kinds = [perturbation.NOT_PUSHED, perturbation.SIDEWAYS, perturbation.ANYWHERE]
+    assert [r.kind for r in recoveries[::3]] == kinds
+    for r in recoveries:
+        assert np.isfinite([r.error, r.residual, r.angular_speed]).all()
+        assert r.duration >= 1
+        if r.method == perturbation.NOSLIP:
+            assert r.residual < 1e-10
+        if r.kind == perturbation.NOT_PUSHED:
+            assert r.error < 0.01
+
+
+def test_summaries_count_what_was_reached() -> None:
+    errors = [0.0, 0.002, 0.01, 0.3]
+    found = [
+        perturbation.Recovery("m", "motion", perturbation.SIDEWAYS, 0.5, 0.1, e, e, 2.0, 1.1)
+        for e in errors
+    ]
+    by_group = {s.cases: s for s in perturbation.summaries(found)}
+    assert set(by_group) == {"all pushes", perturbation.SIDEWAYS, "motion"}
+    s = by_group["all pushes"]
+    assert (s.count, s.reached, s.worst, s.residual) == (4, 0.75, 0.3, 0.3)
+    assert s.median == pytest.approx(0.006)
 
 
 # ---------------------------------------------------------------- quality
@@ -227,25 +337,38 @@ def test_the_other_library_follows_the_demonstration(compared: comparison.Compar
     assert "orientation" in peers.step_functions()
 
 
-def test_json_holds_everything(compared: comparison.Comparison, growths: list[Growth]) -> None:
-    content = json.loads(report.as_json(compared, growths, environment()))
+@pytest.fixture(scope="module")
+def results(
+    compared: comparison.Comparison,
+    growths: list[Growth],
+    arrivals: list[goals.Arrival],
+    recoveries: list[perturbation.Recovery],
+) -> report.Results:
+    return report.Results(compared, growths, arrivals, recoveries, environment())
+
+
+def test_json_holds_everything(compared: comparison.Comparison, results: report.Results) -> None:
+    content = json.loads(report.as_json(results))
     assert content["environment"]["numpy"] == np.__version__
     assert content["demonstration"]["samples"] == 40
     assert {t["key"] for t in content["timings"]} == set(compared.timings)
     assert [set(r) for r in content["ratios"]] == [
         {"name", "value", "target", "of_lowest", "met"}
-    ] * 3
+    ] * 5
     assert content["quality"]["noslip"]["position_rms"] < 0.1
-    assert [g["axis"] for g in content["growth"]] == ["samples", "basis_functions"]
+    assert [g["axis"] for g in content["growth"]] == ["samples"]
     assert [c["samples"] for c in content["growth"][0]["cases"]] == [50, 100]
     assert content["growth"][0]["time_exponent"] is not None
+    assert len(content["moved_goals"]) == len(results.arrivals)
+    assert len(content["pushes"]["cases"]) == len(results.recoveries)
+    assert content["pushes"]["summaries"][0]["cases"] == perturbation.NOT_PUSHED
 
 
 def test_tables_show_every_measurement(
-    compared: comparison.Comparison, growths: list[Growth]
+    compared: comparison.Comparison, results: report.Results
 ) -> None:
     shown = io.StringIO()
-    report.show(Console(file=shown, width=140), compared, growths, environment())
+    report.show(Console(file=shown, width=140), results)
     text = shown.getvalue()
     for timing in compared.timings.values():
         assert timing.label in text
@@ -254,6 +377,11 @@ def test_tables_show_every_measurement(
     for ratio in compared.ratios:
         assert ratio.name in text
     assert "noslip fit" in text
+    for arrival in results.arrivals:
+        assert arrival.method in text
+        assert arrival.direction in text
+    for summary in perturbation.summaries(results.recoveries):
+        assert summary.cases in text
 
 
 def test_without_the_other_library_the_tables_say_so(
@@ -262,23 +390,25 @@ def test_without_the_other_library_the_tables_say_so(
     monkeypatch.setattr(peers, "MISSING", "movement-primitives is left out: not installed")
     compared = comparison.compare(**TINY)
     assert "imitate" not in compared.timings
-    assert [ratio.met for ratio in compared.ratios[1:]] == [None, None]
+    assert [ratio.met for ratio in compared.ratios[1:3]] == [None, None]
+    results = report.Results(compared, [], [], [], environment())
     shown = io.StringIO()
-    report.show(Console(file=shown, width=140), compared, [], environment())
+    report.show(Console(file=shown, width=140), results)
     assert "movement-primitives is left out" in shown.getvalue()
     assert "not measured" in shown.getvalue()
-    assert json.loads(report.as_json(compared, [], environment()))["left_out"]
+    assert json.loads(report.as_json(results))["left_out"]
 
 
 def test_command_prints_and_writes(
-    compared: comparison.Comparison,
-    growths: list[Growth],
+    results: report.Results,
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(command, "compare", lambda **_: compared)
-    monkeypatch.setattr(command, "grow", lambda **_: growths)
+    monkeypatch.setattr(command, "compare", lambda **_: results.comparison)
+    monkeypatch.setattr(command, "grow", lambda **_: list(results.growths))
+    monkeypatch.setattr(command, "move_goals", lambda **_: results.arrivals)
+    monkeypatch.setattr(command, "perturb", lambda **_: results.recoveries)
     out = tmp_path / "new" / "results.json"
     assert command.run(["--quick", "--out", str(out)]) == 0
     assert json.loads(out.read_text())["format"] == report.FORMAT

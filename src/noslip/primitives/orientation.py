@@ -98,6 +98,18 @@ class OrientationDMP:
         """Where the demonstrations end (mean)."""
         return self.winding.goal
 
+    def turned(self, turn: Rotation) -> OrientationDMP:
+        """Return the primitive of the motion ``turn R(t)``, all of it turned in the world frame."""
+        knots = turn * Rotation.from_quat(self.winding.quaternions, scalar_first=True)
+        matrix = turn.as_matrix()
+        return replace(
+            self,
+            forcing=ForcingTerm(self.forcing.basis, self.forcing.weights @ matrix.T),
+            start_quaternion=(turn * self.start).as_quat(scalar_first=True),
+            winding=Winding(continuous_quaternions(knots)),
+            start_velocity=matrix @ self.start_velocity,
+        )
+
     def moved(self, start: Rotation, goal: Rotation) -> OrientationDMP:
         """Return the primitive with another start and goal; the learned force stays."""
         turn = self.goal.inv() * goal

@@ -6,7 +6,8 @@ demonstrated way from start to goal onto the new one,
 
     ``f'(s) = S f(s)``,   ``g' - p_0' = S (g - p_0)``
 
-so that the motion is ``p_0' + S (p - p_0)``: the demonstrated path, stretched or turned.
+so that the motion is ``p_0' + S (p - p_0)``: the demonstrated path, stretched or turned.  Where S
+turns, the orientation turns along.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip.errors import InputError
 from noslip.primitives.forcing import ForcingTerm
+from noslip.primitives.orientation import OrientationDMP
 from noslip.primitives.position import PositionDMP
 
 Floats = NDArray[np.float64]
@@ -70,12 +72,7 @@ def scaled_position(
         start = _arguments.vector("start_position", start_position)
     if goal_position is not None:
         goal = _arguments.vector("goal_position", goal_position)
-    matrix = np.eye(3)
-    if scaling != "none":
-        # In metres: how far the force alone would move the attractor.
-        reach = np.abs(position.forcing.weights).max() / position.attractor.stiffness
-        stretch = _difference if scaling == "difference" else _rotation_dilation
-        matrix = stretch(position.goal - position.start, goal - start, _CLOSED * reach)
+    matrix = _matrix(position, scaling, start, goal)
     return replace(
         position,
         forcing=ForcingTerm(position.forcing.basis, position.forcing.weights @ matrix.T),
@@ -83,6 +80,35 @@ def scaled_position(
         goal=goal,
         start_velocity=matrix @ position.start_velocity,
     )
+
+
+def scaled_orientation(
+    position: PositionDMP, orientation: OrientationDMP, scaled: PositionDMP, scaling: Scaling
+) -> OrientationDMP:
+    """Return an orientation primitive that turns along with a position primitive.
+
+    Parameters
+    ----------
+    position, orientation : PositionDMP, OrientationDMP
+        As learned.
+    scaled : PositionDMP
+        As :func:`scaled_position` returned it.
+    """
+    if scaling != "rotation-dilation":
+        return orientation
+    matrix = _matrix(position, scaling, scaled.start, scaled.goal)
+    ratio = float(np.cbrt(np.linalg.det(matrix)))
+    return orientation.turned(Rotation.from_matrix(matrix / ratio)) if ratio else orientation
+
+
+def _matrix(position: PositionDMP, scaling: Scaling, start: Floats, goal: Floats) -> Floats:
+    """S, shape (3, 3)."""
+    if scaling == "none":
+        return np.eye(3)
+    # In metres: how far the force alone would move the attractor.
+    reach = np.abs(position.forcing.weights).max() / position.attractor.stiffness
+    stretch = _difference if scaling == "difference" else _rotation_dilation
+    return stretch(position.goal - position.start, goal - start, _CLOSED * reach)
 
 
 def _difference(demonstrated: Floats, wanted: Floats, closed: float) -> Floats:
