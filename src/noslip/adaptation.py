@@ -169,6 +169,8 @@ def adapt(
     begin : float
         Time at the start (s), for constraints that depend on it.
 
+    Notes
+    -----
     The other parameters are those of :meth:`noslip.ConstrainedDMP.adapt`.
     """
     _require_end("start", start)
