@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,21 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("ci")
+
+# Random constraints would each be compiled; tests of what is compiled allow it.
+os.environ["NOSLIP_COMPILE"] = "0"
+
+
+@pytest.fixture
+def compiling(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Allow compiling, into a cache folder that the tests of one run share."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler (cc) on this machine")
+    folder = tmp_path_factory.getbasetemp() / "compiled"
+    monkeypatch.setenv("NOSLIP_COMPILE", "1")
+    monkeypatch.setenv("NOSLIP_CACHE", str(folder))
+    monkeypatch.delenv("CC", raising=False)
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -415,15 +415,10 @@ class ConstrainedDMP(PoseDMP):
         return save_primitive(self, path)
 
     @cached_property
-    def _stepper(self) -> Stepper:
+    def stepper(self) -> Stepper:
         if not self.system.size:
-            return super()._stepper
+            return super().stepper
         return Stepper(coupling(self.system, inverse_metric=self.inverse_metric), self.system.size)
-
-    @property
-    def step_function(self) -> Any:
-        """One step as a CasADi function of (state, row of the step table): (state, outputs)."""
-        return self._stepper.function
 
     @property
     def leading_step(self) -> float:

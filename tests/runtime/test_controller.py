@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip.experiments.numerical_example import demonstration
-from noslip.runtime.steering import LARGEST_TURN, Steering
+from noslip.runtime.steering import LARGEST_TURN, turn_that_allows
 
 Floats = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)
@@ -42,7 +43,7 @@ def unit(rng: np.random.Generator) -> Floats:
 def run(
     controller: ns.Controller,
     pushes: dict[int, Floats] | None = None,
-    goals: dict[int, dict[str, Any]] | None = None,
+    goals: dict[int, Any] | None = None,
     measured: bool = True,
 ) -> list[ns.State]:
     """Step to the end; each measured state is the last one, pushed where asked."""
@@ -53,7 +54,7 @@ def run(
         k = len(states) - 1
         assert k < 10 * primitive().steps
         given_state = replace(state, position=state.position + pushes.get(k, np.zeros(3)))
-        state = controller.step(given_state if measured else None, **goals.get(k, {}))
+        state = controller.step(given_state if measured else None, goals.get(k))
         states.append(state)
     return states
 
@@ -106,7 +107,7 @@ def test_a_goal_that_moves_is_reached(seed: int, when: float) -> None:
     controller = dmp.controller(time_step=STEP)
     goal = dmp.position.goal + 0.2 * length() * unit(rng)
     turned_goal = Rotation.from_rotvec(0.5 * unit(rng)) * dmp.orientation.goal
-    asked = {int(when * dmp.steps): {"goal_position": goal, "goal_rotation": turned_goal}}
+    asked = {int(when * dmp.steps): (goal, turned_goal)}
     states = run(controller, goals=asked)
     assert residual(states) <= 1e-10
     off, turned = misses(states[-1], goal, turned_goal)
@@ -180,7 +181,7 @@ def test_a_goal_that_no_motion_reaches_is_told_and_the_old_one_kept() -> None:
         [ns.Blade(), ns.PlaneContact()],
     )
     controller = dmp.controller(time_step=dmp.duration / dmp.steps)
-    state = controller.step(goal_position=[1.0, 0.2, 0.1])
+    state = controller.step(goal=[1.0, 0.2, 0.1])
     while not controller.done:
         state = controller.step(state)
         assert np.abs(state.constraint_residuals).max() <= 1e-10
@@ -226,13 +227,20 @@ def test_wrong_steps_are_named() -> None:
     controller = primitive().controller(time_step=STEP)
     with pytest.raises(ns.InputError, match="measured_state"):
         controller.step(np.zeros(3))
-    with pytest.raises(ns.InputError, match="goal_position"):
-        controller.step(goal_position=[1, 2])
+    with pytest.raises(ns.InputError, match="goal"):
+        controller.step(goal=[1, 2])
     with pytest.raises(ns.InputError, match="time_step"):
         controller.step(time_step=-1)
 
 
 # -------------------------------------------------------------------- steering
+
+
+def steering(system: Any, speed: float, *values: Floats) -> Floats:
+    """Value of the turn at a path's time, position, quaternion, velocities, and a wish."""
+    symbols = [ca.SX.sym("x", np.size(value)) for value in values]
+    turn = ca.Function("turn", symbols, [turn_that_allows(system, speed, *symbols)])
+    return np.asarray(turn(*values)).ravel()
 
 
 @given(seeds)
@@ -246,7 +254,9 @@ def test_the_turned_blade_allows_the_wish(seed: int) -> None:
     for size in (1e-2, 1e-3):
         wish = size * unit(np.random.default_rng(seed))
         quaternion = R.as_quat(scalar_first=True)
-        turn = Steering(system, 1e-9)(0.0, np.zeros(3), quaternion, along, np.zeros(3), wish)
+        turn = steering(
+            system, 1e-9, 0.0, np.zeros(3), quaternion, along, np.zeros(3), wish
+        )
         lateral = (Rotation.from_rotvec(turn) * R).as_matrix()[:, 1]
         left.append(abs(lateral @ (along + wish)))
     assert left[0] <= 2e-4
@@ -254,8 +264,7 @@ def test_the_turned_blade_allows_the_wish(seed: int) -> None:
 
 
 def test_steering_is_bounded_and_nothing_where_the_tool_rests() -> None:
-    steering = Steering(primitive().system, 1.0)
-    at = (0.0, np.zeros(3), np.array([1.0, 0, 0, 0]))
+    at = (primitive().system, 1.0, 0.0, np.zeros(3), np.array([1.0, 0, 0, 0]))
     far = steering(*at, np.array([1.0, 0, 0]), np.zeros(3), np.array([0, 1e3, 0]))
     assert np.linalg.norm(far) <= LARGEST_TURN * (1 + 1e-12)
     rest = steering(*at, np.zeros(3), np.zeros(3), np.array([0, 1e-3, 0]))
@@ -263,5 +272,6 @@ def test_steering_is_bounded_and_nothing_where_the_tool_rests() -> None:
 
 
 def test_constraints_on_poses_do_not_steer() -> None:
-    steering = Steering(ns.learn(demonstration(), [ns.PlaneContact()]).system, 1.0)
-    assert not steering(0.0, np.zeros(3), np.array([1.0, 0, 0, 0]), *np.eye(3)).any()
+    system = ns.learn(demonstration(), [ns.PlaneContact()]).system
+    identity = np.array([1.0, 0, 0, 0])
+    assert not steering(system, 1.0, 0.0, np.zeros(3), identity, *np.eye(3)).any()

@@ -18,7 +18,7 @@ from noslip.primitives.basis import Basis
 from noslip.primitives.orientation import OrientationDMP
 from noslip.primitives.phase import Phase
 from noslip.primitives.position import PositionDMP
-from noslip.primitives.stepping import Stepper, step_table
+from noslip.primitives.stepping import KICK, Stepper, step_table
 from noslip.trajectory import PoseTrajectory
 
 Floats = NDArray[np.float64]
@@ -30,8 +30,32 @@ MOST_BASIS_FUNCTIONS = 2000
 HELD = 1e-9
 """A margin above minus this counts as kept."""
 ProjectStart = Literal["velocity", "pose", "nothing"]
+DONE = 1 - 1e-9
+"""Fraction of the duration from which on a motion has come to its end."""
 FEWEST_STEPS = 200
 """A rollout takes at least this many steps unless told otherwise."""
+
+
+class _Turn:
+    """Field of a rotation that is made from a quaternion only when it is asked for.
+
+    A control loop seldom asks, and making one takes longer than the step.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._kept = f"_{name}"
+
+    def __get__(self, state: Any, owner: type | None = None) -> Rotation:
+        if state is None:
+            # So that dataclasses take it for a field without default.
+            raise AttributeError
+        kept = state.__dict__[self._kept]
+        if isinstance(kept, np.ndarray):
+            kept = state.__dict__[self._kept] = Rotation.from_quat(kept, scalar_first=True)
+        return kept
+
+    def __set__(self, state: Any, value: Rotation | Floats) -> None:
+        state.__dict__[self._kept] = value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,6 +71,7 @@ class State:
     position : array, shape (3,)
         Metres.
     rotation : Rotation
+        Or a unit quaternion (qw, qx, qy, qz) where one is made; also ``goal_rotation``.
     linear_velocity, angular_velocity : array, shape (3,)
         Of the step that led here (at the start: of that instant); m/s and rad/s, world frame.
     previous_step : float
@@ -63,37 +88,46 @@ class State:
         Of the equalities.
     margins, limit_multipliers : array, shape (k,)
         Of the limits.
+    acceleration : array, shape (6,)
+        Of that step: linear (m/s^2), then angular (rad/s^2), world frame.
     constraint_forces : array, shape (6,)
-        What the constraints added to the acceleration of that step (m/s^2, rad/s^2).
+        What the constraints added to it.
+    done : bool
+        Whether the motion has come to its end.
     """
 
     time: float
     phase: float
     position: Floats
-    rotation: Rotation
+    rotation: _Turn = _Turn()
     linear_velocity: Floats
     angular_velocity: Floats
     previous_step: float
     duration: float
     goal_position: Floats
-    goal_rotation: Rotation
+    goal_rotation: _Turn = _Turn()
     pull_in: float = 0.0
     steering: Floats = field(default_factory=lambda: np.zeros(3))
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros(0))
     multipliers: Floats = field(default_factory=lambda: np.zeros(0))
     margins: Floats = field(default_factory=lambda: np.zeros(0))
     limit_multipliers: Floats = field(default_factory=lambda: np.zeros(0))
+    acceleration: Floats = field(default_factory=lambda: np.zeros(6))
     constraint_forces: Floats = field(default_factory=lambda: np.zeros(6))
+    done: bool = False
+
+    @property
+    def quaternion(self) -> Floats:
+        """Of the rotation: (qw, qx, qy, qz)."""
+        kept = self.__dict__["_rotation"]
+        if isinstance(kept, np.ndarray):
+            return kept
+        return np.asarray(kept.as_quat(scalar_first=True))
 
     def vector(self) -> Floats:
         """Pose and velocities as the stepper's state vector."""
         return np.concatenate(
-            [
-                self.position,
-                self.rotation.as_quat(scalar_first=True),
-                self.linear_velocity,
-                self.angular_velocity,
-            ]
+            [self.position, self.quaternion, self.linear_velocity, self.angular_velocity]
         )
 
 
@@ -345,11 +379,12 @@ class PoseDMP:
                 )
             wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
             steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
-        states, outputs = self._stepper.run(state.vector(), self._table(state, steps, time_step))
-        states = np.concatenate([state.vector()[None], states])
+        first = state.vector()
+        states, outputs = self.stepper.run(first, self.steps_ahead(state, steps, time_step))
+        states = np.concatenate([first[None], states])
         # The acceleration of the first sample is that of the step which leaves it.
         outputs = np.concatenate([outputs[:1], outputs])
-        column = self._stepper.outputs
+        column = self.stepper.outputs
         outputs[0, column["values"]] = np.concatenate([state.constraint_residuals, state.margins])
         names, limits = self._constraint_names, self._limit_names
         rows, all_rows = len(names), len(names) + len(limits)
@@ -425,25 +460,37 @@ class PoseDMP:
         Steps may differ in length.
         """
         time_step = _arguments.positive("time_step", time_step, "seconds")
-        states, outputs = self._stepper.run(state.vector(), self._table(state, 1, time_step))
-        vector, column = states[0], self._stepper.outputs
+        before, table = state.vector(), self.steps_ahead(state, 1, time_step)
+        states, outputs = self.stepper.run(before, table)
+        vector, column = states[0], self.stepper.outputs
+        phase = state.phase * self.phase.decay(time_step / state.duration)
         rows = len(self._constraint_names)
         values, multipliers = outputs[0, column["values"]], outputs[0, column["multipliers"]]
         return replace(
             state,
             time=state.time + time_step,
-            phase=state.phase * self.phase.decay(time_step / state.duration),
+            phase=phase,
             position=vector[0:3],
-            rotation=Rotation.from_quat(vector[3:7], scalar_first=True),
+            rotation=vector[3:7],
             linear_velocity=vector[7:10],
             angular_velocity=vector[10:13],
             previous_step=time_step,
+            acceleration=(vector[7:] - before[7:]) / table[0, KICK],
             constraint_residuals=values[:rows],
             multipliers=multipliers[:rows],
             margins=values[rows:],
             limit_multipliers=multipliers[rows:],
             constraint_forces=outputs[0, column["force"]],
+            done=self.phase.fraction(phase) >= DONE,
         )
+
+    def compile(self) -> bool:
+        """Compile the step and wait for it; whether a C compiler was there.
+
+        Without this it happens in the background once a primitive is rolled out a second time.  The
+        motion is the same to the bit.
+        """
+        return self.stepper.native.wait() is not None
 
     # ---------------------------------------------------------------- inside
 
@@ -452,7 +499,8 @@ class PoseDMP:
         return state
 
     @cached_property
-    def _stepper(self) -> Stepper:
+    def stepper(self) -> Stepper:
+        """What carries a state over the rows of a step table."""
         return _UNCOUPLED
 
     @cached_property
@@ -501,8 +549,8 @@ class PoseDMP:
     def _limit_names(self) -> tuple[str, ...]:
         return ()
 
-    def _table(self, state: State, steps: int, time_step: float) -> Floats:
-        """Everything about the coming steps that depends on the phase alone."""
+    def steps_ahead(self, state: State, steps: int, time_step: float) -> Floats:
+        """Return everything about the coming steps that depends on the phase alone, a row a step."""
         basis, tau = self.position.forcing.basis, state.duration
         begin = self.phase.fraction(state.phase)
         lead = self._rotation_lead(time_step / tau)

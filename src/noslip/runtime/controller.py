@@ -18,8 +18,8 @@ moment needs a way back, which only a new plan, and time, can give.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,8 +29,10 @@ from noslip import _arguments
 from noslip.adaptation import REPLANNED_SAMPLES
 from noslip.errors import InputError, NoslipError
 from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import ConstrainedMotion, State
-from noslip.runtime.steering import Steering
+from noslip.primitives.pose import DONE, State
+from noslip.runtime import engine
+from noslip.runtime.engine import Compiled, Memory, Virtual
+from noslip.runtime.steering import Guidance
 
 Floats = NDArray[np.float64]
 
@@ -38,12 +40,10 @@ TOLERANCE = 2e-3
 """Of the path's length: farther off its path a tool is led back by a new plan."""
 ANGLE_TOLERANCE = 0.05
 """rad."""
-DEADBAND = 0.1
-"""Fraction of the tolerance within which nothing is done."""
-RETURN_RATE = 8.0
-"""k of the steering, per duration."""
 _PAUSE = 0.02
-"""Fraction of the duration between two plans."""
+"""Fraction of the duration between two plans, and that a tool takes to come to a halt."""
+_STANDING = 1e9
+"""Over the plan's duration: that of a motion which stands still."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,9 @@ class Replanned:
 class Controller:
     """Steps a primitive, and leads it back when what is measured is not what was planned.
 
+    The step runs as machine code where a C compiler is found, and is compiled when this object is
+    made (the first under these constraints: a second or some; later ones from a cache).
+
     Parameters
     ----------
     dmp : ConstrainedDMP
@@ -85,11 +88,11 @@ class Controller:
 
     Attributes
     ----------
-    state : State
-        The last, or the one to begin with.
     plan : ConstrainedDMP
         What is followed now.
     replanned : list of Replanned
+    memory : Memory
+        The state in place, see :meth:`advance`.
     """
 
     def __init__(
@@ -106,32 +109,56 @@ class Controller:
         self.tolerance = _arguments.positive("tolerance", tolerance)
         self.angle_tolerance = _arguments.positive("angle_tolerance", angle_tolerance, "rad")
         self.samples = samples
-        whole = dmp.rollout()
-        self._length = whole.path_length or 1.0
-        self._steering = Steering(dmp.system, whole.path_length / dmp.duration)
+        self.memory = Memory(dmp)
+        self._library = dmp.stepper.native.wait()
+        self._guidance = Guidance(
+            dmp.system,
+            dmp.rollout().path_length,
+            dmp.duration,
+            self.tolerance,
+            self.angle_tolerance,
+        )
         self.reset()
 
     def reset(self, state: State | None = None) -> State:
         """Begin anew, from a state of the primitive or from its start."""
         self.replanned: list[Replanned] = []
         self._pause = -np.inf
-        self.state = self.dmp.initial_state() if state is None else state
-        self._follow(self.dmp, self.state)
-        self._goal, self._goal_rotation = self.state.goal_position, self.state.goal_rotation
+        self._speed = self._wanted_speed = 1.0
+        self._ramp = 0.0
+        self._halted: Floats | None = None
+        begun = self.dmp.initial_state() if state is None else state
+        self._goal = begun.goal_position.tolist()
+        self._goal_rotation = begun.goal_rotation
         self._goal_moved = False
+        self._follow(self.dmp, begun)
         return self.state
+
+    @property
+    def state(self) -> State:
+        """The last, or the one to begin with."""
+        return self.memory.state()
 
     @property
     def done(self) -> bool:
         """Whether the motion has come to its end."""
-        return self.plan.phase.fraction(self.state.phase) >= 1 - 1e-9
+        return self.memory.data.item(engine.FRACTION) >= DONE
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether the step runs as machine code."""
+        return self._library is not None
+
+    @property
+    def speed(self) -> float:
+        """Of the motion, over that of the plan: 1, 0 while it is paused, between them on the way."""
+        return self._speed
 
     def step(
         self,
         measured_state: State | None = None,
+        goal: ArrayLike | tuple[ArrayLike, Rotation] | Rotation | None = None,
         *,
-        goal_position: ArrayLike | None = None,
-        goal_rotation: Rotation | None = None,
         time_step: float | None = None,
     ) -> State:
         """Return the next state.
@@ -139,48 +166,120 @@ class Controller:
         Parameters
         ----------
         measured_state : State, optional
-            Where the tool is now: the last state with measured values in place of its own
-            (``dataclasses.replace``).  By default it is where it was sent.
-        goal_position, goal_rotation : optional
+            Where the tool is now: the last state with the measured pose, or pose and velocities, in
+            place of its own (``dataclasses.replace``).  By default it is where it was sent.
+        goal : array of shape (3,), Rotation, or a pair of both, optional
             Where to go from now on.  If no motion is found that ends there, the old goal stays, the
-        reason is told in ``replanned``, and it is tried again.
+            reason is told in ``replanned``, and it is tried again.
         time_step : float, optional
             Of this step (s), if a cycle came late.
+
+        Raises
+        ------
+        InputError
+            If an argument is not what it must be, or not finite; the state is as it was.
+        """
+        self.advance(measured_state, goal, time_step=time_step)
+        return self.memory.state()
+
+    def advance(
+        self,
+        measured_state: State | None = None,
+        goal: ArrayLike | tuple[ArrayLike, Rotation] | Rotation | None = None,
+        *,
+        time_step: float | None = None,
+    ) -> None:
+        """Step in place, as :meth:`step` does, for loops that must not allocate.
+
+        What comes of it stands in ``memory.data``, at the places that :mod:`noslip.runtime.engine`
+        names.
         """
         h = self.time_step
         if time_step is not None:
             h = _arguments.positive("time_step", time_step, "seconds")
-        state = self.state if measured_state is None else measured_state
-        if not isinstance(state, State):
-            raise InputError(f"measured_state must be a State, got {type(state).__name__}")
-        if goal_position is not None:
-            self._goal = _arguments.vector("goal_position", goal_position)
-            self._goal_moved = True
-        if goal_rotation is not None:
-            self._goal_rotation = _arguments.rotation("goal_rotation", goal_rotation)
-            self._goal_moved = True
-        steer, waits = np.zeros(3), False
-        if self._goal_moved and state.time >= self._pause:
-            state, _ = self._replan(state, "goal")
-        elif measured_state is not None:
-            off, angle, steer = self._errors(state)
-            if off > 1 or angle > 1:
-                steer, waits = np.zeros(3), True
-                if state.time >= self._pause:
-                    state, found = self._replan(state, "path")
-                    waits = not found
-        after = self.plan.step(replace(state, steering=steer), h)
-        phase = state.phase if waits else after.phase
-        self.state = replace(after, phase=phase, steering=np.zeros(3))
-        return self.state
+        if goal is not None:
+            self._aim(goal)
+        data = self.memory.data
+        waits = False
+        if measured_state is not None:
+            waits = self._measure(measured_state)
+        else:
+            data[engine.STEERING] = engine.NO_STEERING
+            if self._goal_moved and self._may_replan:
+                self._replan("goal")
+        if self._speed != self._wanted_speed:
+            self._change_speed(h)
+        before = data.item(engine.FRACTION)
+        self._engine.step(h)
+        if waits:
+            data[engine.FRACTION] = before
+
+    def pause(self, within: float | None = None) -> None:
+        """Come to a halt on the path.
+
+        Only the clock slows down: whatever holds of rows that are homogeneous in the velocity still
+        holds.  A halted tool keeps the constraints too, and moves along with those that move.
+
+        Parameters
+        ----------
+        within : float, optional
+            Seconds; by default a fiftieth of the duration.  0 is at once.
+        """
+        self._head_for(0.0, within)
+
+    def resume(self, within: float | None = None) -> None:
+        """Go on after a :meth:`pause`, at full speed within some seconds."""
+        self._head_for(1.0, within)
 
     # ---------------------------------------------------------------- inside
+
+    @property
+    def _may_replan(self) -> bool:
+        return self._wanted_speed == self._speed == 1 and self.memory.data[0] >= self._pause
+
+    def _head_for(self, speed: float, within: float | None) -> None:
+        if within is None:
+            within = _PAUSE * self.dmp.duration
+        within = _arguments.not_negative("within", within)
+        self._wanted_speed = speed
+        self._ramp = 1 / within if within > 0 else np.inf
+
+    def _change_speed(self, h: float) -> None:
+        """Stretch the plan's duration, and the velocities with it."""
+        data, old = self.memory.data, self._speed
+        change = min(self._ramp * h, abs(self._wanted_speed - old))
+        new = old + change if self._wanted_speed > old else old - change
+        if self._halted is not None:
+            data[engine.VELOCITIES] = new * self._halted
+            self._halted = None
+        elif new == 0.0:
+            # Scaled up again from next to nothing, rounding would be all that is left of them.
+            self._halted = data[engine.VELOCITIES] / old
+            data[engine.VELOCITIES] = 0.0
+        else:
+            data[engine.VELOCITIES] *= new / old
+        data[engine.DURATION] = self.plan.duration * (1 / new if new > 0 else _STANDING)
+        self._speed = new
+
+    def _aim(self, goal: Any) -> None:
+        """Take over a goal, if it is another one."""
+        position, rotation = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, None)
+        if isinstance(position, Rotation):
+            position, rotation = rotation, position
+        if position is not None:
+            asked = _arguments.vector("goal", position).tolist()
+            if asked != self._goal:
+                self._goal, self._goal_moved = asked, True
+        if rotation is not None:
+            asked_rotation = _arguments.rotation("goal", rotation)
+            if (asked_rotation * self._goal_rotation.inv()).magnitude() > 0:
+                self._goal_rotation, self._goal_moved = asked_rotation, True
 
     def _follow(self, plan: ConstrainedDMP, state: State) -> None:
         self.plan = plan
         begins = state.previous_step == 0.0
         # On the loop's own steps: undisturbed, the tool is exactly on it.
-        self._path: ConstrainedMotion = plan.rollout(
+        motion = plan.rollout(
             goal_position=state.goal_position,
             goal_rotation=state.goal_rotation,
             start_position=state.position if begins else None,
@@ -188,29 +287,53 @@ class Controller:
             duration=state.duration,
             time_step=min(self.time_step, state.duration),
         )
+        self._path = np.hstack(
+            [
+                motion.positions[:-1],
+                motion.quaternions[:-1],
+                # Of the step that leaves a sample.
+                motion.linear_velocities[1:],
+                motion.angular_velocities[1:],
+            ]
+        )
+        self._last = len(self._path) - 1
+        self._between = motion.duration / len(self._path)
+        self.memory.set(plan, state)
+        self._engine = (
+            Virtual(plan, self.memory, self.time_step)
+            if self._library is None
+            else Compiled(plan, self.memory, self._library)
+        )
 
-    def _errors(self, state: State) -> tuple[float, float, Floats]:
-        """Distance and angle from the path over their tolerances; turn that steers back."""
-        path = self._path
-        place = min(self.plan.phase.fraction(state.phase), 1.0) * (len(path) - 1)
-        k = min(int(place), len(path) - 2)
-        passed = (place - k) * (path.times[k + 1] - path.times[k])
-        linear, angular = path.linear_velocities[k + 1], path.angular_velocities[k + 1]
-        position = path.positions[k] + passed * linear
-        rotation = Rotation.from_rotvec(passed * angular) * path.rotations[k]
-        off = position - state.position
-        distance = float(np.linalg.norm(off)) / self._length / self.tolerance
-        steer = np.zeros(3)
-        if distance > DEADBAND:
-            quaternion = rotation.as_quat(scalar_first=True)
-            wish = RETURN_RATE / self.dmp.duration * off
-            steer = self._steering(state.time, position, quaternion, linear, angular, wish)
-        angle = float((rotation * state.rotation.inv()).magnitude())
-        allowed = self.angle_tolerance + float(np.linalg.norm(steer))
-        return distance, angle / allowed, steer
+    def _measure(self, measured: State) -> bool:
+        """Take over what was measured; steer, re-plan, or tell that the phase must wait."""
+        if not isinstance(measured, State):
+            raise InputError(f"measured_state must be a State, got {type(measured).__name__}")
+        data, guidance = self.memory.data, self._guidance
+        place = min(data.item(engine.FRACTION), 1.0) * len(self._path)
+        k = min(int(place), self._last)
+        given, path = guidance.measured, guidance.path
+        given[0:3], given[3:7] = measured.position, measured.quaternion
+        given[7:10], given[10:13] = measured.linear_velocity, measured.angular_velocity
+        path[:13] = self._path[k]
+        path[13], path[14] = (place - k) * self._between, data.item(engine.TIME)
+        guidance()
+        # One sum instead of thirteen questions: what is not finite stays so.
+        if not np.isfinite(guidance.state.sum()):
+            raise InputError("measured_state is not finite; leave it out where nothing was measured")
+        data[engine.MOVING] = guidance.state
+        if self._speed != 1.0:
+            return False
+        off = guidance.distance > 1 or guidance.angle > 1
+        if (off or self._goal_moved) and self._may_replan:
+            if self._replan("goal" if self._goal_moved else "path"):
+                return False
+        data[engine.STEERING] = engine.NO_STEERING if off else guidance.steering
+        return off
 
-    def _replan(self, state: State, reason: Literal["path", "goal"]) -> tuple[State, bool]:
+    def _replan(self, reason: Literal["path", "goal"]) -> bool:
         """Change the plan, if one is found; else the old one is followed on."""
+        state = self.memory.state()
         self._pause = state.time + _PAUSE * self.dmp.duration
         try:
             plan = self.plan.replan(
@@ -221,9 +344,9 @@ class Controller:
             )
         except NoslipError as failure:
             self.replanned.append(Replanned(state.time, reason, np.nan, str(failure)))
-            return state, False
+            return False
         self.replanned.append(Replanned(state.time, reason, plan.duration))
         self._goal_moved = False
         begun = plan.initial_state(start_position=state.position, start_rotation=state.rotation)
         self._follow(plan, begun)
-        return begun, True
+        return True

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from noslip._files import write_beside
+from noslip.codegen import c99
 from noslip.errors import InputError
 from noslip.learning import ConstrainedDMP
-from noslip.runtime import code
+from noslip.runtime import numbers
 
 _COMPARED = 100
 """Samples of the motion that the generated test compares, about."""
@@ -68,6 +69,7 @@ def export_c(dmp: ConstrainedDMP, folder: str | Path, *, name: str = "primitive"
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; give the name of a folder")
+    rows = dmp.system.equalities.size, dmp.system.limits.size
     texts = _texts(dmp, name)
     instructions = _instructions(texts, name)
     counted = (
@@ -76,7 +78,7 @@ def export_c(dmp: ConstrainedDMP, folder: str | Path, *, name: str = "primitive"
         if instructions
         else "\n * Instructions a step were not counted (that takes a C compiler and valgrind)."
     )
-    texts["noslip.h"] = code.header(dmp, counted)
+    texts["noslip.h"] = c99.header(*rows, counted)
     folder.mkdir(parents=True, exist_ok=True)
     written = [write_beside(folder / file, text.encode()) for file, text in texts.items()]
     return Exported(tuple(written), instructions)
@@ -101,13 +103,14 @@ def _texts(dmp: ConstrainedDMP, name: str) -> dict[str, str]:
     declared = f"#ifndef {name.upper()}_H\n#define {name.upper()}_H\n\n"
     declared += f'#include "noslip.h"\n\nextern const noslip_primitive {name};\n\n#endif\n'
     texts = {
-        "noslip.h": code.header(dmp),
-        "noslip.c": code.source(dmp),
+        "noslip.h": c99.header(dmp.system.equalities.size, dmp.system.limits.size),
+        # Forces and values, without each row's own part.
+        "noslip.c": c99.source(dmp.stepper.function, 6 + 2 * dmp.system.size),
         f"{name}.h": declared,
-        f"{name}.c": code.data(dmp, name),
+        f"{name}.c": numbers.text(dmp, name),
     }
     for file in ("example.c", "test.c", "CMakeLists.txt"):
-        text = code.template(file)
+        text = c99.template(file)
         for key, value in values.items():
             text = text.replace(f"@{key}@", value)
         texts[file] = text

@@ -1,4 +1,4 @@
-"""Steering: the turn with which a tool that must not slip comes back onto its path.
+"""Guidance: how far a tool is off its path, and the turn with which it comes back.
 
 Off its path by e, a tool should move with the velocity ``v + k e``.  A constraint on velocities
 forbids part of that; turned by delta it would allow it,
@@ -20,7 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip.constraints.system import ConstraintSystem
-from noslip.rotations import quaternion_exp, quaternion_product
+from noslip.primitives.stepping import STATE_SIZE
+from noslip.rotations import (
+    Expression,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_product,
+)
 
 Floats = NDArray[np.float64]
 
@@ -28,10 +35,23 @@ SLOW = 0.1
 """Speed, over the mean speed of the motion, below which a turn is not relied upon."""
 LARGEST_TURN = 0.5
 """rad; the linearisation holds for little more."""
+RETURN_RATE = 8.0
+"""k of the steering, per duration."""
+DEADBAND = 0.1
+"""Fraction of the tolerance within which nothing is done."""
 
 
-class Steering:
-    """Turns that lead a tool back onto its path.
+def turn_that_allows(
+    system: ConstraintSystem,
+    speed: float,
+    time: Expression,
+    position: Expression,
+    quaternion: Expression,
+    linear_velocity: Expression,
+    angular_velocity: Expression,
+    wish: Expression,
+) -> Expression:
+    """Turn (rad, world frame), shape (3,), that a velocity ``wish`` (m/s) asks for.
 
     Parameters
     ----------
@@ -39,41 +59,101 @@ class Steering:
         Only its velocity-level equalities steer.
     speed : float
         Mean speed of the motion (m/s).
+    time, position, quaternion, linear_velocity, angular_velocity, wish : expression
+        Pose and velocities are those of the path.
+    """
+    equalities = system.equalities
+    rows = [i for i, is_velocity in enumerate(equalities.row_is_velocity) if is_velocity]
+    if not rows or speed <= 0:
+        return ca.SX.zeros(3)
+    turn, v = ca.SX.sym("turn", 3), ca.SX.sym("v", 3)
+    turned = quaternion_product(quaternion_exp(turn), quaternion)
+    phi = equalities.residual(time, position, turned, v, angular_velocity)[rows]
+    A_R, A_v = (
+        ca.substitute(
+            ca.jacobian(phi, x), ca.vertcat(turn, v), ca.vertcat(ca.SX.zeros(3), linear_velocity)
+        )
+        for x in (turn, v)
+    )
+    damping = (SLOW * speed) ** 2 * ca.SX.eye(len(rows))
+    found = -ca.mtimes(A_R.T, ca.solve(ca.mtimes(A_R, A_R.T) + damping, ca.mtimes(A_v, wish)))
+    size = ca.norm_2(found)
+    return found * ca.fmin(1.0, LARGEST_TURN / ca.fmax(size, np.finfo(np.float64).tiny))
+
+
+class Guidance:
+    """Compares what was measured with the path; all in one expression graph.
+
+    Parameters
+    ----------
+    system : ConstraintSystem
+    path_length : float
+        Metres.
+    duration : float
+        Seconds.
+    tolerance : float
+        Distance over the path's length.
+    angle_tolerance : float
+        rad.
+
+    Attributes
+    ----------
+    path : array, shape (15,)
+        To be written to before a call: a state of the path, seconds since then, time now.
+    measured : array, shape (13,)
+        To be written to before a call: pose and velocities.
+    distance, angle : float
+        Off the path, over what is tolerated.
+    steering : array, shape (3,)
+        Turn of the orientation's target (rad).
+    state : array, shape (13,)
+        What was measured, the quaternion of unit length; not finite where a number was not.
     """
 
-    def __init__(self, system: ConstraintSystem, speed: float) -> None:
-        equalities = system.equalities
-        rows = [i for i, is_velocity in enumerate(equalities.row_is_velocity) if is_velocity]
-        self._function: ca.Function | None = None
-        if not rows or speed <= 0:
-            return
-        t, p, q = ca.SX.sym("t"), ca.SX.sym("p", 3), ca.SX.sym("q", 4)
-        v, w, wish = (ca.SX.sym(name, 3) for name in ("v", "w", "wish"))
-        turn = ca.SX.sym("turn", 3)
-        turned = quaternion_product(quaternion_exp(turn), q)
-        phi = equalities.residual(t, p, turned, v, w)[rows]
-        A_R, A_v = (ca.substitute(ca.jacobian(phi, x), turn, ca.SX.zeros(3)) for x in (turn, v))
-        damping = (SLOW * speed) ** 2 * ca.SX.eye(len(rows))
-        found = -ca.mtimes(A_R.T, ca.solve(ca.mtimes(A_R, A_R.T) + damping, ca.mtimes(A_v, wish)))
-        self._function = ca.Function("steering", [t, p, q, v, w, wish], [ca.cse(found)])
-
-    def __call__(
+    def __init__(
         self,
-        time: float,
-        position: Floats,
-        quaternion: Floats,
-        linear_velocity: Floats,
-        angular_velocity: Floats,
-        wish: Floats,
-    ) -> Floats:
-        """Turn (rad, world frame), shape (3,), that a velocity ``wish`` (m/s) asks for.
+        system: ConstraintSystem,
+        path_length: float,
+        duration: float,
+        tolerance: float,
+        angle_tolerance: float,
+    ) -> None:
+        path, measured = ca.SX.sym("path", STATE_SIZE + 2), ca.SX.sym("measured", STATE_SIZE)
+        p, q, v, w = path[0:3], path[3:7], path[7:10], path[10:13]
+        passed, time = path[13], path[14]
+        position = p + passed * v
+        quaternion = quaternion_product(quaternion_exp(passed * w), q)
+        off = position - measured[0:3]
+        unit = measured[3:7] / ca.norm_2(measured[3:7])
+        distance = ca.norm_2(off) / (path_length or 1.0) / tolerance
+        wish = RETURN_RATE / duration * off
+        turn = turn_that_allows(
+            system, path_length / duration, time, position, quaternion, v, w, wish
+        )
+        turn = ca.if_else(distance > DEADBAND, turn, 0.0)
+        apart = quaternion_log(quaternion_product(quaternion, quaternion_conjugate(unit)))
+        angle = ca.norm_2(apart) / (angle_tolerance + ca.norm_2(turn))
+        state = ca.vertcat(measured[0:3], unit, measured[7:13])
+        found = ca.densify(ca.vertcat(distance, angle, turn, state))
+        self._function = ca.Function("guidance", [path, measured], [ca.cse(found)])
+        self.path, self.measured = np.zeros(STATE_SIZE + 2), np.zeros(STATE_SIZE)
+        self._found = np.zeros(5 + STATE_SIZE)
+        self.steering, self.state = self._found[2:5], self._found[5:]
+        self._buffer, self._evaluate = self._function.buffer()
+        self._buffer.set_arg(0, self.path.data)
+        self._buffer.set_arg(1, self.measured.data)
+        self._buffer.set_res(0, self._found.data)
 
-        Pose and velocities are those of the path.
-        """
-        if self._function is None:
-            return np.zeros(3)
-        turn = np.array(
-            self._function(time, position, quaternion, linear_velocity, angular_velocity, wish)
-        ).ravel()
-        size = float(np.linalg.norm(turn))
-        return turn * min(1.0, LARGEST_TURN / size) if size > 0 else turn
+    def __call__(self) -> None:
+        """Compare."""
+        self._evaluate()
+
+    @property
+    def distance(self) -> float:
+        """Off the path, over what is tolerated."""
+        return self._found.item(0)
+
+    @property
+    def angle(self) -> float:
+        """Off the path's orientation, over what is tolerated."""
+        return self._found.item(1)

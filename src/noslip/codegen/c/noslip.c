@@ -8,6 +8,8 @@ static void noslip_core(const noslip_real *state, const noslip_real *step, nosli
                         noslip_real *output);
 
 #define REAL(x) ((noslip_real)(x))
+/* Of the core: force, values, multipliers. */
+#define NOSLIP_OUTPUTS @OUTPUTS@
 
 /* Exponent below which a Gaussian is lost in the rounding of the sum. */
 #define NEGLIGIBLE REAL(-38)
@@ -156,7 +158,7 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
         state->quaternion[i] = primitive->start_quaternion[i];
         state->goal_quaternion[i] = primitive->goal_quaternion[i];
     }
-    for (i = 0; i < 6; ++i) state->force[i] = 0;
+    for (i = 0; i < 6; ++i) state->acceleration[i] = state->force[i] = 0;
     state->known_fraction = state->known_step = -1;
     for (i = 0; i < 6; ++i) state->known[0][i] = state->known[1][i] = 0;
     for (i = 0; i < NOSLIP_ROWS; ++i) state->values[i] = state->multipliers[i] = 0;
@@ -211,7 +213,10 @@ void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_
         state->angular_velocity[i] = after[10 + i];
     }
     for (i = 0; i < 4; ++i) state->quaternion[i] = after[3 + i];
-    for (i = 0; i < 6; ++i) state->force[i] = output[i];
+    for (i = 0; i < 6; ++i) {
+        state->acceleration[i] = (after[7 + i] - now[7 + i]) / kick;
+        state->force[i] = output[i];
+    }
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
         state->values[i] = output[6 + i];
         state->multipliers[i] = output[6 + NOSLIP_EQUALITIES + NOSLIP_LIMITS + i];

@@ -62,7 +62,8 @@ typedef struct noslip_state {
     noslip_real goal_quaternion[4];
     noslip_real steering[3];       /* turn of the orientation's target, rad */
     /* Of the last step. */
-    noslip_real force[6];          /* added to the acceleration, m/s^2 and rad/s^2 */
+    noslip_real acceleration[6];   /* m/s^2 and rad/s^2 */
+    noslip_real force[6];          /* the constraints' part of it */
     noslip_real values[NOSLIP_ROWS];       /* residuals, then margins */
     noslip_real multipliers[NOSLIP_ROWS];
     /* Forces that the next step of the same length needs again; not to be written to. */

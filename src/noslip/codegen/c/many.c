@@ -1,0 +1,60 @@
+/* What Python runs: many steps, and many motions, a call. */
+
+/* Sizes, for a check of the layout. */
+void noslip_sizes(long long *sizes) {
+    sizes[0] = (long long)sizeof(noslip_primitive);
+    sizes[1] = (long long)sizeof(noslip_state);
+}
+
+/* Steps by a table; a row each of states and outputs. */
+void noslip_run(const double *state, const double *table, double *states, double *outputs,
+                long long steps) {
+    long long k;
+    for (k = 0; k < steps; ++k) {
+        noslip_core(k ? states + (k - 1) * 13 : state, table + k * 18, states + k * 13,
+                    outputs + k * NOSLIP_OUTPUTS);
+    }
+}
+
+static void sample(const noslip_state *s, double *state, double *values) {
+    int i;
+    for (i = 0; i < 3; ++i) {
+        state[i] = s->position[i];
+        state[7 + i] = s->linear_velocity[i];
+        state[10 + i] = s->angular_velocity[i];
+    }
+    for (i = 0; i < 4; ++i) state[3 + i] = s->quaternion[i];
+    for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) values[i] = s->values[i];
+}
+
+/* One motion for each of several beginnings: pose and velocities (13), goal's position and
+ * quaternion (7), duration, pull-in.  Of each sample after the first: pose and velocities, and the
+ * rows' values. */
+void noslip_rollouts(const noslip_primitive *primitive, const double *beginnings, long long count,
+                     long long steps, double *states, double *values) {
+    const long long rows = NOSLIP_EQUALITIES + NOSLIP_LIMITS;
+    long long motion, k;
+    int i;
+    for (motion = 0; motion < count; ++motion) {
+        const double *begin = beginnings + motion * 22;
+        noslip_state s;
+        noslip_start(primitive, &s);
+        for (i = 0; i < 3; ++i) {
+            s.position[i] = begin[i];
+            s.linear_velocity[i] = begin[7 + i];
+            s.angular_velocity[i] = begin[10 + i];
+            s.goal_position[i] = begin[13 + i];
+        }
+        for (i = 0; i < 4; ++i) {
+            s.quaternion[i] = begin[3 + i];
+            s.goal_quaternion[i] = begin[16 + i];
+        }
+        s.duration = begin[20];
+        s.pull_in = begin[21];
+        for (k = 1; k <= steps; ++k) {
+            const long long at = motion * (steps + 1) + k;
+            noslip_step(primitive, &s, s.duration / (double)steps);
+            sample(&s, states + at * 13, values + at * rows);
+        }
+    }
+}

@@ -1,0 +1,236 @@
+"""Steps compiled to machine code, where a C compiler is found; kept in the user's cache folder.
+
+Everything works without: CasADi's virtual machine runs the same graph, operation by operation, so that
+rollouts are the same to the bit.  What is compiled is keyed by its content, the compiler and the flags;
+several processes may build at once, and what is broken is built again.  ``NOSLIP_COMPILE=0`` turns it
+off; ``CC`` and ``NOSLIP_CACHE`` name another compiler and folder.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from noslip._files import write_beside
+from noslip.codegen import c99
+from noslip.errors import NoslipError
+
+FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
+"""No contraction: a fused multiplication and addition would round otherwise than two operations."""
+_LONGEST = 300.0
+"""Seconds after which a compiler is given up."""
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler.
+
+    Attributes
+    ----------
+    command : tuple of str
+    version : str
+        What it says of itself, first line.
+    """
+
+    command: tuple[str, ...]
+    version: str
+
+
+@lru_cache(maxsize=4)
+def _compiler(named: str) -> Compiler | None:
+    command = shlex.split(named)
+    path = shutil.which(command[0]) if command else None
+    if path is None:
+        return None
+    try:
+        told = subprocess.run(
+            [path, *command[1:], "--version"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    lines = told.stdout.splitlines()
+    return Compiler((path, *command[1:]), lines[0] if lines else path)
+
+
+def wanted() -> bool:
+    """Whether compiling is allowed (``NOSLIP_COMPILE``)."""
+    return os.environ.get("NOSLIP_COMPILE", "1").lower() not in ("0", "no", "off", "false")
+
+
+def compiler_name() -> str:
+    """Name of the C compiler that is looked for: ``CC``, or cc."""
+    return os.environ.get("CC") or "cc"
+
+
+def compiler() -> Compiler | None:
+    """Return the C compiler, or None if there is none."""
+    return _compiler(compiler_name())
+
+
+def cache_folder() -> Path:
+    """Where compiled steps are kept."""
+    if named := os.environ.get("NOSLIP_CACHE"):
+        return Path(named)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "noslip"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip"
+
+
+@dataclass(frozen=True)
+class Library:
+    """Machine code of a step function; see ``noslip.h`` and ``many.c``.
+
+    Attributes
+    ----------
+    path : Path
+    run, start, step, rollouts : callable
+        ``noslip_run`` and so on, of addresses and counts.
+    sizes : tuple of 2 int
+        Bytes of ``noslip_primitive`` and ``noslip_state``.
+    """
+
+    path: Path
+    run: Callable[..., None]
+    start: Callable[..., None]
+    step: Callable[..., None]
+    rollouts: Callable[..., None]
+    sizes: tuple[int, int]
+
+
+class Native:
+    """A step function on its way to machine code.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        (state, row of the step table) -> (state, outputs); expressions alone, no inner functions.
+    rows : int
+        Of constraints.
+
+    Attributes
+    ----------
+    library : Library or None
+        Once it is there.
+    failure : str
+        Why it is not, if compiling failed.
+    """
+
+    def __init__(self, function: ca.Function, rows: int) -> None:
+        self.library: Library | None = None
+        self.failure = ""
+        self._function, self._rows = function, rows
+        self._thread: threading.Thread | None = None
+        self._starting = threading.Lock()
+
+    def begin(self) -> None:
+        """Compile in the background."""
+        with self._starting:
+            if self._thread is None and wanted() and compiler() is not None:
+                # Not waited for at exit: what it writes appears whole or not at all.
+                self._thread = threading.Thread(target=self._build, daemon=True)
+                self._thread.start()
+
+    def wait(self) -> Library | None:
+        """Compile if need be and wait; the machine code, or None without a compiler."""
+        self.begin()
+        if self._thread is not None:
+            self._thread.join()
+        return self.library
+
+    def _build(self) -> None:
+        try:
+            self.library = loaded(self._function, self._rows)
+        except (OSError, subprocess.SubprocessError, AttributeError, NoslipError) as error:
+            self.failure = str(error)
+
+
+def loaded(function: ca.Function, rows: int) -> Library:
+    """Machine code of a step function, from the cache or built anew."""
+    found = compiler()
+    if found is None:
+        raise OSError(f"no C compiler ({compiler_name()})")
+    texts = {
+        "noslip.h": c99.header(rows, 0),
+        "noslip.c": c99.source(function) + "\n" + c99.template("many.c"),
+    }
+    told = "\0".join([*texts.values(), *found.command, found.version, *FLAGS, platform.machine()])
+    library = cache_folder() / f"step-{hashlib.sha256(told.encode()).hexdigest()[:32]}.so"
+    if not _whole(library):
+        content = _compiled(texts, found)
+        write_beside(library, content)
+        write_beside(_sum(library), _digest(content))
+    return _opened(library)
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
+
+
+def _sum(library: Path) -> Path:
+    return library.with_suffix(".sha256")
+
+
+def _whole(library: Path) -> bool:
+    """Whether a library is there and is what was written."""
+    try:
+        return _digest(library.read_bytes()) == _sum(library).read_bytes()
+    except OSError:
+        return False
+
+
+def _compiled(texts: dict[str, str], found: Compiler) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="noslip-") as scratch:
+        for name, text in texts.items():
+            (Path(scratch) / name).write_text(text, encoding="utf-8")
+        done = subprocess.run(
+            [*found.command, *FLAGS, "noslip.c", "-lm", "-o", "step.so"],
+            cwd=scratch,
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST,
+            check=False,
+        )
+        if done.returncode != 0:
+            lines = [line for line in done.stderr.splitlines() if "error" in line]
+            raise OSError(f"{found.command[0]}: {lines[0] if lines else 'failed'}")
+        return (Path(scratch) / "step.so").read_bytes()
+
+
+def _opened(path: Path) -> Library:
+    code = ctypes.CDLL(str(path))
+    pointer, count = ctypes.c_void_p, ctypes.c_longlong
+
+    def function(name: str, *arguments: Any) -> Callable[..., None]:
+        found = code[name]
+        found.argtypes, found.restype = arguments, None
+        return found
+
+    sizes = (count * 2)()
+    function("noslip_sizes", pointer)(ctypes.addressof(sizes))
+    return Library(
+        path=path,
+        run=function("noslip_run", *[pointer] * 4, count),
+        start=function("noslip_start", *[pointer] * 2),
+        step=function("noslip_step", *[pointer] * 2, ctypes.c_double),
+        rollouts=function("noslip_rollouts", *[pointer] * 2, *[count] * 2, *[pointer] * 2),
+        sizes=(sizes[0], sizes[1]),
+    )
