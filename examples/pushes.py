@@ -36,7 +36,7 @@ def run(with_controller: bool, push: np.ndarray, goal: np.ndarray) -> list[ns.St
         if pushed:
             now = replace(now, position=now.position + push)
         if with_controller:
-            states.append(controller.step(now, goal_position=goal if pushed else None))
+            states.append(controller.step(now, goal if pushed else None))
         else:
             states.append(dmp.step(replace(now, goal_position=goal) if pushed else now, step))
     return states

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -159,7 +159,7 @@ class ConstrainedDMP(PoseDMP):
         """Return the state with its velocities, or its pose too, projected onto the constraints."""
         if not self.system.size:
             return state
-        position, quaternion = state.position, state.rotation.as_quat(scalar_first=True)
+        position, quaternion = state.position, state.quaternion
         if project == "pose":
             position, quaternion = project_pose(
                 self.system, state.time, position, quaternion, inverse_metric=self.inverse_metric
@@ -169,21 +169,15 @@ class ConstrainedDMP(PoseDMP):
         if project == "nothing":
             residuals = equalities.instant(state.time, position, quaternion, linear, angular)[0]
         else:
-            linear, angular, residuals = project_velocities(
-                self.system,
-                state.time,
-                position,
-                quaternion,
-                linear,
-                angular,
-                inverse_metric=self.inverse_metric,
-                residual_rate=state.pull_in,
+            moving = np.concatenate([position, quaternion, linear, angular])
+            linear, angular, residuals = _allowed_velocities(
+                self.system, state.time, moving.tobytes(), self.inverse_metric, state.pull_in
             )
         margins = limits.residuals(state.time, position, quaternion, linear, angular)[0]
         return replace(
             state,
             position=position,
-            rotation=Rotation.from_quat(quaternion, scalar_first=True),
+            rotation=quaternion,
             linear_velocity=linear,
             angular_velocity=angular,
             constraint_residuals=residuals,
@@ -454,6 +448,31 @@ class ConstrainedDMP(PoseDMP):
     @property
     def _limit_names(self) -> tuple[str, ...]:
         return tuple(self.system.limits.row_names)
+
+
+# Rollouts begin in the same state again and again.
+@lru_cache(maxsize=64)
+def _allowed_velocities(
+    system: ConstraintSystem,
+    time: float,
+    moving: bytes,
+    inverse_metric: tuple[float, ...],
+    residual_rate: float,
+) -> tuple[Floats, Floats, Floats]:
+    given = np.frombuffer(moving)
+    found = project_velocities(
+        system,
+        time,
+        given[0:3],
+        given[3:7],
+        given[7:10],
+        given[10:13],
+        inverse_metric=inverse_metric,
+        residual_rate=residual_rate,
+    )
+    for part in found:
+        part.flags.writeable = False
+    return found
 
 
 def learn(

@@ -100,8 +100,9 @@ def test_limits_are_kept_and_the_blade_does_not_slip(name: str, seed: int) -> No
             angular,
         )
         np.testing.assert_allclose(found.margins[1:], margins, rtol=0, atol=1e-12)
-    # It was in the way, and is all but reached; a turn rate may have fallen without it.
-    assert name == "angular rate" or found.margins.min() <= 1e-3
+    # It was in the way, and is all but reached; a rate may have fallen without it.
+    in_the_way = cost(demonstration, found) > cost(demonstration, without) * (1 + 1e-9)
+    assert found.margins.min() <= 1e-3 or not in_the_way
     assert cost(demonstration, found) >= cost(demonstration, without) - 1e-9
 
 

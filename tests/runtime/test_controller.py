@@ -254,9 +254,7 @@ def test_the_turned_blade_allows_the_wish(seed: int) -> None:
     for size in (1e-2, 1e-3):
         wish = size * unit(np.random.default_rng(seed))
         quaternion = R.as_quat(scalar_first=True)
-        turn = steering(
-            system, 1e-9, 0.0, np.zeros(3), quaternion, along, np.zeros(3), wish
-        )
+        turn = steering(system, 1e-9, 0.0, np.zeros(3), quaternion, along, np.zeros(3), wish)
         lateral = (Rotation.from_rotvec(turn) * R).as_matrix()[:, 1]
         left.append(abs(lateral @ (along + wish)))
     assert left[0] <= 2e-4

@@ -1,4 +1,4 @@
-"""C99 code of a step function: its expression graph, and the phase, forces and attractor around it."""
+"""C99 code of a step function: its expression graph, with phase, forces and attractor around."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Steps compiled to machine code, where a C compiler is found; kept in the user's cache folder.
 
-Everything works without: CasADi's virtual machine runs the same graph, operation by operation, so that
-rollouts are the same to the bit.  What is compiled is keyed by its content, the compiler and the flags;
-several processes may build at once, and what is broken is built again.  ``NOSLIP_COMPILE=0`` turns it
-off; ``CC`` and ``NOSLIP_CACHE`` name another compiler and folder.
+Everything works without: CasADi's virtual machine runs the same graph, operation by operation, so
+that rollouts are the same to the bit.  What is compiled is keyed by its content, the compiler and
+the flags; several processes may build at once, and what is broken is built again.
+``NOSLIP_COMPILE=0`` turns it off; ``CC`` and ``NOSLIP_CACHE`` name another compiler and folder.
 """
 
 from __future__ import annotations

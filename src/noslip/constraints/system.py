@@ -196,11 +196,12 @@ class ConstraintSystem:
 
     @cached_property
     def _instant(self) -> ca.Function:
-        t, p, q, v, w = state = _state_symbols()
+        state = _state_symbols()
         phi = self.first_order(*state)
-        rows = ca.jacobian(phi, ca.vertcat(v, w))
-        outputs = [self.residual(*state), phi, ca.densify(rows)]
-        return ca.Function("instant", [t, p, q, v, w], ca.cse(outputs))
+        rows = ca.jacobian(phi, ca.vertcat(*state[3:]))
+        outputs = ca.vertcat(self.residual(*state), phi, ca.vec(rows.T))
+        given = ca.vertcat(*state)
+        return ca.Function("instant", [given], [ca.cse(ca.densify(outputs))])
 
     def instant(
         self,
@@ -218,15 +219,17 @@ class ConstraintSystem:
         jacobian : array, shape (m, 6)
             Of phi with respect to linear, then angular velocity.
         """
-        residual, phi, rows = self._instant(
-            time, position, quaternion, linear_velocity, angular_velocity
-        )
         size = self.size
-        return (
-            np.array(residual).reshape(size),
-            np.array(phi).reshape(size),
-            np.array(rows).reshape(size, 6),
-        )
+        given, found = np.empty(14), np.empty(8 * size)
+        given[0], given[1:4], given[4:8] = time, position, quaternion
+        given[8:11], given[11:14] = linear_velocity, angular_velocity
+        if size:
+            # Read and written in place: a call that converts takes ten times as long.
+            buffer, evaluate = self._instant.buffer()
+            buffer.set_arg(0, given.data)
+            buffer.set_res(0, found.data)
+            evaluate()
+        return found[:size], found[size : 2 * size], found[2 * size :].reshape(size, 6)
 
     @cached_property
     def _acceleration_form(self) -> ca.Function:

@@ -13,13 +13,12 @@ from noslip.primitives.phase import Phase
 
 Floats = NDArray[np.float64]
 
-BLOCK = 2048
-"""Steps whose activations are held in memory at once."""
-NEGLIGIBLE = -50.0
+CACHED = 2048
+"""Steps whose activations are kept together."""
+NEARBY = 64
+"""Phases for which the functions that matter are chosen together."""
+NEGLIGIBLE = -40.0
 """Exponent below which a Gaussian is lost in the rounding of the sum."""
-SINGLE_THREADED = 250_000
-"""Multiplications up to which OpenBLAS stays in one thread: on a machine that is busy, waking the
-others would cost a rollout ten times what the product takes."""
 
 
 @dataclass(frozen=True)
@@ -47,20 +46,38 @@ class Basis:
 
     def activations(self, phases: Floats) -> Floats:
         """``psi_i(s) s / sum psi(s)`` of eq. 3, shape (N, count)."""
-        scaled = (phases[:, None] - self.centers) / self.widths
+        found = np.zeros((len(phases), self.count))
+        for first in range(0, len(phases), NEARBY):
+            rows = slice(first, first + NEARBY)
+            columns, near = self._near(phases[rows])
+            found[rows, columns] = near
+        return found
+
+    def _near(self, phases: Floats) -> tuple[slice, Floats]:
+        """Activations of the functions that matter at these phases, and which those are.
+
+        The others are lost in the rounding of the sum.  A Gaussian is largest, of a stretch of
+        phases, where the stretch comes nearest to its centre: within it or at one of its ends.
+        """
+        low, high = phases.min(), phases.max()
+        ends = (np.array([[low], [high]]) - self.centers) / self.widths
+        exponents = -0.5 * ends * ends
+        exponents -= exponents.max(axis=1, keepdims=True)
+        inside = (self.centers >= low) & (self.centers <= high)
+        (matters,) = np.nonzero((exponents >= NEGLIGIBLE).any(axis=0) | inside)
+        columns = slice(matters[0], matters[-1] + 1)
+        scaled = (phases[:, None] - self.centers[columns]) / self.widths[columns]
         # The smallest exponent is taken out first, so that no phase leaves every Gaussian at zero.
         exponent = -0.5 * scaled * scaled
         exponent -= exponent.max(axis=1, keepdims=True)
-        # Far ones are zero: as denormal numbers they would take several times as long.
-        far = exponent < NEGLIGIBLE
-        psi = np.exp(np.maximum(exponent, NEGLIGIBLE))
-        psi[far] = 0.0
+        # As denormal numbers the far ones would take several times as long.
+        psi = np.exp(np.maximum(exponent, 2 * NEGLIGIBLE))
         psi *= (phases / psi.sum(axis=1))[:, None]
-        return psi
+        return columns, psi
 
     def stepping_activations(
         self, begin: float, steps: int, step_fraction: float, alpha: float, *, starting: bool
-    ) -> Iterator[tuple[slice, Floats]]:
+    ) -> Iterator[tuple[slice, slice, Floats]]:
         """Activations as the steps of an :class:`Attractor` want them, in blocks.
 
         A step treats its target as constant.  What that leaves out is, to fourth order,
@@ -83,17 +100,18 @@ class Basis:
         ------
         slice
             The steps of this block.
-        array, shape (steps in the block, count)
+        slice
+            The functions that matter in it.
+        array, shape (steps in the block, functions that matter)
         """
-        for first in range(0, steps, BLOCK):
-            size = min(BLOCK, steps - first)
+        for first in range(0, steps, CACHED):
+            size = min(CACHED, steps - first)
             at = begin + first * step_fraction
-            yield (
-                slice(first, first + size),
-                _stepping_activations(
-                    self, at, size, step_fraction, alpha, starting and first == 0
-                ),
+            blocks = _stepping_activations(
+                self, at, size, step_fraction, alpha, starting and first == 0
             )
+            for rows, columns, activations in blocks:
+                yield slice(first + rows.start, first + rows.stop), columns, activations
 
     def stepping_forces(
         self,
@@ -107,26 +125,27 @@ class Basis:
     ) -> Floats:
         """Product of :meth:`stepping_activations` with weights, shape (steps, d)."""
         forces = np.empty((steps, weights.shape[1]))
-        portion = max(1, SINGLE_THREADED // weights.size)
-        for rows, activations in self.stepping_activations(
+        for rows, columns, activations in self.stepping_activations(
             begin, steps, step_fraction, alpha, starting=starting
         ):
-            out = forces[rows]
-            for first in range(0, len(out), portion):
-                part = slice(first, first + portion)
-                np.matmul(activations[part], weights, out=out[part])
+            np.matmul(activations, weights[columns], out=forces[rows])
         return forces
 
 
 # Rollouts of one primitive repeat: most of their time would go into the same exponentials.
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _stepping_activations(
     basis: Basis, begin: float, steps: int, h: float, alpha: float, starting: bool
-) -> Floats:
-    around = basis.activations(basis.phase.at(begin + np.arange(-1, steps + 1) * h))
-    before, now, after = around[:-2], around[1:-1], around[2:]
-    activations = now + (after - 2 * now + before + alpha * h / 2 * (after - before)) / 12
-    if starting:
-        activations[0] = now[0] + (after[0] - now[0]) / 3
-    activations.flags.writeable = False
-    return np.asarray(activations)
+) -> list[tuple[slice, slice, Floats]]:
+    phases = basis.phase.at(begin + np.arange(-1, steps + 1) * h)
+    blocks = []
+    for first in range(0, steps, NEARBY):
+        rows = slice(first, min(first + NEARBY, steps))
+        columns, around = basis._near(phases[rows.start : rows.stop + 2])
+        before, now, after = around[:-2], around[1:-1], around[2:]
+        found = now + (after - 2 * now + before + alpha * h / 2 * (after - before)) / 12
+        if starting and first == 0:
+            found[0] = now[0] + (after[0] - now[0]) / 3
+        found.flags.writeable = False
+        blocks.append((rows, columns, found))
+    return blocks

@@ -74,10 +74,10 @@ class ForcingTerm:
         for force in forces:
             h = 1.0 / (len(force) + 1)
             normal += _normal_matrix(basis, len(force), alpha)
-            for rows, activations in basis.stepping_activations(
+            for rows, columns, activations in basis.stepping_activations(
                 h, len(force), h, alpha, starting=False
             ):
-                moment += activations.T @ force[rows]
+                moment[columns] += activations.T @ force[rows]
         normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
         return cls(basis, cho_solve(cho_factor(normal), moment))
 
@@ -87,7 +87,7 @@ class ForcingTerm:
 def _normal_matrix(basis: Basis, steps: int, alpha: float) -> Floats:
     h = 1.0 / (steps + 1)
     normal = np.zeros((basis.count, basis.count))
-    for _, activations in basis.stepping_activations(h, steps, h, alpha, starting=False):
-        normal += activations.T @ activations
+    for _, columns, activations in basis.stepping_activations(h, steps, h, alpha, starting=False):
+        normal[columns, columns] += activations.T @ activations
     normal.flags.writeable = False
     return normal

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +89,7 @@ class OrientationDMP:
             np.mean(starts, axis=0),
         )
 
-    @property
+    @cached_property
     def start(self) -> Rotation:
         """Where the demonstrations begin (mean)."""
         return Rotation.from_quat(self.start_quaternion, scalar_first=True)

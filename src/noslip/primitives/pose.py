@@ -18,7 +18,7 @@ from noslip.primitives.basis import Basis
 from noslip.primitives.orientation import OrientationDMP
 from noslip.primitives.phase import Phase
 from noslip.primitives.position import PositionDMP
-from noslip.primitives.stepping import KICK, Stepper, step_table
+from noslip.primitives.stepping import CLOCK, KICK, STATE_SIZE, Stepper, step_table
 from noslip.trajectory import PoseTrajectory
 
 Floats = NDArray[np.float64]
@@ -122,7 +122,7 @@ class State:
         kept = self.__dict__["_rotation"]
         if isinstance(kept, np.ndarray):
             return kept
-        return np.asarray(kept.as_quat(scalar_first=True))
+        return np.asarray(kept.as_quat()[[3, 0, 1, 2]])
 
     def vector(self) -> Floats:
         """Pose and velocities as the stepper's state vector."""
@@ -200,6 +200,63 @@ class ConstrainedMotion(PoseTrajectory):
         self._freeze("margins", self.margins, (limits,))
         self._freeze("limit_multipliers", self.limit_multipliers, (limits,))
         self._freeze("row_forces", self.row_forces, (rows + limits, 6))
+
+    @classmethod
+    def of_steps(
+        cls,
+        times: Floats,
+        states: Floats,
+        outputs: dict[str, Floats],
+        constraint_names: tuple[str, ...],
+        limit_names: tuple[str, ...],
+    ) -> ConstrainedMotion:
+        """Return what a stepper has made, which takes it over: only NaN is looked for.
+
+        Parameters
+        ----------
+        times : array, shape (N,)
+        states : array, shape (N, 13)
+        outputs : dict of array, shape (N, ...)
+            Named as :func:`noslip.primitives.stepping.output_columns` does.
+        constraint_names, limit_names : tuple of str
+            One a row.
+        """
+        for part in (states, outputs["values"]):
+            if not np.isfinite(part).all():
+                row = int(np.argmin(np.isfinite(part).all(axis=1)))
+                raise InputError(
+                    f"the motion is not finite from {times[row]:.6g} s on; start, goal or "
+                    "constraints are out of what can be computed with"
+                )
+        rows, values, multipliers = (
+            len(constraint_names),
+            outputs["values"],
+            outputs["multipliers"],
+        )
+        motion = object.__new__(cls)
+        arrays = {
+            "times": times,
+            "positions": states[:, 0:3],
+            "linear_velocities": states[:, 7:10],
+            "angular_velocities": states[:, 10:13],
+            "constraint_residuals": values[:, :rows],
+            "multipliers": multipliers[:, :rows],
+            "constraint_forces": outputs["force"],
+            "margins": values[:, rows:],
+            "limit_multipliers": multipliers[:, rows:],
+            "row_forces": outputs["parts"].reshape(len(times), rows + len(limit_names), 6),
+        }
+        for array in arrays.values():
+            array.flags.writeable = False
+        motion.__dict__.update(
+            arrays,
+            # Each step has normalised them; SciPy would take a fifth of the rollout's time.
+            rotations=Rotation(states[:, [4, 5, 6, 3]], normalize=False, copy=False),
+            constraint_names=constraint_names,
+            limit_names=limit_names,
+            name="rollout",
+        )
+        return motion
 
     @property
     def clock(self) -> Floats:
@@ -380,31 +437,21 @@ class PoseDMP:
             wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
             steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
         first = state.vector()
-        states, outputs = self.stepper.run(first, self.steps_ahead(state, steps, time_step))
-        states = np.concatenate([first[None], states])
+        states = np.empty((steps + 1, STATE_SIZE))
         # The acceleration of the first sample is that of the step which leaves it.
-        outputs = np.concatenate([outputs[:1], outputs])
-        column = self.stepper.outputs
+        outputs = np.empty((steps + 1, self.stepper.outputs["end"].stop))
+        states[0] = first
+        table = self.steps_ahead(state, steps, time_step)
+        self.stepper.run(first, table, states[1:], outputs[1:])
+        outputs[0] = outputs[1]
+        column, names = self.stepper.outputs, self._constraint_names
         outputs[0, column["values"]] = np.concatenate([state.constraint_residuals, state.margins])
-        names, limits = self._constraint_names, self._limit_names
-        rows, all_rows = len(names), len(names) + len(limits)
-        values, multipliers = outputs[:, column["values"]], outputs[:, column["multipliers"]]
-        return ConstrainedMotion(
-            times=np.asarray(state.time + np.arange(steps + 1) * time_step),
-            positions=states[:, 0:3],
-            # Each step has normalised them; SciPy 1.16 would take a fifth of the rollout's time.
-            rotations=Rotation(states[:, 3:7], normalize=False, scalar_first=True),
-            linear_velocities=states[:, 7:10],
-            angular_velocities=states[:, 10:13],
-            constraint_residuals=values[:, :rows],
-            multipliers=multipliers[:, :rows],
-            constraint_forces=outputs[:, column["force"]],
-            constraint_names=names,
-            margins=values[:, rows:],
-            limit_multipliers=multipliers[:, rows:],
-            limit_names=limits,
-            row_forces=outputs[:, column["parts"]].reshape(len(outputs), all_rows, 6),
-            name="rollout",
+        return ConstrainedMotion.of_steps(
+            np.asarray(state.time + np.arange(steps + 1) * time_step),
+            states,
+            {name: outputs[:, part] for name, part in column.items()},
+            names,
+            self._limit_names,
         )
 
     def initial_state(
@@ -461,8 +508,9 @@ class PoseDMP:
         """
         time_step = _arguments.positive("time_step", time_step, "seconds")
         before, table = state.vector(), self.steps_ahead(state, 1, time_step)
-        states, outputs = self.stepper.run(before, table)
-        vector, column = states[0], self.stepper.outputs
+        column = self.stepper.outputs
+        vector, outputs = np.empty(STATE_SIZE), np.empty((1, column["end"].stop))
+        self.stepper.run(before, table, vector[None], outputs)
         phase = state.phase * self.phase.decay(time_step / state.duration)
         rows = len(self._constraint_names)
         values, multipliers = outputs[0, column["values"]], outputs[0, column["multipliers"]]
@@ -550,24 +598,27 @@ class PoseDMP:
         return ()
 
     def steps_ahead(self, state: State, steps: int, time_step: float) -> Floats:
-        """Return everything about the coming steps that depends on the phase alone, a row a step."""
+        """Return what depends on the phase alone in the coming steps, a row a step."""
         basis, tau = self.position.forcing.basis, state.duration
         begin = self.phase.fraction(state.phase)
         lead = self._rotation_lead(time_step / tau)
         offsets = self._offsets(basis, begin, begin + lead, steps, time_step / tau, state)
-        kicks = np.full(steps, time_step)
-        kicks[0] = (state.previous_step + time_step) / 2
-        product, gain = self.position.attractor.factors(kicks / tau)
+        # The first kick begins in the middle of the step before; the others are alike.
+        kicks = np.array([(state.previous_step + time_step) / 2, time_step])
+        decay, gain = self.position.attractor.factors(kicks / tau)
         table, column = step_table(steps)
-        column["time_step"][:] = time_step
-        column["kick"][:] = kicks
-        column["previous_step"][:] = time_step
-        column["previous_step"][0] = state.previous_step
+        for rows, kick in ((slice(None), 1), (slice(1), 0)):
+            table[rows, : len(CLOCK)] = (
+                time_step,
+                kicks[kick],
+                time_step if kick else state.previous_step,
+                0.0,
+                state.pull_in,
+                self._barrier_rate / tau,
+                decay[kick],
+                gain[kick] / kicks[kick],
+            )
         column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
-        column["residual_rate"][:] = state.pull_in
-        column["barrier_rate"][:] = self._barrier_rate / tau
-        column["decay"][:] = product
-        column["gain"][:] = gain / kicks
         column["position_target"][:] = state.goal_position + offsets[:, :3]
         column["rotation_goal"][:] = self.orientation.winding.along(
             begin + lead, steps, time_step / tau, state.goal_rotation

@@ -99,21 +99,23 @@ class Coupled:
 Coupling = Callable[[StepSymbols, Expression, Expression], Coupled]
 """(symbols, unconstrained v+, w+) -> what the constraints make of them."""
 
-STEP_FIELDS = {
-    "time_step": 1,
-    "kick": 1,
-    "previous_step": 1,
-    "time": 1,
-    "residual_rate": 1,
-    "barrier_rate": 1,
-    "decay": 1,
-    "gain": 1,
+CLOCK = (
+    "time_step",
+    "kick",
+    "previous_step",
+    "time",
+    "residual_rate",
+    "barrier_rate",
+    "decay",
+    "gain",
+)
+STEP_FIELDS = dict.fromkeys(CLOCK, 1) | {
     "position_target": 3,
     "rotation_goal": 4,
     "rotation_offset": 3,
 }
 STEP_SIZE = sum(STEP_FIELDS.values())
-KICK = 1
+KICK = CLOCK.index("kick")
 """Column of the kick."""
 
 
@@ -159,36 +161,33 @@ class Stepper:
     def _accumulate(self, count: int) -> ca.Function:
         return self.function if count == 1 else self.function.mapaccum(count)
 
-    def run(self, state: Floats, table: Floats) -> tuple[Floats, Floats]:
+    def run(self, state: Floats, table: Floats, states: Floats, outputs: Floats) -> None:
         """Carry a state over the table's steps.
 
-        Returns
-        -------
+        Parameters
+        ----------
+        state : array, shape (STATE_SIZE,)
+        table : array, shape (count, STEP_SIZE)
         states : array, shape (count, STATE_SIZE)
-            After each step.
+            Written to: after each step.
         outputs : array, shape (count, ...)
-            Columns as :func:`output_columns` says.
+            Written to; columns as :func:`output_columns` says.  All arrays are contiguous.
         """
         count = len(table)
-        states = np.empty((count, STATE_SIZE))
-        outputs = np.empty((count, self.outputs["end"].stop))
-        # CasADi reads and writes these arrays in place: a call that converts costs 80 us.
-        start = np.ascontiguousarray(state, dtype=np.float64)
-        steps = np.ascontiguousarray(table, dtype=np.float64)
-        # Whoever runs it twice will run it often.
-        self._runs += 1
+        # Whoever runs many steps twice will do so often.
+        self._runs += count > 1
         if self._runs == 2:
             self.native.begin()
         if (library := self.native.library) is not None:
-            library.run(*(a.ctypes.data for a in (start, steps, states, outputs)), count)
-            return states, outputs
+            library.run(*(a.ctypes.data for a in (state, table, states, outputs)), count)
+            return
+        # CasADi reads and writes these arrays in place: a call that converts costs 80 us.
         buffer, evaluate = self._accumulated(count).buffer()
-        buffer.set_arg(0, start.data)
-        buffer.set_arg(1, steps.data)
+        buffer.set_arg(0, state.data)
+        buffer.set_arg(1, table.data)
         buffer.set_res(0, states.data)
         buffer.set_res(1, outputs.data)
         evaluate()
-        return states, outputs
 
 
 def _step_function(coupling: Coupling | None) -> Any:

@@ -64,7 +64,7 @@ class Winding:
         assert winding is not None
         return winding
 
-    @property
+    @cached_property
     def goal(self) -> Rotation:
         """Where it ends."""
         return Rotation.from_quat(self.quaternions[-1], scalar_first=True)
@@ -105,6 +105,8 @@ class Winding:
         array, shape (steps, 4)
         """
         leading = _along(self, begin, steps, step_fraction)
+        if goal is self.goal:
+            return leading
         turn = self.goal.inv() * goal
         if turn.magnitude() == 0.0:
             return leading

@@ -151,7 +151,7 @@ class Controller:
 
     @property
     def speed(self) -> float:
-        """Of the motion, over that of the plan: 1, 0 while it is paused, between them on the way."""
+        """Of the motion, over that of the plan: 0 while it is paused, 1 while it is not."""
         return self._speed
 
     def step(
@@ -320,14 +320,16 @@ class Controller:
         guidance()
         # One sum instead of thirteen questions: what is not finite stays so.
         if not np.isfinite(guidance.state.sum()):
-            raise InputError("measured_state is not finite; leave it out where nothing was measured")
+            raise InputError(
+                "measured_state is not finite; leave it out where nothing was measured"
+            )
         data[engine.MOVING] = guidance.state
         if self._speed != 1.0:
             return False
         off = guidance.distance > 1 or guidance.angle > 1
-        if (off or self._goal_moved) and self._may_replan:
-            if self._replan("goal" if self._goal_moved else "path"):
-                return False
+        wanted = (off or self._goal_moved) and self._may_replan
+        if wanted and self._replan("goal" if self._goal_moved else "path"):
+            return False
         data[engine.STEERING] = engine.NO_STEERING if off else guidance.steering
         return off
 

@@ -1,6 +1,6 @@
-"""One step in place: by machine code where there is a C compiler, else by CasADi's virtual machine.
+"""One step in place: machine code where there is a C compiler, else CasADi's virtual machine.
 
-The memory is that of ``noslip_state`` (``noslip.h``): what steps in Python is what steps on the robot.
+The memory is that of ``noslip_state`` (``noslip.h``): what steps here is what steps on the robot.
 """
 
 from __future__ import annotations
@@ -197,4 +197,3 @@ class Virtual:
         self._ahead = min(2 * self._ahead, _MOST_ROWS_AHEAD) if used_up else 1
         self._table = self._dmp.steps_ahead(self._memory.state(), self._ahead, time_step)
         self._next = 0
-

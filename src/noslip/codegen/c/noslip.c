@@ -12,41 +12,33 @@ static void noslip_core(const noslip_real *state, const noslip_real *step, nosli
 #define NOSLIP_OUTPUTS @OUTPUTS@
 
 /* Exponent below which a Gaussian is lost in the rounding of the sum. */
-#define NEGLIGIBLE REAL(-38)
-/* One standard deviation is the distance to the next centre, so these many reach that far. */
-#define REACH 10
+#define NEGLIGIBLE REAL(-40)
 
 static noslip_real smaller(noslip_real a, noslip_real b) { return a < b ? a : b; }
+
+static noslip_real exponent_of(const noslip_primitive *p, int i, noslip_real phase) {
+    const noslip_real apart = (phase - p->centers[i]) / p->widths[i];
+    return REAL(-0.5) * apart * apart;
+}
 
 /* Learned force over alpha beta at a fraction of the motion; columns first to last. */
 static void force_at(const noslip_primitive *p, noslip_real fraction, int first, int last,
                      noslip_real *force) {
     const noslip_real phase = exp(-p->alpha_s * fraction);
-    int low = 0, high = p->basis_functions;
-    noslip_real nearest = 0, sum = 0;
-    int i, j;
-    if (p->basis_functions > 2 * REACH) {
-        /* Centres are evenly spaced in time; those near this time, or the outermost. */
-        noslip_real place = fraction * (noslip_real)(p->basis_functions - 1);
-        if (!(place > 0)) place = 0;
-        place = smaller(place, (noslip_real)(p->basis_functions - 1));
-        low = (int)place - REACH;
-        high = (int)place + REACH + 2;
-        if (low < 0) low = 0;
-        if (high > p->basis_functions) high = p->basis_functions;
-    }
+    const int count = p->basis_functions;
+    noslip_real place = fraction * (noslip_real)(count - 1) + REAL(0.5), nearest, sum = 0;
+    int middle, i, j, side;
     for (j = first; j < last; ++j) force[j] = 0;
-    /* The largest exponent is taken out, so that no phase leaves every Gaussian at zero. */
-    for (i = low; i < high; ++i) {
-        const noslip_real apart = (phase - p->centers[i]) / p->widths[i];
-        const noslip_real exponent = REAL(-0.5) * apart * apart;
-        if (i == low || exponent > nearest) nearest = exponent;
-    }
-    for (i = low; i < high; ++i) {
-        const noslip_real apart = (phase - p->centers[i]) / p->widths[i];
-        const noslip_real exponent = REAL(-0.5) * apart * apart - nearest;
-        if (exponent >= NEGLIGIBLE) {
-            const noslip_real psi = exp(exponent);
+    /* Centres are evenly spaced in time; from the nearest, or the outermost, both ways until the
+     * Gaussians vanish.  Its exponent is taken out, so that no phase leaves all of them at zero. */
+    if (!(place > 0)) place = 0;
+    middle = (int)smaller(place, (noslip_real)(count - 1));
+    nearest = exponent_of(p, middle, phase);
+    for (side = 1; side >= -1; side -= 2) {
+        for (i = side > 0 ? middle : middle - 1; i >= 0 && i < count; i += side) {
+            const noslip_real exponent = exponent_of(p, i, phase) - nearest;
+            const noslip_real psi = exponent >= NEGLIGIBLE ? exp(exponent) : 0;
+            if (!(psi > 0)) break;
             sum += psi;
             for (j = first; j < last; ++j) force[j] += psi * p->weights[i][j];
         }
