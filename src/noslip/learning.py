@@ -44,6 +44,7 @@ from noslip.trajectory import PoseTrajectory
 if TYPE_CHECKING:
     from noslip.runtime.controller import Controller
     from noslip.runtime.export import Exported
+    from noslip.runtime.many import Motions
 
 Floats = NDArray[np.float64]
 
@@ -349,6 +350,12 @@ class ConstrainedDMP(PoseDMP):
         from noslip.runtime.controller import Controller
 
         return Controller(self, time_step=time_step, **options)
+
+    def rollout_many(self, **options: Any) -> Motions:
+        """Roll out thousands of times; see :func:`noslip.runtime.many.rollout_many`."""
+        from noslip.runtime.many import rollout_many
+
+        return rollout_many(self, **options)
 
     def export_c(self, folder: str | Path, *, name: str = "primitive") -> Exported:
         """Write the primitive as C99 for a robot; see :func:`noslip.runtime.export.export_c`."""

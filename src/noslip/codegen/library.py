@@ -102,7 +102,7 @@ class Library:
     Attributes
     ----------
     path : Path
-    run, start, step, rollouts : callable
+    run, start, step, forces, rollouts : callable
         ``noslip_run`` and so on, of addresses and counts.
     sizes : tuple of 2 int
         Bytes of ``noslip_primitive`` and ``noslip_state``.
@@ -112,6 +112,7 @@ class Library:
     run: Callable[..., None]
     start: Callable[..., None]
     step: Callable[..., None]
+    forces: Callable[..., None]
     rollouts: Callable[..., None]
     sizes: tuple[int, int]
 
@@ -231,6 +232,7 @@ def _opened(path: Path) -> Library:
         run=function("noslip_run", *[pointer] * 4, count),
         start=function("noslip_start", *[pointer] * 2),
         step=function("noslip_step", *[pointer] * 2, ctypes.c_double),
-        rollouts=function("noslip_rollouts", *[pointer] * 2, *[count] * 2, *[pointer] * 2),
+        forces=function("noslip_forces", pointer, count, pointer),
+        rollouts=function("noslip_rollouts", *[pointer] * 3, *[count] * 2, *[pointer] * 2),
         sizes=(sizes[0], sizes[1]),
     )

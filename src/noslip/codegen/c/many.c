@@ -27,12 +27,27 @@ static void sample(const noslip_state *s, double *state, double *values) {
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) values[i] = s->values[i];
 }
 
+/* Forces of a motion in so many steps, six a step: they depend on the phase alone. */
+void noslip_forces(const noslip_primitive *primitive, long long steps, double *forces) {
+    const double h = 1.0 / (double)steps, lead = lead_of(primitive, h);
+    noslip_state s;
+    long long k;
+    noslip_start(primitive, &s);
+    for (k = 0; k < steps; ++k) {
+        stepping_force(primitive, &s, h, lead, forces + 6 * k);
+        s.fraction += h;
+        s.previous_step = h;
+    }
+}
+
 /* One motion for each of several beginnings: pose and velocities (13), goal's position and
  * quaternion (7), duration, pull-in.  Of each sample after the first: pose and velocities, and the
  * rows' values. */
-void noslip_rollouts(const noslip_primitive *primitive, const double *beginnings, long long count,
-                     long long steps, double *states, double *values) {
+void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
+                     const double *beginnings, long long count, long long steps, double *states,
+                     double *values) {
     const long long rows = NOSLIP_EQUALITIES + NOSLIP_LIMITS;
+    const double lead = lead_of(primitive, 1.0 / (double)steps);
     long long motion, k;
     int i;
     for (motion = 0; motion < count; ++motion) {
@@ -53,7 +68,7 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *beginnings
         s.pull_in = begin[21];
         for (k = 1; k <= steps; ++k) {
             const long long at = motion * (steps + 1) + k;
-            noslip_step(primitive, &s, s.duration / (double)steps);
+            advance(primitive, &s, s.duration / (double)steps, lead, forces + 6 * (k - 1));
             sample(&s, states + at * 13, values + at * rows);
         }
     }

@@ -158,13 +158,20 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
 
 int noslip_done(const noslip_state *state) { return state->fraction >= 1 - REAL(1e-9); }
 
-void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
-    const noslip_primitive *p = primitive;
+/* How far the orientation is ahead of the phase. */
+static noslip_real lead_of(const noslip_primitive *p, noslip_real h) {
+    const noslip_real lead = (p->projected_step - h) / 2;
+    return p->projected_step > 0 && fabs(lead) > REAL(1e-9) ? lead : 0;
+}
+
+/* A step with known forces. */
+static void advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
+                    noslip_real lead, const noslip_real *offset) {
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
     const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
-    noslip_real offset[6], now[13], step[18], after[13], output[NOSLIP_OUTPUTS];
-    noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain, lead = 0;
+    noslip_real now[13], step[18], after[13], output[NOSLIP_OUTPUTS];
+    noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain;
     int i;
 
     if (inside >= 0) {
@@ -174,11 +181,6 @@ void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_
         const noslip_real turned = sin(root * kicked / 2);
         gain = less * less + 4 * half * turned * turned;
     }
-    if (p->projected_step > 0) {
-        lead = (p->projected_step - h) / 2;
-        if (!(fabs(lead) > REAL(1e-9))) lead = 0;
-    }
-    stepping_force(p, state, h, lead, offset);
     for (i = 0; i < 3; ++i) {
         now[i] = state->position[i];
         now[7 + i] = state->linear_velocity[i];
@@ -216,4 +218,11 @@ void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_
     state->time += time_step;
     state->fraction += h;
     state->previous_step = time_step;
+}
+
+void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
+    const noslip_real h = time_step / state->duration, lead = lead_of(primitive, h);
+    noslip_real offset[6];
+    stepping_force(primitive, state, h, lead, offset);
+    advance(primitive, state, time_step, lead, offset);
 }

@@ -1,0 +1,319 @@
+"""Thousands of motions of one primitive at once: other goals, starts and durations."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip.codegen.library import Library
+from noslip.errors import InputError
+from noslip.learning import ConstrainedDMP
+from noslip.primitives.pose import ProjectStart
+from noslip.primitives.stepping import STATE_SIZE
+from noslip.runtime.numbers import Struct
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+_TOGETHER = 64
+"""Motions a call: few enough for progress to be seen, enough for the call not to count."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Motions:
+    """Motions of equally many samples, in one array.
+
+    Attributes
+    ----------
+    durations : array, shape (M,)
+        Seconds.
+    begin : float
+        Time at the start of each (s).
+    states : array, shape (M, N, 13)
+        Position, quaternion (qw, qx, qy, qz), linear and angular velocity, of each sample.
+    constraint_residuals : array, shape (M, N, m)
+    margins : array, shape (M, N, k)
+        Of the limits.
+    """
+
+    durations: Floats
+    begin: float
+    states: Floats
+    constraint_residuals: Floats
+    margins: Floats
+
+    def __repr__(self) -> str:
+        return f"Motions({len(self)} of {self.states.shape[1]} samples)"
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    @property
+    def times(self) -> Floats:
+        """Of the samples (s), shape (M, N)."""
+        fractions = np.linspace(0.0, 1.0, self.states.shape[1])
+        return self.begin + self.durations[:, None] * fractions
+
+    @property
+    def positions(self) -> Floats:
+        """Metres, shape (M, N, 3)."""
+        return self.states[:, :, 0:3]
+
+    @property
+    def quaternions(self) -> Floats:
+        """(qw, qx, qy, qz), shape (M, N, 4)."""
+        return self.states[:, :, 3:7]
+
+    @property
+    def linear_velocities(self) -> Floats:
+        """Of the step that led to each sample (m/s), shape (M, N, 3)."""
+        return self.states[:, :, 7:10]
+
+    @property
+    def angular_velocities(self) -> Floats:
+        """Of the step that led to each sample (rad/s), world frame, shape (M, N, 3)."""
+        return self.states[:, :, 10:13]
+
+    def __getitem__(self, index: int) -> PoseTrajectory:
+        """One of them."""
+        states = self.states[index]
+        fractions = np.linspace(0.0, 1.0, len(states))
+        return PoseTrajectory(
+            self.begin + self.durations[index] * fractions,
+            states[:, 0:3],
+            Rotation.from_quat(states[:, 3:7], scalar_first=True),
+            states[:, 7:10],
+            states[:, 10:13],
+            name=f"rollout {index}",
+        )
+
+
+def rollout_many(
+    dmp: ConstrainedDMP,
+    *,
+    goals: ArrayLike | None = None,
+    goal_rotations: Rotation | None = None,
+    starts: ArrayLike | None = None,
+    start_rotations: Rotation | None = None,
+    durations: ArrayLike | None = None,
+    steps: int | None = None,
+    project_start: ProjectStart = "velocity",
+    pull_in: float | None = None,
+    jobs: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Motions:
+    """Roll a primitive out many times.
+
+    Each motion is that of ``dmp.rollout(goal_position=goals[i], ...)`` to 1e-12.  With a C compiler
+    all cores work on them; without one they are rolled out one after another.
+
+    Parameters
+    ----------
+    dmp : ConstrainedDMP
+    goals, starts : array, shape (M, 3), optional
+        Metres; those of the primitive by default.
+    goal_rotations, start_rotations : Rotation, M of them, optional
+    durations : array, shape (M,), optional
+        Seconds.  What is given at all is given for each motion.
+    steps : int, optional
+        Of each motion; the primitive's own by default.
+    project_start, pull_in
+        As for :meth:`noslip.PoseDMP.rollout`.
+    jobs : int, optional
+        Threads; by default as many as this process may use cores.
+    progress : callable, optional
+        Called with (motions done, all).
+
+    Raises
+    ------
+    InputError
+        If an argument is not what it must be, or a motion does not stay finite.
+    """
+    given = {
+        "goals": None if goals is None else _rows("goals", goals, 3),
+        "goal_rotations": _quaternions("goal_rotations", goal_rotations),
+        "starts": None if starts is None else _rows("starts", starts, 3),
+        "start_rotations": _quaternions("start_rotations", start_rotations),
+        "durations": None if durations is None else _rows("durations", durations, 0),
+    }
+    counts = {name: len(values) for name, values in given.items() if values is not None}
+    if not counts:
+        raise InputError("nothing differs; give goals, starts, rotations of either or durations")
+    count = max(counts.values())
+    for name, found in counts.items():
+        if found != count:
+            longest = max(counts, key=lambda key: counts[key])
+            raise InputError(f"{name} has {found} rows, but {longest} has {count}")
+    if (taus := given["durations"]) is not None and not np.all(taus > 0):
+        raise InputError(f"durations[{int(np.argmin(taus))}] is not positive (seconds)")
+    steps = dmp.steps if steps is None else _arguments.count("steps", steps)
+    workers = _cores() if jobs is None else _arguments.count("jobs", jobs, 1024)
+
+    beginnings = _beginnings(dmp, count, given, project_start, pull_in)
+    states = np.empty((count, steps + 1, STATE_SIZE))
+    equalities, rows = dmp.system.equalities.size, dmp.system.size
+    values = np.empty((count, steps + 1, rows))
+    states[:, 0], values[:, 0] = beginnings[:, :STATE_SIZE], beginnings[:, 22:]
+    library = dmp.stepper.native.wait()
+    tell = progress or (lambda done, total: None)
+    if library is None:
+        _one_by_one(dmp, beginnings, states, values, tell)
+    else:
+        _together(dmp, library, beginnings, states, values, workers, tell)
+    for part in (states, values):
+        for first in range(0, count, _TOGETHER):
+            chunk = part[first : first + _TOGETHER]
+            if not np.isfinite(chunk).all():
+                finite = np.isfinite(chunk).all(axis=(1, 2))
+                raise InputError(
+                    f"motion {first + int(np.argmin(finite))} is not finite; its start, goal or "
+                    "duration is out of what can be computed with"
+                )
+    return Motions(
+        beginnings[:, 20].copy(),
+        dmp.begin,
+        states,
+        values[..., :equalities],
+        values[..., equalities:],
+    )
+
+
+def _rows(name: str, values: ArrayLike, columns: int) -> Floats:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is not an array of numbers: {error}") from error
+    shape = f"(M, {columns})" if columns else "(M,)"
+    if array.ndim != (2 if columns else 1) or (columns and array.shape[1] != columns):
+        raise InputError(f"{name} must have shape {shape}, got {array.shape}")
+    if not len(array):
+        raise InputError(f"{name} is empty; at least one row is needed")
+    if not np.isfinite(array).all():
+        row = int(np.argwhere(~np.isfinite(array))[0][0])
+        raise InputError(f"{name}[{row}] is not finite")
+    return array
+
+
+def _quaternions(name: str, rotations: Rotation | None) -> Floats | None:
+    if rotations is None:
+        return None
+    if not isinstance(rotations, Rotation) or rotations.single:
+        raise InputError(f"{name} must be a SciPy Rotation of several, one a motion")
+    return np.asarray(rotations.as_quat(scalar_first=True))
+
+
+def _cores() -> int:
+    # Those that this process may run on, where the system tells.
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _beginnings(
+    dmp: ConstrainedDMP,
+    count: int,
+    given: dict[str, Floats | None],
+    project_start: ProjectStart,
+    pull_in: float | None,
+) -> Floats:
+    """As ``noslip_rollouts`` wants them (22 columns), and residuals and margins there."""
+
+    def column(name: str, default: ArrayLike) -> Floats:
+        values = given[name]
+        if values is None:
+            values = np.broadcast_to(
+                np.asarray(default, dtype=np.float64), (count, np.size(default))
+            )
+        return values.reshape(count, -1)
+
+    own = dmp.initial_state()
+    starts = np.hstack(
+        [
+            column("starts", own.position),
+            column("start_rotations", own.quaternion),
+            column("durations", [dmp.duration]),
+        ]
+    )
+    # Projected once where they are the same; goals do not matter there.
+    different, which = np.unique(starts, axis=0, return_inverse=True)
+    found = []
+    for start in different:
+        state = dmp.initial_state(
+            start_position=start[:3],
+            start_rotation=Rotation.from_quat(start[3:7], scalar_first=True),
+            duration=start[7],
+            project_start=project_start,
+            pull_in=pull_in,
+        )
+        told = [start[7:], [state.pull_in], state.constraint_residuals, state.margins]
+        found.append(np.concatenate([state.vector(), *told]))
+    begun = np.array(found)[which.ravel()]
+    goals = [
+        column("goals", dmp.position.goal),
+        column("goal_rotations", dmp.orientation.goal.as_quat(scalar_first=True)),
+    ]
+    return np.hstack([begun[:, :STATE_SIZE], *goals, begun[:, STATE_SIZE:]])
+
+
+def _together(
+    dmp: ConstrainedDMP,
+    library: Library,
+    beginnings: Floats,
+    states: Floats,
+    values: Floats,
+    workers: int,
+    tell: Callable[[int, int], None],
+) -> None:
+    count, steps = len(states), states.shape[1] - 1
+    struct, forces = Struct(dmp), np.empty((steps, 6))
+    library.forces(struct.address, steps, forces.ctypes.data)
+    rows = np.ascontiguousarray(beginnings[:, :22])
+
+    def run(first: int) -> int:
+        last = min(first + _TOGETHER, count)
+        library.rollouts(
+            struct.address,
+            forces.ctypes.data,
+            rows[first:last].ctypes.data,
+            last - first,
+            steps,
+            states[first:last].ctypes.data,
+            values[first:last].ctypes.data,
+        )
+        return last - first
+
+    done = 0
+    with ThreadPoolExecutor(workers) as pool:
+        for size in pool.map(run, range(0, count, _TOGETHER)):
+            done += size
+            tell(done, count)
+
+
+def _one_by_one(
+    dmp: ConstrainedDMP,
+    beginnings: Floats,
+    states: Floats,
+    values: Floats,
+    tell: Callable[[int, int], None],
+) -> None:
+    steps, columns, own = states.shape[1] - 1, dmp.stepper.outputs, dmp.initial_state()
+    outputs = np.empty((steps, columns["end"].stop))
+    for index, row in enumerate(beginnings):
+        state = replace(
+            own,
+            goal_position=row[13:16],
+            goal_rotation=row[16:20],
+            duration=float(row[20]),
+            pull_in=float(row[21]),
+        )
+        table = dmp.steps_ahead(state, steps, state.duration / steps)
+        dmp.stepper.run(row[:STATE_SIZE].copy(), table, states[index, 1:], outputs)
+        values[index, 1:] = outputs[:, columns["values"]]
+        tell(index + 1, len(states))

@@ -1,0 +1,130 @@
+"""What is compiled: found, kept, rebuilt when broken, done without where there is no compiler."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import noslip as ns
+from noslip.codegen import library
+from noslip.experiments.numerical_example import demonstration
+
+
+def learned(**options: Any) -> ns.ConstrainedDMP:
+    return ns.learn(demonstration(), [ns.Blade()], **options)
+
+
+def test_the_motion_is_the_same_to_the_bit(compiling: Path) -> None:
+    dmp = learned()
+    before = dmp.rollout(duration=2.0)
+    assert dmp.compile()
+    after = dmp.rollout(duration=2.0)
+    for name in ("positions", "quaternions", "linear_velocities", "multipliers", "row_forces"):
+        np.testing.assert_array_equal(getattr(before, name), getattr(after, name))
+
+
+def test_it_is_compiled_once_for_the_same_constraints(compiling: Path) -> None:
+    assert learned().compile()
+    kept = {file: file.stat().st_mtime_ns for file in compiling.iterdir()}
+    other = learned(basis_functions=30).adapt(goal_position=[1.2, 0.9, 0.1])
+    assert other.compile()
+    assert {file: file.stat().st_mtime_ns for file in compiling.iterdir()} == kept
+
+
+def test_it_is_begun_in_the_background_by_the_second_rollout(compiling: Path) -> None:
+    dmp = learned()
+    dmp.rollout()
+    assert dmp.stepper.native._thread is None
+    dmp.rollout()
+    assert dmp.stepper.native._thread is not None
+    assert dmp.stepper.native.wait() is not None
+
+
+@pytest.mark.parametrize("how", ["cut", "overwritten", "without its sum", "empty"])
+def test_a_broken_cache_is_built_again(
+    how: str, compiling: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path))
+    assert learned().compile()
+    (file,) = tmp_path.glob("*.so")
+    whole = file.read_bytes()
+    # Beside, then renamed: a library that is loaded must not change under this process.
+    broken = tmp_path / "broken"
+    broken.write_bytes({"cut": whole[: len(whole) // 2], "empty": b""}.get(how, whole[::-1]))
+    if how == "without its sum":
+        file.with_suffix(".sha256").unlink()
+    else:
+        broken.replace(file)
+    code = "import noslip as ns\n" + (
+        "from noslip.experiments.numerical_example import demonstration\n"
+        "dmp = ns.learn(demonstration(), [ns.Blade()])\n"
+        "assert dmp.compile(), dmp.stepper.native.failure\n"
+        "print(dmp.rollout().positions[-1].tolist())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(learned().rollout().positions[-1].tolist())
+    assert file.read_bytes() == whole
+
+
+@pytest.mark.slow
+def test_several_processes_may_build_at_once(compiling: Path, tmp_path: Path) -> None:
+    code = (
+        "import noslip as ns\n"
+        "from noslip.experiments.numerical_example import demonstration\n"
+        "dmp = ns.learn(demonstration(), [ns.Blade()])\n"
+        "assert dmp.compile(), dmp.stepper.native.failure\n"
+        "print(dmp.rollout().positions[-1].tolist())\n"
+    )
+    environment = os.environ | {"NOSLIP_CACHE": str(tmp_path)}
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True
+        )
+        for _ in range(4)
+    ]
+    told = {process.communicate(timeout=120)[0] for process in running}
+    assert [process.returncode for process in running] == [0] * 4
+    assert len(told) == 1
+    assert sorted(file.suffix for file in tmp_path.iterdir()) == [".sha256", ".so"]
+
+
+@pytest.mark.parametrize("why", ["no compiler", "broken compiler", "no folder", "turned off"])
+def test_without_it_everything_works(
+    why: str, compiling: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if why == "no compiler":
+        monkeypatch.setenv("CC", "no-such-compiler")
+    elif why == "broken compiler":
+        broken = tmp_path / "cc"
+        broken.write_text("#!/bin/sh\necho 'cc: error: broken' >&2\nexit 1\n")
+        broken.chmod(0o755)
+        monkeypatch.setenv("CC", str(broken))
+    elif why == "no folder":
+        (tmp_path / "file").touch()
+        monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path / "file"))
+    else:
+        monkeypatch.setenv("NOSLIP_COMPILE", "0")
+    dmp = learned()
+    assert not dmp.compile()
+    if why == "broken compiler":
+        assert "broken" in dmp.stepper.native.failure
+    controller = dmp.controller(time_step=dmp.duration / dmp.steps)
+    assert not controller.is_compiled
+    while not controller.done:
+        state = controller.step()
+    np.testing.assert_allclose(state.position, dmp.rollout().positions[-1], rtol=0, atol=1e-12)
+
+
+def test_compilers_may_have_options(compiling: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "cc -g0")
+    found = library.compiler()
+    assert found is not None
+    assert found.command[1:] == ("-g0",)
+    assert learned().compile()
