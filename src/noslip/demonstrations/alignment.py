@@ -115,8 +115,9 @@ def _warp(warping: Any, reference: Floats, feature: Floats) -> Floats:
     ahead = (path[:, 1] - path[:, 0]) / (SAMPLES - 1)
     bins = np.minimum((along * KNOTS).astype(int), KNOTS - 1)
     count = np.maximum(np.bincount(bins, minlength=KNOTS), 1)
-    middle = np.bincount(bins, along, KNOTS) / count
-    lead = np.bincount(bins, ahead, KNOTS) / count
+    # Next to an end the knots would be too near to it for a slope.
+    middle = (np.bincount(bins, along, KNOTS) / count)[1:-1]
+    lead = (np.bincount(bins, ahead, KNOTS) / count)[1:-1]
     own, other = (
         np.concatenate([[0.0], curve, [1.0]]) for curve in (middle - lead / 2, middle + lead / 2)
     )

@@ -73,7 +73,8 @@ def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
     over_time, above = figure.subplots(1, 2, width_ratios=(2.1, 1))
     handles = _draw_cuts(over_time, segments)
     handles |= _draw_paths(above, segments)
-    put_legend(figure, handles)
+    if handles:
+        put_legend(figure, handles)
     write_title(figure, title or _finding(segments))
     return figure
 
