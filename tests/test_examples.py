@@ -17,7 +17,10 @@ ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
 DOCS = ROOT / "docs"
 INDEX = DOCS / "constraints" / "index.md"
-PAGES = sorted(page for part in ("constraints", "goals") for page in (DOCS / part).glob("*.md"))
+PAGES = [
+    *sorted(page for part in ("constraints", "goals") for page in (DOCS / part).glob("*.md")),
+    DOCS / "segmenting.md",
+]
 LARGEST_PICTURE = 200_000
 
 # What these show is that limits give way, or that a start or a metric holds less.
@@ -88,7 +91,7 @@ def test_each_example_is_about_one_screen_of_the_public_interface() -> None:
 def test_each_example_has_a_page_with_its_picture(name: str) -> None:
     (page,) = (page for page in PAGES if page.stem == name)
     text = page.read_text()
-    assert f"](../images/{name}.png)" in text
+    assert re.search(rf"\]\((\.\./)?images/{name}\.png\)", text)
     assert f"python examples/{name}.py" in text
     picture = ROOT / "docs" / "images" / f"{name}.png"
     assert is_png(picture)

@@ -32,8 +32,11 @@ from noslip.constraints import (
     velocity_constraint,
 )
 from noslip.constraints.check import CheckReport, check
+from noslip.demonstrations.alignment import align
 from noslip.demonstrations.loading import load_demonstrations
+from noslip.demonstrations.outliers import Outliers, outliers
 from noslip.demonstrations.preparation import prepare
+from noslip.demonstrations.segmentation import Segments, segment
 from noslip.errors import (
     ConstraintError,
     ConvergenceError,
@@ -74,6 +77,7 @@ __all__ = [
     "Needle",
     "NoslipError",
     "OrientationDMP",
+    "Outliers",
     "PlaneContact",
     "PoseDMP",
     "PoseTrajectory",
@@ -81,6 +85,7 @@ __all__ = [
     "RemoteCentre",
     "RollingDisc",
     "RollingSphere",
+    "Segments",
     "SpeedLimit",
     "SphereContact",
     "State",
@@ -90,14 +95,17 @@ __all__ = [
     "Via",
     "Wheel",
     "__version__",
+    "align",
     "check",
     "keep_nonnegative",
     "learn",
     "load_demonstrations",
     "load_primitive",
+    "outliers",
     "position_constraint",
     "prepare",
     "project_initial_velocity",
     "project_trajectory",
+    "segment",
     "velocity_constraint",
 ]

@@ -12,6 +12,7 @@ import typer
 from noslip.cli import options, output
 from noslip.comparison import compare
 from noslip.constraints.check import check, told_margin
+from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.learning import BARRIER_RATE, ConstrainedDMP, learn
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import ROTATION_SMOOTHING
@@ -75,6 +76,14 @@ def run(
             metavar="X", help="Rate at which the margins of limits may shrink, per duration."
         ),
     ] = BARRIER_RATE,
+    align: Annotated[
+        bool,
+        typer.Option(
+            "--align",
+            help="Bring several recordings into step first, by dynamic time warping (needs "
+            "noslip\\[align]).",
+        ),
+    ] = False,
     as_json: options.AsJson = False,
     sample_rate: options.SampleRate = None,
     tool_frame: options.ToolFrame = None,
@@ -110,6 +119,8 @@ def run(
         lowpass=lowpass,
         relative=relative,
     )
+    if align:
+        demonstrations = bring_into_step(demonstrations)
     if project_start:
         demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
     with output.progress("learning", len(demonstrations)) as progress:

@@ -15,6 +15,7 @@ from noslip.figures.motion import (
     plot_positions,
     plot_residuals,
 )
+from noslip.figures.segments import recording_cuts
 from noslip.figures.snapshots import blade_snapshots, plot_blades
 from noslip.figures.spread import demonstration_spread, orientation_adjustments, plot_spread
 from noslip.figures.style import save_figure
@@ -34,5 +35,6 @@ __all__ = [
     "plot_positions",
     "plot_residuals",
     "plot_spread",
+    "recording_cuts",
     "save_figure",
 ]

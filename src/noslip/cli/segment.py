@@ -1,0 +1,355 @@
+"""``noslip segment``: one long recording in, its demonstrations out."""
+
+from __future__ import annotations
+
+import enum
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from noslip.cli import options, output
+from noslip.cli.plot import FORMATS
+from noslip.demonstrations.outliers import FEWEST, Outliers, outliers
+from noslip.demonstrations.preparation import relative_to_start
+from noslip.demonstrations.segmentation import MINIMUM_REST, Segments, read_column, segment
+from noslip.errors import InputError
+from noslip.figures.segments import BETWEEN, recording_cuts
+from noslip.figures.style import save_figure
+from noslip.trajectory import Floats, PoseTrajectory
+
+NAME = "segment"
+EXAMPLES = """
+Examples:
+
+  noslip segment session.csv --out cuts/ --figure cuts.png
+
+  noslip segment session.csv --tool-frame 0.052,0,0.013 --lowpass 4.8 --drop-outliers --out cuts/
+
+  noslip segment session.csv --at contact --contact-column fz --out cuts/
+
+  noslip segment session.csv --at contact --height 0,0,1 --thresholds 0.001,0.002 --out cuts/
+
+  noslip segment session.csv --at times --times 3:9.5 --times 14:21 --out cuts/
+"""
+_CUTS = "Where to cut"
+
+
+class At(enum.StrEnum):
+    """What tells the pieces of a recording."""
+
+    RESTS = "rests"
+    CONTACT = "contact"
+    TIMES = "times"
+
+
+class Side(enum.StrEnum):
+    """On which side of the thresholds contact is."""
+
+    ABOVE = "above"
+    BELOW = "below"
+
+
+def run(
+    recording: Annotated[
+        str,
+        typer.Argument(help="A long recording: CSV or npz, as for learn.", show_default=False),
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the pieces; made if missing.")
+    ],
+    at: Annotated[
+        At, typer.Option(help="Cut where the tool rests, by contact, or at given times.")
+    ] = At.RESTS,
+    contact_column: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Column of the recording that tells contact (with --at contact), such as fz.",
+            rich_help_panel=_CUTS,
+            show_default=False,
+        ),
+    ] = None,
+    in_contact: Annotated[
+        Side | None,
+        typer.Option(
+            help="Of --contact-column, on which side of the thresholds contact is (by default "
+            "above).",
+            rich_help_panel=_CUTS,
+            show_default=False,
+        ),
+    ] = None,
+    height: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Or contact where the tool is low along this direction, upwards in the world.",
+            rich_help_panel=_CUTS,
+            show_default=False,
+        ),
+    ] = None,
+    times: Annotated[
+        list[str],
+        typer.Option(
+            metavar="START:END",
+            help="A piece (s, with --at times); repeatable, either side may be empty.",
+            rich_help_panel=_CUTS,
+            show_default=False,
+        ),
+    ] = [],  # noqa: B006 - typer's way to say none
+    thresholds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help="Of the speed (m/s), the column or the height (m); by default from the recording.",
+            rich_help_panel=_CUTS,
+            show_default=False,
+        ),
+    ] = None,
+    minimum_duration: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Cut out what is shorter; by default half a typical piece.",
+            rich_help_panel=_CUTS,
+            show_default=False,
+        ),
+    ] = None,
+    minimum_rest: Annotated[
+        float,
+        typer.Option(metavar="S", help="What parts two pieces.", rich_help_panel=_CUTS),
+    ] = MINIMUM_REST,
+    drop_outliers: Annotated[
+        bool,
+        typer.Option(
+            "--drop-outliers",
+            help="Cut out pieces that lie far from the others; by default they are only named.",
+        ),
+    ] = False,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Draw the cuts: .png, .svg or .pdf.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: options.AsJson = False,
+    sample_rate: options.SampleRate = None,
+    tool_frame: options.ToolFrame = None,
+    trim_time: options.TrimTime = None,
+    rate: options.Rate = None,
+    lowpass: options.Lowpass = None,
+    relative: options.Relative = False,
+) -> None:
+    """Cut a long recording into demonstrations, one CSV file a piece.
+
+    The recording is prepared as a whole and then cut.  Thresholds come from its own noise at rest;
+    approach motions, much shorter than the rest, are cut out too.  Look at --figure before you
+    learn from the pieces.
+    """
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out: {out} is a file; give a folder")
+    if figure is not None and options.output(figure, "--figure") and figure.suffix not in FORMATS:
+        raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
+    _require_consistent(at, contact_column, in_contact, height, times)
+    prepared = options.load(
+        [recording],
+        sample_rate=sample_rate,
+        tool_frame=tool_frame,
+        trim_time=trim_time,
+        trim_speed=None,
+        rate=rate,
+        lowpass=lowpass,
+        relative=False,
+    )
+    if len(prepared) != 1:
+        raise InputError(f"{recording}: {len(prepared)} recordings; segment one at a time")
+    (whole,) = prepared
+    cuts: dict[str, Any] = {
+        "minimum_duration": minimum_duration,
+        "minimum_rest": minimum_rest,
+    }
+    if thresholds is not None:
+        cuts["thresholds"] = tuple(options.numbers("--thresholds", thresholds, (2,)))
+    if contact_column is not None:
+        cuts["contact"] = _column_at(whole, contact_column, sample_rate)
+        cuts["in_contact"] = str(in_contact or Side.ABOVE)
+    elif height is not None:
+        cuts["contact"] = _height(whole, height)
+        cuts["in_contact"] = "below"
+    elif times:
+        cuts["times"] = [_start_and_end(text) for text in times]
+    segments = segment(whole, **cuts)
+
+    judged = outliers(segments.pieces) if len(segments.pieces) >= FEWEST else None
+    far = {int(i): judged.reason(int(i)) for i in _outlying(judged)} if judged else {}
+    for index, reason in far.items():
+        told = "dropped" if drop_outliers else "kept, see --drop-outliers"
+        piece = segments.pieces[index]
+        when = f"{piece.times[0]:.2f} to {piece.times[-1]:.2f} s"
+        typer.echo(f"noslip: {piece.name} ({when}): {reason}; {told}", err=True)
+    if drop_outliers and judged is None:
+        typer.echo(
+            f"noslip: --drop-outliers: {_count(segments)} only; outliers show among {FEWEST} and "
+            "more",
+            err=True,
+        )
+    if drop_outliers:
+        segments = segments.without(far)
+
+    files = _write(segments, out, relative)
+    if figure is not None:
+        save_figure(recording_cuts(segments), figure)
+    if as_json:
+        output.print_json(_result(segments, files, judged, figure))
+        return
+    screen = output.console()
+    screen.print(_table(segments, files))
+    screen.print(_told_thresholds(segments))
+    screen.print(f"wrote {_count(segments)} to {out}")
+    if figure is not None:
+        screen.print(f"wrote {figure}")
+
+
+def _require_consistent(
+    at: At, column: str | None, in_contact: Side | None, height: str | None, times: list[str]
+) -> None:
+    """Refuse options that belong to another way of cutting."""
+    given = {"--contact-column": column, "--height": height, "--times": times or None}
+    wanted = {
+        At.RESTS: set[str](),
+        At.CONTACT: {"--contact-column", "--height"},
+        At.TIMES: {"--times"},
+    }[at]
+    named = {option for option, value in given.items() if value is not None}
+    if stray := sorted(named - wanted):
+        kind = At.TIMES if stray[0] == "--times" else At.CONTACT
+        raise InputError(f"{stray[0]} says nothing about --at {at}; give --at {kind}")
+    if wanted and len(named) != 1:
+        raise InputError(f"--at {at} needs {' or '.join(sorted(wanted))}")
+    if in_contact is not None and column is None:
+        raise InputError("--in-contact is about --contact-column; give that, too")
+
+
+def _column_at(whole: PoseTrajectory, column: str, rate: float | None) -> Floats:
+    """A column of the recording's file at the prepared recording's samples."""
+    stamps, values = read_column(whole.name, column, rate=rate)
+    return np.interp(whole.times, stamps, values)
+
+
+def _height(whole: PoseTrajectory, text: str) -> Floats:
+    direction = np.array(options.vector("--height", text))
+    if not np.any(direction):
+        raise InputError("--height: 0,0,0 is no direction; give the world's upward one")
+    return np.asarray(whole.positions @ (direction / np.linalg.norm(direction)))
+
+
+def _start_and_end(text: str) -> tuple[float | None, float | None]:
+    start, colon, end = text.partition(":")
+    try:
+        bounds = [float(side) if side.strip() else None for side in (start, end)]
+    except ValueError:
+        bounds = [math.nan]
+    if not colon or any(bound is not None and math.isnan(bound) for bound in bounds):
+        raise InputError(
+            f"--times: expected START:END in seconds, either side may be empty; got {text!r}"
+        )
+    return bounds[0], bounds[1]
+
+
+def _outlying(judged: Outliers) -> list[int]:
+    return [int(i) for i in np.flatnonzero(judged.outlying)]
+
+
+def _write(segments: Segments, out: Path, relative: bool) -> list[Path]:
+    """Write the pieces; refuse to leave those of another run among them."""
+    stem = Path(segments.recording.name).stem
+    files = [out / f"{stem}_{i:02}.csv" for i in range(1, len(segments.pieces) + 1)]
+    pattern = f"{stem}_" + "[0-9]" * 2 + ".csv"
+    stale = sorted(set(out.glob(pattern)) - set(files)) if out.is_dir() else []
+    if stale:
+        raise InputError(
+            f"--out: {stale[0]} is left from an earlier run, and this one has "
+            f"{_count(segments)}; remove it or give another folder"
+        )
+    for piece, file in zip(segments.pieces, files, strict=True):
+        (relative_to_start(piece) if relative else piece).to_csv(file)
+    return files
+
+
+def _result(
+    segments: Segments, files: list[Path], judged: Outliers | None, figure: Path | None
+) -> dict[str, Any]:
+    written = iter(files)
+    result: dict[str, Any] = {
+        "recording": segments.recording.name,
+        "cut_by": segments.quantity,
+        "thresholds": None if segments.thresholds is None else list(segments.thresholds),
+        "minimum_duration": segments.minimum_duration,
+        "intervals": [
+            {
+                "start": interval.start,
+                "end": interval.end,
+                "reason": interval.reason,
+                "file": str(next(written)) if interval.reason is None else None,
+            }
+            for interval in segments.intervals
+        ],
+    }
+    if judged is not None:
+        result["outliers"] = {
+            "pieces": list(judged.names),
+            "position_distances": judged.position_distances.tolist(),
+            "rotation_distances": judged.rotation_distances.tolist(),
+            "position_limit": judged.position_limit,
+            "rotation_limit": judged.rotation_limit,
+            "outlying": judged.outlying.tolist(),
+        }
+    if figure is not None:
+        result["figure"] = str(figure)
+    return result
+
+
+def _table(segments: Segments, files: list[Path]) -> Table:
+    table = Table(
+        title=f"{segments.recording.name}: {_count(segments)}",
+        title_justify="left",
+        title_style="bold",
+    )
+    for heading in ("", "from (s)", "to (s)", "lasts (s)", "path (mm)"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    numbered = iter(zip(segments.pieces, files, strict=True))
+    count = 0
+    for interval in segments.intervals:
+        span = f"{interval.start:.2f}", f"{interval.end:.2f}", f"{interval.duration:.2f}"
+        if interval.reason is None:
+            piece, file = next(numbered)
+            count += 1
+            table.add_row(str(count), *span, f"{piece.path_length * 1e3:.1f}", file.name)
+        elif interval.reason not in BETWEEN:
+            table.add_row("", *span, "", interval.reason, style="dim")
+    return table
+
+
+def _count(segments: Segments) -> str:
+    count = len(segments.pieces)
+    return f"{count} piece{'s' if count != 1 else ''}"
+
+
+def _told_thresholds(segments: Segments) -> str:
+    if segments.quantity == "times":
+        return "cut at the given times"
+    if segments.thresholds is None:
+        return "no rest stands out of the recording: one piece"
+    low, high = segments.thresholds
+    speed = segments.quantity == "speed"
+    what, unit = ("speed", " m/s") if speed else ("contact signal", "")
+    return (
+        f"thresholds of the {what} {low:.3g} and {high:.3g}{unit}; shorter than "
+        f"{segments.minimum_duration:.3g} s is cut out"
+    )

@@ -1,0 +1,78 @@
+"""The figure of the cuts: it carries the data, counts right, and stays legible."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from noslip.demonstrations.segmentation import segment
+from noslip.figures.segments import recording_cuts
+
+
+@pytest.fixture(scope="module")
+def recording():
+    """Two strokes of 2 s and a short one between them."""
+    x = [np.zeros(50)]
+    for number, count in enumerate((100, 30, 100)):
+        u = np.arange(1, count + 1) / count
+        s = u**3 * (10 - 15 * u + 6 * u**2)
+        x += [0.1 * (number + s), np.full(50, 0.1 * (number + 1))]
+    x = np.concatenate(x)
+    path = np.column_stack([x, 0.5 * x, 0 * x])
+    return ns.PoseTrajectory(
+        np.arange(len(x)) / 50, path, Rotation.identity(len(x)), name="run.csv"
+    )
+
+
+def texts(ax):
+    return [text.get_text() for text in ax.texts]
+
+
+def test_it_shows_speed_thresholds_pieces_and_reasons(recording):
+    segments = segment(recording)
+    figure = recording_cuts(segments)
+    over_time, above = figure.axes
+    np.testing.assert_array_equal(over_time.lines[0].get_xdata(), recording.times)
+    np.testing.assert_allclose(over_time.lines[0].get_ydata(), segments.signal)
+    drawn = sorted(line.get_ydata()[0] for line in over_time.lines[1:3])
+    np.testing.assert_allclose(drawn, segments.thresholds)
+    low, _ = over_time.get_ylim()
+    assert low < drawn[0]
+    (dropped,) = (i.reason for i in segments.intervals if i.reason not in (None, "rest"))
+    assert texts(over_time) == ["1", dropped, "2"]
+    assert texts(above) == ["1", "2"]
+    assert figure.get_suptitle().startswith("run.csv: 2 pieces of ")
+    assert figure.get_suptitle().endswith("1 more cut out")
+    (legend,) = figure.legends
+    named = {text.get_text() for text in legend.get_texts()}
+    assert {"rest", "cut out", "path cut out"} <= named
+
+
+def test_numbers_and_reasons_stay_inside_the_axes(recording):
+    segments = segment(recording).without({0: "far from the others: turned by 40 degrees"})
+    figure = recording_cuts(segments)
+    figure.canvas.draw()
+    ax = figure.axes[0]
+    frame = ax.get_window_extent()
+    for text in ax.texts:
+        box = text.get_window_extent()
+        assert frame.y0 <= box.y0
+        assert box.y1 <= frame.y1
+    assert "far from the others" in texts(ax)
+
+
+def test_contact_times_and_no_rest_have_figures_of_their_own(recording):
+    height = np.where(np.arange(len(recording)) % 130 < 60, 0.0, 0.03)
+    by_height = recording_cuts(segment(recording, contact=height, in_contact="below"))
+    assert by_height.axes[0].get_ylabel() == "contact signal"
+    assert by_height.axes[0].get_yscale() == "linear"
+    at_times = recording_cuts(segment(recording, times=[(1, 3)]), title="mine")
+    assert at_times.get_suptitle() == "mine"
+    assert len(at_times.axes[0].lines) == 1
+    moving = recording_cuts(segment(recording[55:140]))
+    moving.canvas.draw()
+    one = segment(recording[75:125])
+    assert one.thresholds is None
+    assert recording_cuts(one).get_suptitle() == "run.csv: no rest stands out, one piece"
