@@ -184,7 +184,7 @@ def test_the_rotation_alone_turns_a_moving_blade_into_its_path(h: float) -> None
 def blade_step(metric: tuple[float, ...]) -> ca.Function:
     p, q, v, w = (ca.SX.sym(name, n) for name, n in zip("pqvw", (3, 4, 3, 3), strict=True))
     dt, rate, free = ca.SX.sym("dt"), ca.SX.sym("rate"), ca.SX.sym("free", 6)
-    symbols = StepSymbols(p, q, v, w, dt, dt, dt, dt, rate, rate)
+    symbols = StepSymbols(p, q, v, w, dt, dt, dt, dt, rate, rate, rate)
     held = coupling(BLADE, inverse_metric=metric)(symbols, free[:3], free[3:])
     return ca.Function("step", [p, q, v, w, dt, rate, free], [held.linear, held.angular])
 

@@ -124,6 +124,7 @@ def step_function(
         previous_step=step[2],
         time=step[3],
         residual_rate=ca.SX(RESIDUAL_RATE),
+        slip_rate=ca.SX(RESIDUAL_RATE),
         barrier_rate=ca.SX(0),
     )
     linear, angular = external(symbols)

@@ -18,7 +18,7 @@ from noslip.primitives.basis import Basis
 from noslip.primitives.orientation import OrientationDMP
 from noslip.primitives.phase import Phase
 from noslip.primitives.position import PositionDMP
-from noslip.primitives.stepping import CLOCK, KICK, STATE_SIZE, Stepper, step_table
+from noslip.primitives.stepping import AT_ONCE, CLOCK, KICK, STATE_SIZE, Stepper, step_table
 from noslip.trajectory import PoseTrajectory
 
 Floats = NDArray[np.float64]
@@ -30,6 +30,8 @@ MOST_BASIS_FUNCTIONS = 2000
 HELD = 1e-9
 """A margin above minus this counts as kept."""
 ProjectStart = Literal["velocity", "pose", "nothing"]
+HELD_RESIDUAL = 1e-12
+"""Residual that rounding causes, over the largest velocity, or 1."""
 DONE = 1 - 1e-9
 """Fraction of the duration from which on a motion has come to its end."""
 FEWEST_STEPS = 200
@@ -603,6 +605,12 @@ class PoseDMP:
         begin = self.phase.fraction(state.phase)
         lead = self._rotation_lead(time_step / tau)
         offsets = self._offsets(basis, begin, begin + lead, steps, time_step / tau, state)
+        # What violates a constraint from the start is pulled in; what was pushed off it, or measured
+        # to be, goes on without slip at once.
+        fast = max(1.0, *map(abs, state.linear_velocity), *map(abs, state.angular_velocity))
+        held = np.abs(state.constraint_residuals).max(initial=0.0) <= HELD_RESIDUAL * fast
+        started = state.previous_step > 0
+        slip_rate = AT_ONCE if held and started else state.pull_in
         # The first kick begins in the middle of the step before; the others are alike.
         kicks = np.array([(state.previous_step + time_step) / 2, time_step])
         decay, gain = self.position.attractor.factors(kicks / tau)
@@ -614,6 +622,7 @@ class PoseDMP:
                 time_step if kick else state.previous_step,
                 0.0,
                 state.pull_in,
+                slip_rate,
                 self._barrier_rate / tau,
                 decay[kick],
                 gain[kick] / kicks[kick],

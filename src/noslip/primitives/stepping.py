@@ -48,7 +48,9 @@ class StepSymbols:
     time : expression
         At the end of the step (s).
     residual_rate : expression
-        How fast a residual decays (1/s); 0 keeps it.
+        How fast a residual at position level decays (1/s); 0 keeps it.
+    slip_rate : expression
+        The same at velocity level.
     barrier_rate : expression
         How fast the margin of a limit may shrink that names no rate of its own (1/s).
     """
@@ -62,6 +64,7 @@ class StepSymbols:
     previous_step: Expression
     time: Expression
     residual_rate: Expression
+    slip_rate: Expression
     barrier_rate: Expression
 
     def advance(self, linear: Expression, angular: Expression) -> tuple[Expression, Expression]:
@@ -105,6 +108,7 @@ CLOCK = (
     "previous_step",
     "time",
     "residual_rate",
+    "slip_rate",
     "barrier_rate",
     "decay",
     "gain",
@@ -115,6 +119,8 @@ STEP_FIELDS = dict.fromkeys(CLOCK, 1) | {
     "rotation_offset": 3,
 }
 STEP_SIZE = sum(STEP_FIELDS.values())
+AT_ONCE = 1e18
+"""A rate that leaves nothing after any step (1/s)."""
 KICK = CLOCK.index("kick")
 """Column of the kick."""
 
@@ -207,6 +213,7 @@ def _step_function(coupling: Coupling | None) -> Any:
         previous_step=field["previous_step"],
         time=field["time"],
         residual_rate=field["residual_rate"],
+        slip_rate=field["slip_rate"],
         barrier_rate=field["barrier_rate"],
     )
     decay, gain = field["decay"], field["gain"]

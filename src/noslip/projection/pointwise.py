@@ -161,7 +161,14 @@ class _Step:
             *(1 / s.time_step if level == "position" else ca.SX(1) for level in levels),
         )
         after = ca.vertcat(
-            _residual_after(self.equalities, s, [s.residual_rate] * self.equalities.size),
+            _residual_after(
+                self.equalities,
+                s,
+                [
+                    s.slip_rate if is_velocity else s.residual_rate
+                    for is_velocity in self.equalities.row_is_velocity
+                ],
+            ),
             _residual_after(self.limits, s, _barrier_rates(self.limits, s)),
         )
         self.phi = scale * self.values(self.free)

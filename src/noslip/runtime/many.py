@@ -312,6 +312,7 @@ def _one_by_one(
             goal_rotation=row[16:20],
             duration=float(row[20]),
             pull_in=float(row[21]),
+            constraint_residuals=row[22 : 22 + dmp.system.equalities.size],
         )
         table = dmp.steps_ahead(state, steps, state.duration / steps)
         dmp.stepper.run(row[:STATE_SIZE].copy(), table, states[index, 1:], outputs)

@@ -11,7 +11,7 @@ void noslip_run(const double *state, const double *table, double *states, double
                 long long steps) {
     long long k;
     for (k = 0; k < steps; ++k) {
-        noslip_core(k ? states + (k - 1) * 13 : state, table + k * 18, states + k * 13,
+        noslip_core(k ? states + (k - 1) * 13 : state, table + k * NOSLIP_STEP, states + k * 13,
                     outputs + k * NOSLIP_OUTPUTS);
     }
 }
@@ -63,6 +63,9 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
         for (i = 0; i < 4; ++i) {
             s.quaternion[i] = begin[3 + i];
             s.goal_quaternion[i] = begin[16 + i];
+        }
+        for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
+            s.values[i] = values[motion * (steps + 1) * rows + i];
         }
         s.duration = begin[20];
         s.pull_in = begin[21];

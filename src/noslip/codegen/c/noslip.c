@@ -11,10 +11,18 @@ static void noslip_core(const noslip_real *state, const noslip_real *step, nosli
 /* Of the core: force, values, multipliers. */
 #define NOSLIP_OUTPUTS @OUTPUTS@
 
+/* Numbers that a step of the core takes. */
+#define NOSLIP_STEP 19
+/* A rate that leaves nothing after any step, 1/s. */
+#define AT_ONCE REAL(1e18)
+/* Residual that rounding causes, over the largest velocity, or 1. */
+#define HELD (sizeof(noslip_real) < sizeof(double) ? REAL(1e-4) : REAL(1e-12))
+
 /* Exponent below which a Gaussian is lost in the rounding of the sum. */
 #define NEGLIGIBLE REAL(-40)
 
 static noslip_real smaller(noslip_real a, noslip_real b) { return a < b ? a : b; }
+static noslip_real larger(noslip_real a, noslip_real b) { return a > b ? a : b; }
 
 static noslip_real exponent_of(const noslip_primitive *p, int i, noslip_real phase) {
     const noslip_real apart = (phase - p->centers[i]) / p->widths[i];
@@ -170,10 +178,20 @@ static void advance(const noslip_primitive *p, noslip_state *state, noslip_real 
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
     const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
-    noslip_real now[13], step[18], after[13], output[NOSLIP_OUTPUTS];
+    noslip_real now[13], step[NOSLIP_STEP], after[13], output[NOSLIP_OUTPUTS];
     noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain;
+    noslip_real fast = 1, slip_rate = state->previous_step > 0 ? AT_ONCE : state->pull_in;
     int i;
 
+    /* What violates a constraint from the start is pulled in; what was pushed off it, or measured to
+     * be, goes on without slip at once. */
+    for (i = 0; i < 3; ++i) {
+        fast = larger(fast, fabs(state->linear_velocity[i]));
+        fast = larger(fast, fabs(state->angular_velocity[i]));
+    }
+    for (i = 0; i < NOSLIP_EQUALITIES; ++i) {
+        if (!(fabs(state->values[i]) <= HELD * fast)) slip_rate = state->pull_in;
+    }
     if (inside >= 0) {
         gain = expm1((-p->alpha / 2 - root) * kicked) * expm1((-p->alpha / 2 + root) * kicked);
     } else {
@@ -185,8 +203,8 @@ static void advance(const noslip_primitive *p, noslip_state *state, noslip_real 
         now[i] = state->position[i];
         now[7 + i] = state->linear_velocity[i];
         now[10 + i] = state->angular_velocity[i];
-        step[8 + i] = state->goal_position[i] + offset[i];
-        step[15 + i] = offset[3 + i] + state->steering[i];
+        step[9 + i] = state->goal_position[i] + offset[i];
+        step[16 + i] = offset[3 + i] + state->steering[i];
     }
     for (i = 0; i < 4; ++i) now[3 + i] = state->quaternion[i];
     step[0] = time_step;
@@ -194,10 +212,11 @@ static void advance(const noslip_primitive *p, noslip_state *state, noslip_real 
     step[2] = state->previous_step;
     step[3] = state->time + time_step;
     step[4] = state->pull_in;
-    step[5] = p->barrier_rate / tau;
-    step[6] = decay;
-    step[7] = gain / kick;
-    leading(p, state->fraction + lead, state->goal_quaternion, step + 11);
+    step[5] = slip_rate;
+    step[6] = p->barrier_rate / tau;
+    step[7] = decay;
+    step[8] = gain / kick;
+    leading(p, state->fraction + lead, state->goal_quaternion, step + 12);
 
     noslip_core(now, step, after, output);
 

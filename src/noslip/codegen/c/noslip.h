@@ -47,7 +47,8 @@ typedef struct noslip_primitive {
 } noslip_primitive;
 
 /* Everything that a primitive in motion knows.  May be written to between two steps: the pose and
- * the velocities where they were measured, goal and duration where they change. */
+ * the velocities where they were measured, goal and duration where they change.  After a step from
+ * whatever state the tool does not slip; off a surface it is pulled in. */
 typedef struct noslip_state {
     noslip_real time;              /* s */
     noslip_real fraction;          /* of the motion: 0 at the start, 1 at the end */

@@ -1,0 +1,75 @@
+/* Steps random primitives from random states to random goals, pushes them about, and looks at what
+ * must never happen.  Arguments: steps, seed, how far to push (0: not at all). */
+#include "primitives.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static unsigned long long state_of_random;
+
+/* xorshift64*: the same on every machine. */
+static double uniform(double low, double high) {
+    unsigned long long x = state_of_random;
+    x ^= x >> 12;
+    x ^= x << 25;
+    x ^= x >> 27;
+    state_of_random = x;
+    return low + (high - low) * (double)((x * 2685821657736338717ULL) >> 11) / 9007199254740992.0;
+}
+
+static void turn(double *quaternion, double angle) {
+    double size = 0;
+    int i;
+    for (i = 0; i < 4; ++i) quaternion[i] += uniform(-angle, angle) / 2;
+    for (i = 0; i < 4; ++i) size += quaternion[i] * quaternion[i];
+    for (i = 0; i < 4; ++i) quaternion[i] /= sqrt(size);
+}
+
+int main(int count, char **argument) {
+    const long long steps = count > 1 ? atoll(argument[1]) : 1000000;
+    const double push = count > 3 ? atof(argument[3]) : 1.0;
+    const noslip_primitive *p = primitives[0];
+    double residual = 0, violation = 0, off = 0, scale = 1;
+    long long k, motions = 0, pushes = 0, lost = 0;
+    noslip_state s;
+    int i;
+    state_of_random = count > 2 ? (unsigned long long)atoll(argument[2]) * 2 + 1 : 1;
+    noslip_start(p, &s);
+    for (k = 0; k < steps; ++k) {
+        double norm = 0, sum = 0;
+        if (noslip_done(&s) || k == 0) {
+            p = primitives[(int)uniform(0, PRIMITIVES)];
+            noslip_start(p, &s);
+            scale = 0;
+            for (i = 0; i < 3; ++i) scale += pow(p->goal_position[i] - p->start_position[i], 2);
+            scale = push * (sqrt(scale) + 0.01);
+            for (i = 0; i < 3; ++i) s.goal_position[i] += uniform(-scale, scale);
+            if (push > 0) turn(s.goal_quaternion, 0.5);
+            s.duration *= uniform(0.3, 3.0);
+            ++motions;
+        }
+        /* A start off the constraints would be pulled in. */
+        if (push > 0 && s.previous_step > 0 && uniform(0, 1) < 1e-3) {
+            for (i = 0; i < 3; ++i) {
+                s.position[i] += uniform(-0.1, 0.1) * scale;
+                s.linear_velocity[i] += uniform(-1, 1) * scale / s.duration;
+                s.angular_velocity[i] += uniform(-1, 1) / s.duration;
+            }
+            turn(s.quaternion, 0.2);
+            ++pushes;
+        }
+        noslip_step(p, &s, uniform(0.2e-3, 2e-3) * s.duration);
+        for (i = 0; i < 4; ++i) norm += s.quaternion[i] * s.quaternion[i];
+        for (i = 0; i < 3; ++i) sum += s.position[i] + s.linear_velocity[i] + s.angular_velocity[i];
+        if (!(fabs(sum) < HUGE_VAL) || !(norm > 0)) ++lost;
+        off = fmax(off, fabs(sqrt(norm) - 1));
+        for (i = 0; i < NOSLIP_EQUALITIES; ++i) residual = fmax(residual, fabs(s.values[i]));
+        for (; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) violation = fmax(violation, -s.values[i]);
+    }
+    printf("{\"steps\": %lld, \"motions\": %lld, \"pushes\": %lld, \"not finite\": %lld, ", steps,
+           motions, pushes, lost);
+    printf("\"residual\": %.3g, \"violation\": %.3g, \"off SO(3)\": %.3g}\n", residual, violation,
+           off);
+    return lost > 0 || !(residual <= 1e-10) || !(off <= 1e-12);
+}
