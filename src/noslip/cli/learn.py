@@ -77,6 +77,11 @@ def run(
     ] = BARRIER_RATE,
     as_json: options.AsJson = False,
     sample_rate: options.SampleRate = None,
+    topic: options.Topic = None,
+    frame: options.Frame = None,
+    child_frame: options.ChildFrame = None,
+    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
+    columns: options.Columns = None,
     tool_frame: options.ToolFrame = None,
     trim_time: options.TrimTime = None,
     trim_speed: options.TrimSpeed = None,
@@ -109,6 +114,11 @@ def run(
         rate=rate,
         lowpass=lowpass,
         relative=relative,
+        topic=topic,
+        frame=frame,
+        child_frame=child_frame,
+        episode=episode,
+        columns=columns,
     )
     if project_start:
         demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
