@@ -308,6 +308,18 @@ def test_the_root_is_the_frame_where_none_is_given(tree, same) -> None:
     same(load(tree, child_frame="/tool"), load(tree, frame="world", child_frame="tool"))
 
 
+def test_the_last_of_static_transforms_counts_and_a_moving_one_comes_first(tmp_path) -> None:
+    link, still = arm(20, 0.0), Rotation.identity()
+    messages = [
+        static("a", "b", (9, 9, 9), still),  # superseded by /tf
+        static("b", "c", (9, 9, 9), still),  # superseded by the next
+        static("b", "c", (0, 0, 1), still),
+        *tf_messages("a", "b", link),
+    ]
+    trajectory = load(ROS.write(tmp_path / "b", messages), child_frame="c")
+    np.testing.assert_allclose(trajectory.positions, link[1] + link[2].apply([0, 0, 1]), atol=1e-12)
+
+
 def test_a_lone_link_needs_no_names(tmp_path) -> None:
     bag = ROS.write(tmp_path / "lone", tf_messages("map", "robot", arm(20, 0.0)))
     np.testing.assert_allclose(load(bag).positions, arm(20, 0.0)[1], atol=1e-12)

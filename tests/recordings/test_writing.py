@@ -126,6 +126,11 @@ def test_poses_and_joints_in_one_bag(tmp_path, motion, same, storage) -> None:
     assert {path.suffix for path in bag.iterdir()} == {
         ".yaml", ".db3" if storage == "sqlite3" else ".mcap"
     }  # fmt: skip
+    if storage == "sqlite3":
+        database = sqlite3.connect(bag / "both.db3")
+        rows = database.execute("SELECT timestamp FROM messages ORDER BY id").fetchall()
+        database.close()
+        assert rows == sorted(rows)
     joints, poses = bag_topics(bag)
     assert (joints.name, joints.type) == ("/joint_states", "sensor_msgs/msg/JointState")
     assert (joints.messages, poses.messages) == (100, 40)
