@@ -1,4 +1,4 @@
-"""Poses in CSV and npz files: read, checked, and explained when they are wrong."""
+"""Poses in files: CSV and npz read here; those of every kind checked, and explained when wrong."""
 
 from __future__ import annotations
 
@@ -46,7 +46,10 @@ NPZ_WIDTHS: dict[str, tuple[int, ...]] = {
 
 @dataclass(frozen=True)
 class _Source:
-    """What a file calls its parts, so that the same checks can point into any file."""
+    """What a file calls its parts, so that the same checks can point into any file.
+
+    Readers of other formats (:mod:`noslip.recordings`) make one and share the checks below.
+    """
 
     path: str | Path
     times: str
@@ -73,7 +76,7 @@ def read_csv(path: str | Path, *, rate: float | None = None) -> dict[str, Any]:
         raise InputError(f"{path}: the file is empty")
     names = [" ".join(cell.split()).lower() for cell in header]
     _check_header(path, line, names)
-    time, layout = _layout(path, line, names, rate)
+    time, layout = _layout(f"{path}: line {line}", names, rate)
     columns = (time, *layout)
 
     lines, table = _numbers(path, rows, names, columns)
@@ -87,9 +90,15 @@ def read_csv(path: str | Path, *, rate: float | None = None) -> dict[str, Any]:
         quaternions=f"columns {', '.join(QUATERNION_NAMES)}",
         lines=lines,
     )
+    return _of_columns(source, of, rate)
+
+
+def _of_columns(source: _Source, of: Mapping[str, Floats], rate: float | None) -> dict[str, Any]:
+    """Return the fields of a trajectory from the columns that :func:`_layout` chose."""
     _check_finite(source, {f"column {name}": values for name, values in of.items()})
+    time = next(name for name in (*TIME_NAMES, "i") if name in of)
     times = of[time] if rate is None or time != "i" else of[time] / rate
-    if layout == PLANAR_NAMES:
+    if "theta" in of:
         height = np.zeros(len(times))
         return _poses(
             source,
@@ -151,9 +160,7 @@ def _check_header(path: str | Path, line: int, names: list[str]) -> None:
     )
 
 
-def _layout(
-    path: str | Path, line: int, names: list[str], rate: float | None
-) -> tuple[str, tuple[str, ...]]:
+def _layout(where: str, names: list[str], rate: float | None) -> tuple[str, tuple[str, ...]]:
     """Choose the column of time and those of the pose."""
     present = set(names)
     planar = "theta" in present and not present.intersection(QUATERNION_NAMES)
@@ -164,25 +171,23 @@ def _layout(
         missing.insert(0, "t")
     if missing:
         raise InputError(
-            f"{path}: line {line}: {_plural('column', missing)} missing, found {_listed(names)}; "
+            f"{where}: {_plural('column', missing)} missing, found {_listed(names)}; "
             "needed are t (or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta"
         )
     if len(times) > 1:
-        raise InputError(f"{path}: line {line}: columns t and time both give a time; keep one")
+        raise InputError(f"{where}: columns t and time both give a time; keep one")
     time = times[0] if times else "i"
     for name in (time, *layout):
         if names.count(name) > 1:
-            raise InputError(
-                f"{path}: line {line}: column {name} appears {names.count(name)} times; keep one"
-            )
+            raise InputError(f"{where}: column {name} appears {names.count(name)} times; keep one")
     if time == "i":
         if rate is None:
             raise InputError(
-                f"{path}: line {line}: column i counts samples and no column t gives their "
+                f"{where}: column i counts samples and no column t gives their "
                 "time; pass rate=... (samples per second; on the command line --sample-rate)"
             )
         if not (np.isfinite(rate) and rate > 0):
-            raise InputError(f"{path}: rate must be positive (samples per second), got {rate:g}")
+            raise InputError(f"{where}: rate must be positive (samples per second), got {rate:g}")
     return time, layout
 
 
@@ -350,6 +355,15 @@ def _rotations(source: _Source, quaternions: Floats) -> Rotation:
             "correct or remove the sample",
         )
     return Rotation.from_quat(quaternions, scalar_first=True)
+
+
+def _checked(
+    source: _Source, times: Floats, positions: Floats, quaternions: Floats
+) -> dict[str, Any]:
+    """Return the fields of a trajectory from raw numbers, quaternions scalar first."""
+    parts = {source.times: times, "position": positions, source.quaternions: quaternions}
+    _check_finite(source, parts)
+    return _poses(source, times, positions, _rotations(source, quaternions))
 
 
 def _poses(

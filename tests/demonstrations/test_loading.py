@@ -685,12 +685,12 @@ def test_nothing_found(folder: Path) -> None:
     assert "no such file" in refusal([f"{folder}/*.csv", str(folder / "z.csv")])
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "README"])
+@pytest.mark.parametrize("name", ["notes.rst", "README"])
 def test_an_unknown_suffix(folder: Path, name: str) -> None:
     (folder / name).write_text("not a recording")
     message = refusal(folder / name)
     assert f"{Path(name).suffix or 'no suffix'} is not a known kind of recording" in message
-    assert "known are .csv and .npz" in message
+    assert "known are .csv, .npz, " in message
 
 
 def test_the_rate_is_for_numbered_samples_alone(folder: Path) -> None:

@@ -19,6 +19,8 @@ Examples:
 
   noslip check runs/*.csv --constraint blade --trim-speed 0.05 --rate 120 --lowpass 4.8
 
+  noslip check run.bag --topic /tf --child-frame knife --constraint blade
+
   noslip check motion.csv --constraint blade --constraint "keep-out-sphere(centre=(0.1,0,0),
   radius=0.02)"
 
@@ -37,6 +39,11 @@ def run(
     ] = TOLERANCE,
     as_json: options.AsJson = False,
     sample_rate: options.SampleRate = None,
+    topic: options.Topic = None,
+    frame: options.Frame = None,
+    child_frame: options.ChildFrame = None,
+    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
+    columns: options.Columns = None,
     tool_frame: options.ToolFrame = None,
     trim_time: options.TrimTime = None,
     trim_speed: options.TrimSpeed = None,
@@ -62,6 +69,11 @@ def run(
         rate=rate,
         lowpass=lowpass,
         relative=relative,
+        topic=topic,
+        frame=frame,
+        child_frame=child_frame,
+        episode=episode,
+        columns=columns,
     )
     reports = [check(motion, system, tolerance=tolerance) for motion in motions]
     if as_json:

@@ -86,6 +86,11 @@ def run(
     ] = False,
     as_json: options.AsJson = False,
     sample_rate: options.SampleRate = None,
+    topic: options.Topic = None,
+    frame: options.Frame = None,
+    child_frame: options.ChildFrame = None,
+    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
+    columns: options.Columns = None,
     tool_frame: options.ToolFrame = None,
     trim_time: options.TrimTime = None,
     trim_speed: options.TrimSpeed = None,
@@ -118,6 +123,11 @@ def run(
         rate=rate,
         lowpass=lowpass,
         relative=relative,
+        topic=topic,
+        frame=frame,
+        child_frame=child_frame,
+        episode=episode,
+        columns=columns,
     )
     if align:
         demonstrations = bring_into_step(demonstrations)

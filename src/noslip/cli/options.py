@@ -19,11 +19,13 @@ from noslip.projection.metric import Metric
 from noslip.trajectory import PoseTrajectory
 
 _PREPARATION = "Preparation (in this order)"
+_WHERE = "Where in a bag or data set"
 
 Recordings = Annotated[
     list[str],
     typer.Argument(
-        help="Recordings: CSV (t,x,y,z,qw,qx,qy,qz or t,x,y,theta) or npz; globs are expanded.",
+        help="Recordings: CSV (t,x,y,z,qw,qx,qy,qz or t,x,y,theta), npz, ROS bags, LeRobot and "
+        "robomimic data sets, Parquet, TUM; globs are expanded.",
         show_default=False,
     ),
 ]
@@ -43,6 +45,52 @@ SampleRate = Annotated[
         metavar="HZ",
         help="Rate at which files were recorded that number their samples (column i) instead of "
         "timing them.",
+        show_default=False,
+    ),
+]
+Topic = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Topic of a bag; noslip topics shows what there is.",
+        rich_help_panel=_WHERE,
+        show_default=False,
+    ),
+]
+Frame = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Frame of a bag in which the motion is seen; of tf by default the root.",
+        rich_help_panel=_WHERE,
+        show_default=False,
+    ),
+]
+ChildFrame = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Frame of a bag that moves.",
+        rich_help_panel=_WHERE,
+        show_default=False,
+    ),
+]
+Episode = Annotated[
+    list[int],
+    typer.Option(
+        metavar="K",
+        help="Episode of a LeRobot or robomimic data set; repeatable, by default all.",
+        rich_help_panel=_WHERE,
+        show_default=False,
+    ),
+]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help="Columns of a data set or table that hold x, y, z, qw, qx, qy, qz, such as "
+        '"observation.state[0:3,6,3:6]".',
+        rich_help_panel=_WHERE,
         show_default=False,
     ),
 ]
@@ -112,6 +160,11 @@ def load(
     rate: float | None,
     lowpass: float | None,
     relative: bool,
+    topic: str | None,
+    frame: str | None,
+    child_frame: str | None,
+    episode: list[int],
+    columns: str | None,
 ) -> list[PoseTrajectory]:
     """Read recordings and prepare them as the options ask."""
     steps: dict[str, Any] = {
@@ -122,7 +175,16 @@ def load(
         "lowpass": lowpass,
         "relative": relative,
     }
-    return [prepare(d, **steps) for d in load_demonstrations(recordings, rate=sample_rate)]
+    read = load_demonstrations(
+        recordings,
+        rate=sample_rate,
+        topic=topic,
+        frame=frame,
+        child_frame=child_frame,
+        episode=episode or None,
+        columns=columns,
+    )
+    return [prepare(demonstration, **steps) for demonstration in read]
 
 
 def constraints(texts: list[str]) -> list[Constraint]:

@@ -47,7 +47,7 @@ def run(
     motions: Annotated[
         list[str],
         typer.Argument(
-            help="Recordings (CSV, npz), and primitives (JSON), which are rolled out.",
+            help="Recordings (of any format), and primitives (JSON), which are rolled out.",
             show_default=False,
         ),
     ],
@@ -69,6 +69,11 @@ def run(
         str | None, typer.Option(help="By default, what the data show.", show_default=False)
     ] = None,
     sample_rate: options.SampleRate = None,
+    topic: options.Topic = None,
+    frame: options.Frame = None,
+    child_frame: options.ChildFrame = None,
+    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
+    columns: options.Columns = None,
     tool_frame: options.ToolFrame = None,
     trim_time: options.TrimTime = None,
     trim_speed: options.TrimSpeed = None,
@@ -111,6 +116,11 @@ def run(
             rate=rate,
             lowpass=lowpass,
             relative=relative,
+            topic=topic,
+            frame=frame,
+            child_frame=child_frame,
+            episode=episode,
+            columns=columns,
         ):
             shown[_label(trajectory.name, shown)] = trajectory
     for name, primitive in primitives.items():

@@ -16,8 +16,8 @@ from noslip.constraints.check import CheckReport, amount, check
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.primitives.pose import ConstrainedMotion, ProjectStart
+from noslip.recordings.writing import WRITABLE, WRITABLE_TOLD, write_recording
 from noslip.saving import load_primitive
-from noslip.trajectory import PoseTrajectory
 
 NAME = "rollout"
 EXAMPLES = """
@@ -49,7 +49,8 @@ def run(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="CSV or npz to write; without it the CSV goes to standard output.",
+            help="File to write: .csv, .npz, .tum, .parquet, .feather, .mcap, or no suffix for a "
+            "ROS 2 bag; without it the CSV goes to standard output.",
             show_default=False,
         ),
     ] = None,
@@ -107,8 +108,8 @@ def run(
     more) may give way.
     """
     options.output(out)
-    if out is not None and out.suffix not in (".csv", ".npz"):
-        raise InputError(f"--out: {out} must end in .csv or .npz")
+    if out is not None and out.suffix.lower() not in WRITABLE:
+        raise InputError(f"--out: {out} must end in {WRITABLE_TOLD}")
     if as_json and out is None:
         raise InputError("--json needs --out: standard output cannot carry both")
     dmp = load_primitive(primitive)
@@ -131,7 +132,7 @@ def run(
     if out is None:
         sys.stdout.write(motion.csv_text())
     else:
-        _write(motion, out)
+        write_recording(motion, out)
     report = check(motion, dmp.system) if dmp.constraints else None
     gave_way = _gave_way(motion, dmp.system.limits)
     wanted = chosen.position.goal if goal is None else np.array(goal)
@@ -180,10 +181,3 @@ def _as_promised(
     checks = zip(report.constraints, system.constraints, strict=True)
     held = all(check.satisfied or constraint.priority > 0 for check, constraint in checks)
     return held and all(limit["priority"] > 0 for limit in gave_way)
-
-
-def _write(motion: PoseTrajectory, out: Path) -> None:
-    if out.suffix == ".npz":
-        motion.to_npz(out)
-    else:
-        motion.to_csv(out)

@@ -3,19 +3,54 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from noslip.errors import InputError
+from noslip.recordings import bags, lerobot, robomimic, tables, tum
 from noslip.trajectory import PoseTrajectory
 
-SUFFIXES = (".csv", ".npz")
+
+class _Reader(NamedTuple):
+    """How to read one format, and which of the options it takes."""
+
+    read: Callable[..., list[PoseTrajectory]]
+    options: tuple[str, ...] = ()
+
+
+_BAG = _Reader(bags.read_bag, ("topic", "frame", "child_frame"))
+_LEROBOT = _Reader(lerobot.read_lerobot, ("episode", "columns"))
+_READERS = {
+    ".csv": _Reader(lambda path, rate: [PoseTrajectory.from_csv(path, rate=rate)], ("rate",)),
+    ".npz": _Reader(lambda path: [PoseTrajectory.from_npz(path)]),
+    **dict.fromkeys(tum.SUFFIXES, _Reader(tum.read_tum)),
+    **dict.fromkeys(tables.SUFFIXES, _Reader(tables.read_table, ("rate", "columns"))),
+    **dict.fromkeys(
+        robomimic.SUFFIXES, _Reader(robomimic.read_robomimic, ("rate", "episode", "columns"))
+    ),
+    **dict.fromkeys(bags.SUFFIXES, _BAG),
+}
+_WHAT_TAKES = {
+    "topic": "a ROS bag",
+    "frame": "a ROS bag",
+    "child_frame": "a ROS bag",
+    "episode": "a LeRobot data set or an HDF5 file",
+    "columns": "a LeRobot data set, an HDF5 file or a table",
+}
 
 
 def load_demonstrations(
-    paths: str | Path | Iterable[str | Path], *, rate: float | None = None
+    paths: str | Path | Iterable[str | Path],
+    *,
+    rate: float | None = None,
+    topic: str | None = None,
+    frame: str | None = None,
+    child_frame: str | None = None,
+    episode: int | Iterable[int] | None = None,
+    columns: str | None = None,
 ) -> list[PoseTrajectory]:
-    """Read recordings of a tool's motion, one trajectory a file.
+    """Read recordings of a tool's motion, one trajectory a file, or one an episode.
 
     Parameters
     ----------
@@ -24,22 +59,34 @@ def load_demonstrations(
         is the home folder.  A path that exists is taken as it is, even one that reads like a
         glob.  A file given twice is read once.
     rate : float, optional
-        Samples per second of CSV files that number their samples (column ``i``) instead of
-        stamping them; sample ``i`` is then at ``i / rate`` seconds.  Files with stamps ignore it.
+        Samples per second of CSV files and tables that number their samples (column ``i``)
+        instead of stamping them (sample ``i`` is then at ``i / rate`` seconds), and of robomimic
+        files.  Files with stamps ignore it.
+    topic, frame, child_frame : str, optional
+        Of ROS bags: where the poses are, see :func:`noslip.recordings.bags.read_bag`.
+    episode : int or iterable of int, optional
+        Of LeRobot data sets and robomimic files; by default all.
+    columns : str, optional
+        Of data sets and tables: where the pose is, in the order x, y, z, qw, qx, qy, qz, such as
+        ``"observation.state[0:3,6,3:6]"``; see :func:`noslip.recordings.columns.pose_columns`.
 
     Returns
     -------
     list of PoseTrajectory
-        In the order given.  ``name`` is the file's path as given or found.
+        In the order given.  ``name`` is the file's path as given or found, followed by the
+        episode where there are several.
 
     Raises
     ------
+    MissingDependencyError
+        If a format needs a package that is not installed; the message names the extra.
     InputError
         If nothing is found, a file cannot be read, or its content is not a recording: a missing
         or repeated column, a cell without a number, NaN or infinity, time that runs backwards,
         two poses at one time, a gap of more than 10 median periods, a quaternion more than 1e-3
-        off unit norm, fewer than 8 samples.  The message names the file, the line (CSV, the
-        header included) or the sample (npz, from 0), and the column or array.
+        off unit norm, fewer than 8 samples.  The message names the file, the line (text, the
+        header included) or the sample (from 0), and the column, array or topic.  Also if an
+        option is given that none of the files takes.
 
     Notes
     -----
@@ -59,6 +106,17 @@ def load_demonstrations(
     **npz**: arrays ``times`` (N,), ``positions`` (N, 3) and ``quaternions`` (N, 4; scalar first),
     and if there ``linear_velocities`` and ``angular_velocities`` (N, 3; m/s, rad/s, world frame).
 
+    ===================================== ===================================================
+    other files                           what is read
+    ===================================== ===================================================
+    ``.bag``, ``.mcap``, a folder with    ROS bags: poses, transforms, odometry, paths, tf;
+    ``metadata.yaml``                     :mod:`noslip.recordings.bags`
+    a folder with ``meta/info.json``      LeRobot data set; :mod:`noslip.recordings.lerobot`
+    ``.hdf5``, ``.h5``                    robomimic; :mod:`noslip.recordings.robomimic`
+    ``.parquet``, ``.feather``            a CSV's columns; :mod:`noslip.recordings.tables`
+    ``.tum``, ``.txt``                    ``t x y z qx qy qz qw``; :mod:`noslip.recordings.tum`
+    ===================================== ===================================================
+
     A quaternion and its negative are the same rotation.  Quaternions are normalised.  A sample
     that repeats the time and the pose of the one before (to 1e-9) is dropped.
     """
@@ -69,7 +127,21 @@ def load_demonstrations(
             files.setdefault(file.resolve(), file)
     if not files:
         raise InputError("no demonstrations given; give at least one file, such as runs/*.csv")
-    return [_load(file, rate) for file in files.values()]
+    readers = {file: _reader(file) for file in files.values()}
+    options = {
+        "rate": rate,
+        "topic": topic,
+        "frame": frame,
+        "child_frame": child_frame,
+        "episode": list(episode) if isinstance(episode, Iterable) else episode,
+        "columns": columns,
+    }
+    _check_options(options, readers)
+    return [
+        trajectory
+        for file, reader in readers.items()
+        for trajectory in reader.read(file, **{name: options[name] for name in reader.options})
+    ]
 
 
 def _expand(path: str | Path) -> list[Path]:
@@ -78,7 +150,7 @@ def _expand(path: str | Path) -> list[Path]:
         literal = Path(path).expanduser()
     except RuntimeError as error:
         raise InputError(f"{path}: the home folder is unknown; give the path itself") from error
-    if literal.is_dir():
+    if literal.is_dir() and _of_folder(literal) is None:
         raise InputError(f"{path}: a folder, not a file; give {Path(path) / '*.csv'}")
     if literal.exists():
         return [literal]
@@ -87,19 +159,34 @@ def _expand(path: str | Path) -> list[Path]:
     # Path.glob takes no absolute pattern, and it matches hidden files.
     names = sorted(glob.glob(str(literal), recursive=True))  # noqa: PTH207
     matches = map(Path, names)
-    files = [match for match in matches if not match.is_dir()]
+    files = [match for match in matches if not match.is_dir() or _of_folder(match)]
     if not files:
         raise InputError(f"{path}: no file matches; check the folder and the pattern")
     return files
 
 
-def _load(file: Path, rate: float | None) -> PoseTrajectory:
-    match file.suffix.lower():
-        case ".csv":
-            return PoseTrajectory.from_csv(file, rate=rate)
-        case ".npz":
-            return PoseTrajectory.from_npz(file)
-    raise InputError(
-        f"{file}: {file.suffix or 'no suffix'} is not a known kind of recording; "
-        f"known are {' and '.join(SUFFIXES)}"
-    )
+def _of_folder(folder: Path) -> _Reader | None:
+    """Return how to read the recording that a folder is."""
+    if bags.is_bag(folder):
+        return _BAG
+    return _LEROBOT if lerobot.is_lerobot(folder) else None
+
+
+def _reader(file: Path) -> _Reader:
+    reader = _of_folder(file) if file.is_dir() else _READERS.get(file.suffix.lower())
+    if reader is None:
+        raise InputError(
+            f"{file}: {file.suffix or 'no suffix'} is not a known kind of recording; "
+            f"known are {', '.join(_READERS)}, and the folders of ROS 2 bags and LeRobot data sets"
+        )
+    return reader
+
+
+def _check_options(options: dict[str, Any], readers: dict[Path, _Reader]) -> None:
+    """Refuse an option that would be ignored."""
+    for name, wanted in _WHAT_TAKES.items():
+        taken = any(name in reader.options for reader in readers.values())
+        if options[name] is not None and not taken:
+            raise InputError(
+                f"{next(iter(readers))}: {name}={options[name]!r} is for {wanted}; leave it out"
+            )

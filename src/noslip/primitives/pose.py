@@ -605,8 +605,8 @@ class PoseDMP:
         begin = self.phase.fraction(state.phase)
         lead = self._rotation_lead(time_step / tau)
         offsets = self._offsets(basis, begin, begin + lead, steps, time_step / tau, state)
-        # What violates a constraint from the start is pulled in; what was pushed off it, or measured
-        # to be, goes on without slip at once.
+        # What violates a constraint from the start is pulled in; what was pushed off it, or was
+        # measured to be, goes on without slip at once.
         fast = max(1.0, *map(abs, state.linear_velocity), *map(abs, state.angular_velocity))
         held = np.abs(state.constraint_residuals).max(initial=0.0) <= HELD_RESIDUAL * fast
         started = state.previous_step > 0

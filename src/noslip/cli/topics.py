@@ -1,0 +1,44 @@
+"""``noslip topics``: what is inside a bag."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from noslip.cli import options, output
+from noslip.recordings.bags import bag_topics
+from noslip.recordings.transforms import told
+
+NAME = "topics"
+EXAMPLES = """
+Examples:
+
+  noslip topics run.bag
+
+  noslip topics run_bag/ --json
+"""
+
+
+def run(
+    bag: Annotated[
+        Path,
+        typer.Argument(
+            help="A ROS 1 bag, the folder of a ROS 2 bag, or an MCAP file.", show_default=False
+        ),
+    ],
+    as_json: options.AsJson = False,
+) -> None:
+    """Show the topics of a bag, their types and counts, and the frames of those that hold poses."""
+    topics = bag_topics(bag)
+    if as_json:
+        output.print_json([asdict(topic) for topic in topics])
+        return
+    table = Table("topic", "type", "messages", "frames", box=None, pad_edge=False)
+    for topic in topics:
+        frames = told(topic.frames)
+        table.add_row(topic.name, topic.type.replace("/msg/", "/"), str(topic.messages), frames)
+    output.console().print(table)

@@ -1,0 +1,195 @@
+"""LeRobot data sets, versions 2.x (a Parquet file an episode) and 3.0 (episodes share files)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noslip import _pose_files as files
+from noslip.errors import InputError
+from noslip.recordings._episodes import chosen_episodes
+from noslip.recordings._extras import need
+from noslip.recordings.columns import Column, pose_columns, stacked
+from noslip.recordings.tables import arrow_table, numbers
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+INFO = Path("meta") / "info.json"
+STAMP_TOLERANCE = 1e-4
+"""How far a frame's stamp may lie from ``frame_index / fps`` (s): LeRobot's own tolerance."""
+
+
+def is_lerobot(folder: Path) -> bool:
+    """Whether a folder is a LeRobot data set."""
+    return (folder / INFO).is_file()
+
+
+def read_lerobot(
+    path: Path, *, episode: int | Iterable[int] | None = None, columns: str | None = None
+) -> list[PoseTrajectory]:
+    """Read the episodes of a LeRobot data set, one trajectory each.
+
+    Parameters
+    ----------
+    path : Path
+        The folder that holds ``meta`` and ``data``.
+    episode : int or iterable of int, optional
+        By default all.
+    columns : str, optional
+        Where the pose is, see :func:`noslip.recordings.columns.pose_columns`; the numbers of
+        a vector such as ``observation.state`` have the names that ``info.json`` gives them.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without pyarrow (``noslip[tables]``).
+    InputError
+        If something is missing or of another version, or for what
+        :func:`noslip.load_demonstrations` names.
+
+    Notes
+    -----
+    Frames are at ``frame_index / fps``.  Stamps, which are single precision, count where they
+    differ from that by more than 0.1 ms.
+    """
+    need(path, "pyarrow.parquet", "tables")
+    info = _info(path)
+    fps = float(info["fps"])
+    places = pose_columns(path / INFO, columns, _features(path, info))
+    wanted = {name for name, _ in places} | {"timestamp", "frame_index", "episode_index"}
+
+    where = _where_episodes_are(path, info)
+    chosen = chosen_episodes(path, episode, list(where))
+    trajectories = []
+    read: tuple[Path, dict[str, Floats]] | None = None
+    for number in chosen:
+        file = where[number]
+        if read is None or read[0] != file:
+            table = arrow_table(file, sorted(wanted))
+            read = file, {key: numbers(file, table, key) for key in wanted}
+        rows = np.flatnonzero(read[1]["episode_index"][:, 0] == number)
+        of = {key: values[rows] for key, values in read[1].items()}
+        trajectories.append(_episode(f"{path}/episode_{number:06d}", file, of, places, fps))
+    return trajectories
+
+
+def _episode(
+    name: str, file: Path, of: dict[str, Floats], places: list[tuple[str, int]], fps: float
+) -> PoseTrajectory:
+    if not len(of["timestamp"]):
+        raise InputError(f"{name}: no frames in {file}; is the data set complete?")
+    for key, place in places:
+        if of[key].shape[1] <= place:
+            raise InputError(
+                f"{file}: column {key} holds {of[key].shape[1]} numbers, fewer than {INFO} says"
+            )
+    pose = stacked(places, of.__getitem__)
+    times = _times(of["timestamp"][:, 0], of["frame_index"][:, 0], fps)
+    source = files._Source(name, "timestamp", "quaternion")
+    fields = files._checked(source, times, pose[:, :3], pose[:, 3:])
+    return PoseTrajectory(**fields, name=name)
+
+
+def _times(stamps: Floats, frames: Floats, fps: float) -> Floats:
+    even = frames / fps
+    return even if np.all(np.abs(stamps - even) <= STAMP_TOLERANCE) else stamps
+
+
+def _info(path: Path) -> dict[str, Any]:
+    file = path / INFO
+    try:
+        info: dict[str, Any] = json.loads(files._decode(file, files._read(file)))
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{file}: not JSON ({error})") from None
+    needed: dict[str, Any] = {
+        "codebase_version": str,
+        "fps": (int, float),
+        "data_path": str,
+        "features": dict,
+    }
+    for key, kind in needed.items():
+        if not isinstance(info, dict) or not isinstance(info.get(key), kind):
+            raise InputError(f"{file}: {key} is missing; LeRobot 2.x or 3.0 is needed")
+    if not info["codebase_version"].startswith(("v2.", "v3.")):
+        raise InputError(
+            f"{file}: codebase_version {info['codebase_version']} is not known; v2.x and v3.x are"
+        )
+    if not (np.isfinite(info["fps"]) and info["fps"] > 0):
+        raise InputError(f"{file}: fps must be positive, got {info['fps']}")
+    return info
+
+
+def _features(path: Path, info: dict[str, Any]) -> dict[str, Column]:
+    """Return the columns of numbers, with the names of what they hold."""
+    features = {}
+    for key, feature in info["features"].items():
+        try:
+            shape, dtype = list(feature["shape"]), str(feature["dtype"])
+        except (KeyError, TypeError):
+            raise InputError(f"{path / INFO}: feature {key} lacks a shape or a dtype") from None
+        if len(shape) > 1 or not dtype.startswith(("float", "int", "uint")):
+            continue
+        width = int(shape[0]) if shape else 1
+        names = feature.get("names")
+        if isinstance(names, dict):  # such as {"motors": [...]}, or {"x": 0, ...}
+            lists = [value for value in names.values() if isinstance(value, list)]
+            names = [name for one in lists for name in one] if lists else list(names)
+        fits = isinstance(names, list) and len(names) == width
+        features[key] = Column(width, tuple(map(str, names)) if fits and width > 1 else ())
+    return features
+
+
+def _where_episodes_are(path: Path, info: dict[str, Any]) -> dict[int, Path]:
+    """Return the file of each episode, in order."""
+    template = info["data_path"]
+    try:
+        if info["codebase_version"].startswith("v3."):
+            return {
+                episode: path / template.format(chunk_index=chunk, file_index=file)
+                for episode, chunk, file in _episodes_of_v3(path)
+            }
+        size = int(info.get("chunks_size", 1000))
+        return {
+            episode: path / template.format(episode_chunk=episode // size, episode_index=episode)
+            for episode in _episodes_of_v2(path)
+        }
+    except (KeyError, IndexError, ValueError, ZeroDivisionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            f"{path / INFO}: data_path {template!r} is not a template this version knows"
+        ) from None
+
+
+def _episodes_of_v2(path: Path) -> list[int]:
+    file = path / "meta" / "episodes.jsonl"
+    episodes = []
+    for line, text in enumerate(files._decode(file, files._read(file)).splitlines(), start=1):
+        if text.strip():
+            try:
+                episodes.append(int(json.loads(text)["episode_index"]))
+            except (ValueError, KeyError, TypeError):
+                raise InputError(f"{file}: line {line}: no episode_index in it") from None
+    return sorted(episodes)
+
+
+def _episodes_of_v3(path: Path) -> list[tuple[int, int, int]]:
+    """Return episode, chunk and file, from every table of meta/episodes."""
+    keys = ("episode_index", "data/chunk_index", "data/file_index")
+    found = sorted((path / "meta" / "episodes").glob("*/*.parquet"))
+    if not found:
+        raise InputError(f"{path}: no tables in meta/episodes; is the data set complete?")
+    rows: list[tuple[int, int, int]] = []
+    for file in found:
+        table = arrow_table(file, keys)
+        columns = [numbers(file, table, key)[:, 0].astype(int).tolist() for key in keys]
+        rows += zip(*columns, strict=True)
+    return sorted(rows)

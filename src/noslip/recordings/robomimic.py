@@ -1,0 +1,114 @@
+"""robomimic's HDF5 files: ``data/demo_k/obs/robot0_eef_pos`` and ``robot0_eef_quat``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noslip import _pose_files as files
+from noslip.errors import InputError
+from noslip.recordings._episodes import chosen_episodes
+from noslip.recordings._extras import need, reading
+from noslip.recordings.columns import Column, pose_columns, stacked
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+SUFFIXES = (".hdf5", ".h5")
+EEF_POSE = "robot0_eef_pos,robot0_eef_quat[3,0:3]"
+"""The end effector's pose; robosuite's quaternions have the scalar last."""
+
+
+def read_robomimic(
+    path: Path,
+    *,
+    rate: float | None = None,
+    episode: int | Iterable[int] | None = None,
+    columns: str | None = None,
+) -> list[PoseTrajectory]:
+    """Read the demonstrations of a robomimic data set, one trajectory each.
+
+    Parameters
+    ----------
+    path : Path
+    rate : float, optional
+        Samples per second; by default the ``control_freq`` in the file's ``env_args``.
+    episode : int or iterable of int, optional
+        The k of ``demo_k``; by default all.
+    columns : str, optional
+        Where the pose is in ``obs``, see :func:`noslip.recordings.columns.pose_columns`.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without h5py (``noslip[hdf5]``).
+    InputError
+        If the file is none, no rate is known, or for what :func:`noslip.load_demonstrations` names.
+    """
+    h5py = need(path, "h5py", "hdf5")
+    with reading(path, "HDF5"), h5py.File(path, "r") as file:
+        data = file.get("data")
+        demos = {} if not isinstance(data, h5py.Group) else _demos(data)
+        if not demos:
+            raise InputError(
+                f"{path}: no groups data/demo_0 and so on, found "
+                f"{files._listed(file)}; robomimic's layout is needed"
+            )
+        frequency = _frequency(path, data) if rate is None else rate
+        if not (np.isfinite(frequency) and frequency > 0):
+            raise InputError(f"{path}: rate must be positive, got {frequency:g}")
+        return [
+            _read_demo(f"{path}/{demos[k]}", data[demos[k]], frequency, columns, h5py)
+            for k in chosen_episodes(path, episode, list(demos))
+        ]
+
+
+def _demos(data: Any) -> dict[int, str]:
+    """Return the names of the demonstrations by number, in order."""
+    numbered = {
+        int(name[5:]): name for name in data if name[:5] == "demo_" and name[5:].isdecimal()
+    }
+    return dict(sorted(numbered.items()))
+
+
+def _frequency(path: Path, data: Any) -> float:
+    try:
+        return float(json.loads(data.attrs["env_args"])["env_kwargs"]["control_freq"])
+    except (KeyError, TypeError, ValueError):
+        raise InputError(
+            f"{path}: no control_freq in the env_args; pass rate=... (samples per second; on the "
+            "command line --sample-rate)"
+        ) from None
+
+
+def _read_demo(name: str, demo: Any, rate: float, columns: str | None, h5py: Any) -> PoseTrajectory:
+    observations = demo.get("obs")
+    if not isinstance(observations, h5py.Group):
+        raise InputError(
+            f"{name}: no observations (obs); extract them with robomimic's dataset_states_to_obs.py"
+        )
+    available = {
+        key: Column(value.shape[1] if value.ndim == 2 else 1)
+        for key, value in observations.items()
+        if isinstance(value, h5py.Dataset) and value.ndim in (1, 2) and value.dtype.kind in "iuf"
+    }
+    places = pose_columns(name, EEF_POSE if columns is None else columns, available)
+    lengths = {key: len(observations[key]) for key, _ in places}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{key} {length}" for key, length in lengths.items())
+        raise InputError(f"{name}: observations of different lengths: {told}")
+
+    def read(key: str) -> Floats:
+        values = np.asarray(observations[key], dtype=np.float64)
+        return values.reshape(len(values), -1)
+
+    pose = stacked(places, read)
+    source = files._Source(name, "sample", "quaternion")
+    return PoseTrajectory(
+        **files._checked(source, np.arange(len(pose)) / rate, pose[:, :3], pose[:, 3:]), name=name
+    )

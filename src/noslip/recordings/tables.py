@@ -1,0 +1,122 @@
+"""Parquet and Feather tables, with the columns of a CSV."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noslip import _pose_files as files
+from noslip.errors import InputError
+from noslip.recordings._extras import need, reading
+from noslip.recordings.columns import POSE, Column, pose_columns, stacked
+from noslip.trajectory import CSV_COLUMNS, PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+SUFFIXES = (".parquet", ".feather")
+
+
+def read_table(
+    path: Path, *, rate: float | None = None, columns: str | None = None
+) -> list[PoseTrajectory]:
+    """Read the one trajectory of a Parquet or Feather table.
+
+    Parameters
+    ----------
+    path : Path
+    rate : float, optional
+        Samples per second, where column ``i`` numbers the samples instead of a time.
+    columns : str, optional
+        Where the pose is, see :func:`noslip.recordings.columns.pose_columns`; without it the
+        columns are called as in a CSV.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without pyarrow (``noslip[tables]``).
+    InputError
+        If it cannot be read, or for what :func:`noslip.load_demonstrations` names.
+    """
+    table = arrow_table(path)
+    names = table.column_names
+    if columns is None:
+        time, layout = files._layout(str(path), names, rate)
+        of = {name: numbers(path, table, name)[:, 0] for name in (time, *layout)}
+    else:
+        # The table's own x, y, z give way to those that are chosen.
+        others = [name for name in names if name not in POSE]
+        time, _ = files._layout(str(path), [*others, *POSE], rate)
+        places = pose_columns(path, columns, column_shapes(table))
+        pose = stacked(places, lambda name: numbers(path, table, name))
+        of = dict(zip(POSE, pose.T, strict=True)) | {time: numbers(path, table, time)[:, 0]}
+    source = files._Source(path, f"column {time}", f"columns {', '.join(files.QUATERNION_NAMES)}")
+    return [PoseTrajectory(**files._of_columns(source, of, rate), name=str(path))]
+
+
+def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
+    """Return a table, or those of its columns that are asked for, as pyarrow reads it."""
+    # Through our own reading, for the same words about files that are not there.
+    content = io.BytesIO(files._read(path))
+    wanted = None if columns is None else list(columns)
+    feather = path.suffix.lower() == ".feather"
+    reader = need(path, "pyarrow.feather" if feather else "pyarrow.parquet", "tables")
+    with reading(path, "a table"):
+        table = reader.read_table(content, columns=wanted)
+        # Feather and Parquet may hold lengths that lead out of the file.
+        table.validate(full=True)
+        names = table.column_names
+    if wanted is not None:
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            raise InputError(f"{path}: {files._plural('column', missing)} missing")
+    return table
+
+
+def column_shapes(table: Any) -> dict[str, Column]:
+    """Return how many numbers each column of a table holds in its first row."""
+    shapes = {}
+    for name in table.column_names:
+        first = table[name][0].as_py() if len(table) else None
+        shapes[name] = Column(len(first) if isinstance(first, list) else 1)
+    return shapes
+
+
+def numbers(path: Path, table: Any, name: str) -> Floats:
+    """Return a column, shape (N, width); a cell that is empty becomes NaN, which is refused."""
+    column = table[name]
+    kind = column.type
+    values = np.empty(0)
+    width = 1
+    if hasattr(kind, "value_type") and len(column):  # lists
+        lengths = {len(cell) if cell.is_valid else 0 for cell in column}
+        width = lengths.pop() if len(lengths) == 1 else 0
+        kind = kind.value_type
+        flat = [chunk.flatten() for chunk in column.chunks]
+        values = np.concatenate([chunk.to_numpy(zero_copy_only=False) for chunk in flat])
+    elif len(column):
+        values = column.to_numpy()
+    if width == 0 or values.dtype.kind not in "iuf":
+        raise InputError(
+            f"{path}: column {name} ({column.type}) does not hold the same count of numbers in "
+            "every row; choose columns of numbers"
+        )
+    return values.astype(np.float64).reshape(-1, width)
+
+
+def table_bytes(path: Path, trajectory: PoseTrajectory) -> bytes:
+    """Return a trajectory as the content of a Parquet or Feather file, by the path's suffix."""
+    pyarrow = need(path, "pyarrow", "tables")
+    poses = np.column_stack([trajectory.times, trajectory.positions, trajectory.quaternions])
+    table = pyarrow.table(dict(zip(CSV_COLUMNS, poses.T.copy(), strict=True)))
+    sink = pyarrow.BufferOutputStream()
+    if path.suffix.lower() == ".feather":
+        need(path, "pyarrow.feather", "tables").write_feather(table, sink)
+    else:
+        need(path, "pyarrow.parquet", "tables").write_table(table, sink)
+    content: bytes = sink.getvalue().to_pybytes()
+    return content

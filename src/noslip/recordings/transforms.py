@@ -1,0 +1,212 @@
+"""Trees of frames, as tf keeps them: one frame's motion in another."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from noslip import _pose_files as files
+from noslip.errors import InputError
+
+Floats = NDArray[np.float64]
+Key = tuple[str, str]
+"""Frame and child frame; the latter is empty where a message names none."""
+
+
+@dataclass
+class Series:
+    """Poses between two frames as messages brought them; times in nanoseconds."""
+
+    stamps: list[int] = field(default_factory=list)
+    received: list[int] = field(default_factory=list)
+    positions: list[tuple[float, float, float]] = field(default_factory=list)
+    quaternions: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+    def checked_arrays(self, where: str) -> tuple[files._Source, Floats, Floats, Floats]:
+        """Return times (s), positions and quaternions (scalar first), all finite."""
+        headers = any(self.stamps)
+        source = files._Source(
+            where, "stamp of the header" if headers else "time in the bag", "orientation"
+        )
+        # Division of whole numbers rounds once; seconds and nanoseconds apart would round twice.
+        stamps = [stamp / 10**9 for stamp in (self.stamps if headers else self.received)]
+        positions = np.array(self.positions, dtype=np.float64).reshape(-1, 3)
+        quaternions = np.array(self.quaternions, dtype=np.float64).reshape(-1, 4)
+        files._check_finite(source, {"position": positions, "orientation": quaternions})
+        return source, np.array(stamps), positions, quaternions
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link between two frames; of a static one the last message counts."""
+
+    where: str
+    series: Series
+    static: bool
+
+    def poses(self, key: Key) -> tuple[Floats, Floats, Rotation]:
+        """Return times, positions and rotations after the checks that recordings get."""
+        where = f"{self.where}: {key[0]} -> {key[1]}"
+        source, times, positions, quaternions = self.series.checked_arrays(where)
+        rotations = files._rotations(source, quaternions)
+        if self.static:
+            return times[-1:], positions[-1:], rotations[-1:]
+        kept = files._distinct(source, times, positions, rotations)
+        files._check_gaps(source, times, kept)
+        return times[kept], positions[kept], rotations[kept]
+
+
+def resolve(
+    where: str, links: Mapping[Key, Link], frame: str | None, child_frame: str | None
+) -> dict[str, Any]:
+    """Return the motion of one frame in another as the fields of a trajectory.
+
+    The links on the way are composed, inverted where they point the other way.  Samples lie at
+    the stamps of the link that has most of them, in the time that all moving links cover; between
+    its own stamps a link is interpolated as tf2 does it, positions linearly and rotations along
+    the shortest turn at constant speed.
+
+    Parameters
+    ----------
+    where : str
+        File and topic, for messages.
+    links : mapping
+        By parent and child.
+    frame : str or None
+        None for the root of the tree of ``child_frame``.
+    child_frame : str or None
+        None if there is one link only.
+
+    Raises
+    ------
+    InputError
+        If a frame is not there or needed, no links connect them, a frame has two parents, the
+        links on the way share no time or do not move, or for what
+        :func:`noslip.load_demonstrations` names.
+    """
+    parents = _parents(where, links)
+    root, tip = _ends(where, links, parents, frame, child_frame)
+    way = _way(where, links, root, tip)
+    poses = {key: links[key].poses(key) for key, _ in way}
+    moving = {key: poses[key][0] for key, _ in way if not links[key].static}
+    if not moving:
+        raise InputError(f"{where}: {tip} does not move in {root}: all links between are static")
+    start = max(times[0] for times in moving.values())
+    end = min(times[-1] for times in moving.values())
+    dense = max(moving.values(), key=lambda times: int(np.sum((times >= start) & (times <= end))))
+    times = dense[(dense >= start) & (dense <= end)]
+    if len(times) < files.MIN_SAMPLES:
+        raise InputError(
+            f"{where}: the links from {root} to {tip} have {len(times)} samples in the time they "
+            f"share, at least {files.MIN_SAMPLES} are needed: "
+            + ", ".join(f"{a} -> {b} {t[0]:.6f} to {t[-1]:.6f} s" for (a, b), t in moving.items())
+        )
+    positions = np.zeros((len(times), 3))
+    rotations = Rotation.identity(len(times))
+    for key, forwards in way:
+        step, turn = _at(times, *poses[key])
+        if not forwards:
+            turn = turn.inv()
+            step = -turn.apply(step)
+        positions = positions + rotations.apply(step)
+        rotations = rotations * turn
+    return files._poses(
+        files._Source(where, "stamp of the header", "rotation"), times, positions, rotations
+    )
+
+
+def _parents(where: str, links: Mapping[Key, Link]) -> dict[str, str]:
+    parents: dict[str, str] = {}
+    for parent, child in links:
+        if parents.setdefault(child, parent) != parent:
+            raise InputError(
+                f"{where}: frame {child} has two parents, {parents[child]} and {parent}; record "
+                "it under one, or split the recording"
+            )
+    return parents
+
+
+def _ends(
+    where: str,
+    links: Mapping[Key, Link],
+    parents: Mapping[str, str],
+    frame: str | None,
+    child_frame: str | None,
+) -> Key:
+    """Return the names of the frames asked for."""
+    found = told(links)
+    if child_frame is None:
+        if len(links) > 1:
+            raise InputError(
+                f'{where}: whose motion? choose with child_frame="..." and frame="..." '
+                f"(--child-frame, --frame): {found}"
+            )
+        child_frame = next(iter(links))[1]
+    tip = child_frame.lstrip("/")
+    if frame is None:
+        root, seen = tip, {tip}
+        while root in parents and parents[root] not in seen:
+            root = parents[root]
+            seen.add(root)
+    else:
+        root = frame.lstrip("/")
+    known = {name for link in links for name in link}
+    for name in (tip, root):
+        if name not in known:
+            raise InputError(f"{where}: no frame {name}; it holds {found}")
+    if tip == root:
+        raise InputError(
+            f"{where}: {tip} does not move in itself; give two different frames: {found}"
+        )
+    return root, tip
+
+
+def _way(where: str, links: Collection[Key], root: str, tip: str) -> list[tuple[Key, bool]]:
+    """Return the links from one frame to another, and whether each is passed from its parent."""
+    steps: dict[str, list[tuple[str, Key, bool]]] = {}
+    for parent, child in links:
+        steps.setdefault(parent, []).append((child, (parent, child), True))
+        steps.setdefault(child, []).append((parent, (parent, child), False))
+    came: dict[str, tuple[str, Key, bool] | None] = {root: None}
+    waiting = deque([root])
+    while waiting:
+        here = waiting.popleft()
+        for there, key, forwards in steps.get(here, []):
+            if there not in came:
+                came[there] = (here, key, forwards)
+                waiting.append(there)
+    if tip not in came:
+        raise InputError(
+            f"{where}: no links connect {root} and {tip}; it holds {told(links)}; perhaps a "
+            "static transform was not recorded"
+        )
+    way: list[tuple[Key, bool]] = []
+    here = tip
+    while (step := came[here]) is not None:
+        here = step[0]
+        way.append(step[1:])
+    return way[::-1]
+
+
+def _at(
+    times: Floats, stamps: Floats, positions: Floats, rotations: Rotation
+) -> tuple[Floats, Rotation]:
+    """Return a link's poses at other times, by linear interpolation."""
+    if len(stamps) == 1:
+        return np.repeat(positions, len(times), axis=0), Rotation.from_quat(
+            np.repeat(rotations.as_quat(), len(times), axis=0)
+        )
+    path = np.column_stack([np.interp(times, stamps, axis) for axis in positions.T])
+    return path, Slerp(stamps, rotations)(times)
+
+
+def told(keys: Collection[Key]) -> str:
+    """Return pairs of frames as text, but not all of hundreds."""
+    shown = [" -> ".join(name or "''" for name in (key if key[1] else key[:1])) for key in keys]
+    return ", ".join([*sorted(shown)[:20], "..."] if len(shown) > 20 else sorted(shown))

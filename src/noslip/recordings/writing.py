@@ -1,0 +1,284 @@
+"""PoseTrajectory and joint motions -> files, by suffix."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from noslip._files import write_beside
+from noslip.errors import InputError
+from noslip.recordings._extras import need
+from noslip.recordings.tables import table_bytes
+from noslip.recordings.tum import tum_text
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+Storage = Literal["sqlite3", "mcap"]
+
+WRITABLE = (".csv", ".npz", ".tum", ".parquet", ".feather", ".mcap", "")
+WRITABLE_TOLD = f"{', '.join(WRITABLE[:-1])}, or no suffix for a ROS 2 bag (a folder)"
+# ROS stores seconds as int32.
+_LAST_STAMP = 2**31
+# Metadata 8 keeps profiles of service as text, which ROS 2 from Humble on understands.
+_BAG_VERSION = 8
+
+
+def write_recording(
+    trajectory: PoseTrajectory, path: str | Path, *, frame: str = "world", topic: str = "/pose"
+) -> Path:
+    """Write a trajectory's poses in the format that the suffix names; return the path.
+
+    Parameters
+    ----------
+    trajectory : PoseTrajectory
+    path : path
+        ``.csv``, ``.npz`` (with velocities), ``.tum``, ``.parquet``, ``.feather``, ``.mcap``, or
+        without suffix for the folder of a ROS 2 bag (SQLite).
+    frame, topic : str
+        Of the ``geometry_msgs/PoseStamped`` messages in a bag or MCAP file.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without the extra that the format needs.
+    InputError
+        If the suffix is another, the file cannot be written, or :func:`write_bag` refuses.
+    """
+    target = Path(path)
+    match target.suffix.lower():
+        case ".csv":
+            return trajectory.to_csv(target)
+        case ".npz":
+            return trajectory.to_npz(target)
+        case ".tum":
+            return write_beside(target, tum_text(trajectory).encode())
+        case ".parquet" | ".feather":
+            return write_beside(target, table_bytes(target, trajectory))
+        case ".mcap" | "":
+            return write_bag(target, poses=trajectory, frame=frame, topic=topic)
+    raise InputError(f"{target}: cannot write {target.suffix}; known are {WRITABLE_TOLD}")
+
+
+def write_joints(
+    times: ArrayLike,
+    names: Sequence[str],
+    positions: ArrayLike,
+    velocities: ArrayLike | None,
+    path: str | Path,
+) -> Path:
+    """Write the motion of joints as CSV, or as ``sensor_msgs/JointState`` in a ROS 2 bag.
+
+    Parameters
+    ----------
+    times : array, shape (N,)
+        Seconds, increasing.
+    names : sequence of str, length J
+        Of the joints.
+    positions, velocities : array, shape (N, J)
+        Radians (metres of a sliding joint), and per second; the latter None where unknown.
+    path : path
+        ``.csv``: columns ``t``, the names, and the names with ``_velocity``.  ``.mcap``, or
+        without suffix for the folder of a ROS 2 bag: see :func:`write_bag`.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, a number is not finite, times do not increase, or the suffix is another.
+    """
+    target = Path(path)
+    if target.suffix.lower() in (".mcap", ""):
+        return write_bag(
+            target,
+            joint_names=names,
+            joint_times=times,
+            joint_positions=positions,
+            joint_velocities=velocities,
+        )
+    if target.suffix.lower() != ".csv":
+        raise InputError(
+            f"{target}: cannot write joints as {target.suffix}; known are .csv, .mcap, or no "
+            "suffix for a ROS 2 bag (a folder)"
+        )
+    stamps, angles, rates = _joints(target, names, times, positions, velocities)
+    header = ["t", *names]
+    table = [stamps[:, None], angles]
+    if rates is not None:
+        header += [f"{name}_velocity" for name in names]
+        table.append(rates)
+    rows = (",".join(map(repr, row)) for row in np.column_stack(table).tolist())
+    return write_beside(target, "\n".join([",".join(header), *rows, ""]).encode())
+
+
+def write_bag(
+    path: str | Path,
+    *,
+    poses: PoseTrajectory | None = None,
+    joint_names: Sequence[str] = (),
+    joint_times: ArrayLike | None = None,
+    joint_positions: ArrayLike | None = None,
+    joint_velocities: ArrayLike | None = None,
+    frame: str = "world",
+    topic: str = "/pose",
+    joint_topic: str = "/joint_states",
+    storage: Storage = "sqlite3",
+) -> Path:
+    """Write poses, joints or both as a ROS 2 bag, which ``ros2 bag play`` replays.
+
+    Parameters
+    ----------
+    path : path
+        The bag's folder, which must not exist yet; or a file ``.mcap``, which is a bag by itself.
+    poses : PoseTrajectory, optional
+        Written to ``topic`` as ``geometry_msgs/PoseStamped`` in ``frame``.
+    joint_names : sequence of str, length J
+    joint_times : array, shape (N,), optional
+        Seconds, increasing, on the clock of ``poses``.
+    joint_positions, joint_velocities : array, shape (N, J), optional
+        Written to ``joint_topic`` as ``sensor_msgs/JointState``; radians (metres of a sliding
+        joint), and per second.
+    frame, topic, joint_topic : str
+    storage : {"sqlite3", "mcap"}
+        Of a folder.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without rosbags (``noslip[bags]``).
+    InputError
+        If there is nothing to write or something at the path, times are not those of ROS (0 up to
+        2^31 s, at least a nanosecond apart), or joints are as :func:`write_joints` refuses them.
+    """
+    target = Path(path)
+    bare = target.suffix.lower() == ".mcap"
+    if storage not in ("sqlite3", "mcap"):
+        raise InputError(f"{target}: storage must be sqlite3 or mcap, got {storage!r}")
+    if poses is None and joint_positions is None:
+        raise InputError(f"{target}: nothing to write; give poses, joint_positions or both")
+    if target.exists() and not (bare and target.is_file()):
+        raise InputError(f"{target}: exists already; remove it or give another name")
+    rosbag2 = need(target, "rosbags.rosbag2", "bags")
+    typesys = need(target, "rosbags.typesys", "bags")
+    types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    messages: list[tuple[int, str, Any]] = []
+    if poses is not None:
+        messages += _pose_messages(target, types, poses, frame, topic)
+    if joint_positions is not None:
+        joints = _joints(target, joint_names, joint_times, joint_positions, joint_velocities)
+        messages += _joint_messages(target, types, joint_names, *joints, joint_topic)
+    plugin = (
+        rosbag2.StoragePlugin.MCAP if bare or storage == "mcap" else (rosbag2.StoragePlugin.SQLITE3)
+    )
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as beside:
+            # A bag names its files after its folder, so the folder has its final name from the
+            # beginning.
+            folder = Path(beside) / (target.stem if bare else target.name)
+            with rosbag2.Writer(folder, version=_BAG_VERSION, storage_plugin=plugin) as writer:
+                connections: dict[str, Any] = {}
+                for stamp, name, message in sorted(messages, key=lambda each: each[0]):
+                    kind = message.__msgtype__
+                    if name not in connections:
+                        connections[name] = writer.add_connection(name, kind, typestore=types)
+                    data = types.serialize_cdr(message, kind)
+                    writer.write(connections[name], stamp, data)
+            if bare:
+                (folder / f"{folder.name}.mcap").replace(target)
+            else:
+                shutil.move(folder, target)
+    except (OSError, rosbag2.WriterError) as error:
+        raise InputError(f"{target}: cannot be written: {error}") from error
+    return target
+
+
+def _pose_messages(
+    target: Path, types: Any, poses: PoseTrajectory, frame: str, topic: str
+) -> list[tuple[int, str, Any]]:
+    pose = types.types["geometry_msgs/msg/Pose"]
+    point = types.types["geometry_msgs/msg/Point"]
+    quaternion = types.types["geometry_msgs/msg/Quaternion"]
+    stamped = types.types["geometry_msgs/msg/PoseStamped"]
+    scalar_last = np.roll(poses.quaternions, -1, axis=1).tolist()
+    return [
+        (
+            stamp,
+            topic,
+            stamped(_header(types, stamp, frame), pose(point(*place), quaternion(*turn))),
+        )
+        for stamp, place, turn in zip(
+            _stamps(target, poses.times), poses.positions.tolist(), scalar_last, strict=True
+        )
+    ]
+
+
+def _joint_messages(
+    target: Path,
+    types: Any,
+    names: Sequence[str],
+    times: Floats,
+    positions: Floats,
+    velocities: Floats | None,
+    topic: str,
+) -> list[tuple[int, str, Any]]:
+    state = types.types["sensor_msgs/msg/JointState"]
+    unknown = np.empty(0)
+    rates = [unknown] * len(times) if velocities is None else list(velocities)
+    return [
+        (stamp, topic, state(_header(types, stamp, ""), list(names), angles, rate, unknown))
+        for stamp, angles, rate in zip(_stamps(target, times), positions, rates, strict=True)
+    ]
+
+
+def _header(types: Any, stamp: int, frame: str) -> Any:
+    time = types.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+    return types.types["std_msgs/msg/Header"](time, frame)
+
+
+def _stamps(target: Path, times: Floats) -> list[int]:
+    """Return times in nanoseconds."""
+    if times[0] < 0 or times[-1] >= _LAST_STAMP:
+        raise InputError(
+            f"{target}: times from {times[0]:g} to {times[-1]:g} s; stamps of ROS go from 0 to "
+            f"{_LAST_STAMP} s, shift the times"
+        )
+    # The product of the whole time would round by some 100 ns in stamps since 1970.
+    stamps = [int(time) * 10**9 + round(time % 1 * 10**9) for time in times.tolist()]
+    if any(after <= before for before, after in pairwise(stamps)):
+        raise InputError(f"{target}: samples less than a nanosecond apart; resample first")
+    return stamps
+
+
+def _joints(
+    target: Path,
+    names: Sequence[str],
+    times: ArrayLike | None,
+    positions: ArrayLike,
+    velocities: ArrayLike | None,
+) -> tuple[Floats, Floats, Floats | None]:
+    """Return times, positions and velocities of joints after checks."""
+    if isinstance(names, str) or not names or len(set(names)) != len(names):
+        raise InputError(f"{target}: joints need different names, one each, got {names!r}")
+    try:
+        stamps = np.asarray([] if times is None else times, dtype=np.float64)
+        angles = np.asarray(positions, dtype=np.float64)
+        rates = None if velocities is None else np.asarray(velocities, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{target}: joints must be numbers: {error}") from None
+    if stamps.ndim != 1 or not len(stamps) or not np.all(np.diff(stamps) > 0):
+        raise InputError(f"{target}: times of joints must be one row that increases")
+    shape = (len(stamps), len(names))
+    for what, values in (("positions", angles), ("velocities", rates)):
+        if values is not None and values.shape != shape:
+            raise InputError(f"{target}: {what} have shape {values.shape}, expected {shape}")
+    for what, values in (("times", stamps), ("positions", angles), ("velocities", rates)):
+        if values is not None and not np.all(np.isfinite(values)):
+            row = int(np.argwhere(~np.isfinite(values))[0][0])
+            raise InputError(f"{target}: {what} of joints, sample {row}, are not finite")
+    return stamps, angles, rates

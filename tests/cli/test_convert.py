@@ -1,0 +1,139 @@
+"""``noslip convert`` and ``noslip topics``, and the options that choose inside a recording."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from noslip.cli import main
+from noslip.recordings import write_bag
+
+
+@pytest.fixture
+def noslip(monkeypatch, capsys):
+    """Run the command in this process; return its exit code, output and errors."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["noslip", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+            raise SystemExit(0)
+        captured = capsys.readouterr()
+        return int(stop.value.code or 0), captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def cut(tmp_path) -> Path:
+    """A planar cut without slip."""
+    t = np.linspace(0.0, 2.0, 241)
+    heading = 0.6 * np.sin(np.pi * t / 2)
+    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
+    trajectory = ns.PoseTrajectory(
+        times=t,
+        positions=np.cumsum(steps, axis=0) * (t[1] - t[0]),
+        rotations=Rotation.from_euler("z", np.append(heading[1:], heading[-1])),
+    )
+    return trajectory.to_csv(tmp_path / "cut.csv")
+
+
+def test_through_every_format_and_back(noslip, cut, tmp_path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    pytest.importorskip("pyarrow", reason="needs the extra tables")
+    before = cut
+    for name in ("a.tum", "b.parquet", "c_bag", "d.mcap", "e.feather", "f.npz", "g.csv"):
+        code, out, err = noslip("convert", before, "--out", tmp_path / name)
+        assert (code, err) == (0, "")
+        assert out == f"wrote {tmp_path / name}: 241 samples, 2 s\n"
+        before = tmp_path / name
+    first, last = (np.loadtxt(path, delimiter=",", skiprows=1) for path in (cut, before))
+    np.testing.assert_allclose(last, first, rtol=0, atol=1e-9)
+
+
+def test_check_learn_and_plot_read_bags(noslip, cut, tmp_path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    bag, out = tmp_path / "run", tmp_path / "cut.json"
+    assert noslip("convert", cut, "--out", bag)[0] == 0
+    held = ["--topic", "/pose", "--constraint", "blade"]
+    loose = ["--tolerance", "0.01", "--json"]
+    code, of_bag, _ = noslip("check", bag, *held, *loose)
+    assert code == 0
+    _, of_csv, _ = noslip("check", cut, "--constraint", "blade", *loose)
+    [one], [other] = json.loads(of_bag), json.loads(of_csv)
+    peaks = [report["constraints"][0]["peak"] for report in (one, other)]
+    assert peaks[0] == pytest.approx(peaks[1], rel=1e-3) != 0
+    assert noslip("learn", bag, *held, "--out", out)[0] == 0
+    assert noslip("plot", bag, *held, "--frame", "world", "--out", tmp_path / "p.png")[0] == 0
+    assert noslip("rollout", out, "--out", tmp_path / "motion.mcap")[0] == 0
+    assert len(ns.load_demonstrations(tmp_path / "motion.mcap")[0]) == 241
+    code, _, err = noslip("check", bag, "--topic", "/odom", "--constraint", "blade")
+    assert code == 2
+    assert err == (
+        f"noslip: error: {bag}: no topic /odom; those with poses are /pose "
+        "(geometry_msgs/PoseStamped, 241)\n"
+    )
+
+
+def test_topics(noslip, cut, tmp_path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    [motion] = ns.load_demonstrations(cut)
+    bag = write_bag(
+        tmp_path / "bag",
+        poses=motion,
+        joint_names=["j"],
+        joint_times=[0.0],
+        joint_positions=[[1.0]],
+        frame="base",
+    )
+    code, out, _ = noslip("topics", bag)
+    lines = [line.split() for line in out.splitlines()]
+    assert code == 0
+    assert lines == [
+        ["topic", "type", "messages", "frames"],
+        ["/joint_states", "sensor_msgs/JointState", "1"],
+        ["/pose", "geometry_msgs/PoseStamped", "241", "base"],
+    ]
+    _, out, _ = noslip("topics", bag, "--json")
+    assert json.loads(out)[1]["frames"] == [["base", ""]]
+    code, _, err = noslip("topics", tmp_path / "none.bag")
+    assert (code, err) == (
+        2, f"noslip: error: {tmp_path / 'none.bag'}: no such file; check the path\n"
+    )  # fmt: skip
+
+
+def test_episodes_and_columns(noslip, tmp_path) -> None:
+    h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+    path = tmp_path / "can.hdf5"
+    with h5py.File(path, "w") as file:
+        for k in range(3):
+            pose = np.zeros((20, 7))
+            pose[:, 0], pose[:, 6] = np.arange(20) + 100 * k, 1
+            file[f"data/demo_{k}/obs/eef"] = pose
+    choose = ["--columns", "eef[0:3,6,3:6]", "--sample-rate", 10]
+    code, _, err = noslip("convert", path, *choose, "--out", tmp_path / "all.csv")
+    assert (code, err) == (
+        2, f"noslip: error: {path}: 3 recordings for one file; choose one (--episode)\n"
+    )  # fmt: skip
+    assert noslip("convert", path, *choose, "--episode", 2, "--out", tmp_path / "2.csv")[0] == 0
+    [two] = ns.load_demonstrations(tmp_path / "2.csv")
+    assert two.positions[0, 0] == 200
+    code, out, _ = noslip(
+        "check", path, *choose, "--episode", 0, "--episode", 2, "--constraint", "blade"
+    )
+    assert code == 0
+    assert "demo_0" in out
+    assert "demo_2" in out
+    assert "demo_1" not in out
+
+
+def test_a_format_that_is_not_known(noslip, cut, tmp_path) -> None:
+    code, _, err = noslip("convert", cut, "--out", tmp_path / "cut.xml")
+    assert code == 2
+    assert "must end in .csv, .npz, .tum, .parquet, .feather, .mcap, or no suffix" in err
