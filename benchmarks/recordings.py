@@ -32,6 +32,4 @@ def recording(number: int, samples: int = SAMPLES) -> PoseTrajectory:
 def write_recordings(folder: Path, count: int, samples: int = SAMPLES) -> list[Path]:
     """Write recordings as CSV, and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    return [
-        recording(k, samples).to_csv(folder / f"cut_{k:05}.csv") for k in range(count)
-    ]
+    return [recording(k, samples).to_csv(folder / f"cut_{k:05}.csv") for k in range(count)]

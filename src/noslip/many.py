@@ -521,8 +521,38 @@ def _replies(
     elif jobs > 1 and tasks:
         yield from _in_processes(settings, tasks, jobs)
     else:
-        for name, task in tasks.items():
-            yield name, _learn_one(settings, *task)
+        with _noted_interrupts() as heed:
+            for name, task in tasks.items():
+                reply = _learn_one(settings, *task)
+                heed()
+                yield name, reply
+
+
+@contextmanager
+def _noted_interrupts() -> Iterator[Callable[[], None]]:
+    """Yield what raises a KeyboardInterrupt that was lost.
+
+    CasADi forgets one that comes while it converts its arguments.
+    """
+    noted: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        noted.append(number)
+        signal.default_int_handler(number, frame)
+
+    def heed() -> None:
+        if noted:
+            raise KeyboardInterrupt
+
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield heed
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield heed
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _in_executor(

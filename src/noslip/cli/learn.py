@@ -175,8 +175,8 @@ def run(
             **learning,
         )
         return
-    for option, given in (("--table", table), ("--cluster", cluster)):
-        if given is not None:
+    for option, given in (("--table", table), ("--jobs", jobs > 1), ("--cluster", cluster)):
+        if given:
             raise InputError(f"{option}: goes with --each, for a primitive from each recording")
     options.output(out)
     demonstrations = options.load(
