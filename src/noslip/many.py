@@ -20,6 +20,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
+    CancelledError,
     Executor,
     Future,
     ProcessPoolExecutor,
@@ -568,6 +569,8 @@ def _in_executor(
         for future in as_completed(list(pending)):
             try:
                 reply: RecordingResult | str = future.result()
+            except CancelledError:
+                reply = "cancelled: the executor, or its scheduler, is gone"
             except Exception as error:
                 reply = _told(error)
             yield pending.pop(future), reply
