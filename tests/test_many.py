@@ -172,8 +172,7 @@ class Interruption(BaseException):
     """As Ctrl-C is, no Exception."""
 
 
-@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_interrupted_it_leaves_a_whole_table_and_goes_on_from_there(runs, tmp_path, jobs):
+def test_interrupted_it_leaves_a_whole_table_and_goes_on_from_there(runs, tmp_path):
     out = tmp_path / "out"
 
     def stop(done: int, total: int) -> None:
@@ -181,13 +180,13 @@ def test_interrupted_it_leaves_a_whole_table_and_goes_on_from_there(runs, tmp_pa
             raise Interruption
 
     with pytest.raises(Interruption):
-        learn_each(runs, ns.Blade(), out=out, jobs=jobs, progress=stop, **FEW)
+        learn_each(runs, ns.Blade(), out=out, progress=stop, **FEW)
     rows = read_results(out / "results.csv")
     assert len(rows) == 2 and {row.status for row in rows} == {"learned"}
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
     for path in out.glob("*.json"):
         ns.load_primitive(path)
-    learned = learn_each(runs, ns.Blade(), out=out, jobs=jobs, **FEW)
+    learned = learn_each(runs, ns.Blade(), out=out, **FEW)
     assert learned.kept == 2 and not learned.failed
     assert read_results(out / "results.csv") == list(learned.results)
 

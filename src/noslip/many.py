@@ -408,15 +408,12 @@ class _Worker:
             )
         self.system = ConstraintSystem([restore(data) for data in self.asked["constraints"]])
         self.steppers: dict[tuple[float, ...], Any] = {}
-        # Compiled graphs work in buffers of their own: one thread at a time.
-        self.lock = threading.Lock()
 
     def learn(self, name: str, file: Path, primitive: Path | None) -> RecordingResult:
         begin = perf_counter()
         content = _content(file)
         try:
-            with self.lock:
-                figures, failure = self._figures(file, primitive), ""
+            figures, failure = self._figures(file, primitive), ""
         except Exception as error:
             figures, failure = {}, _told(error)
         return RecordingResult(
@@ -490,12 +487,15 @@ class _Worker:
 
 
 _worker = lru_cache(maxsize=2)(_Worker)
+# Compiled graphs work in buffers of their own: one thread at a time.
+_ONE_THREAD = threading.Lock()
 
 
 def _learn_one(settings: str, name: str, file: str, primitive: str | None) -> RecordingResult:
     """What a worker is asked to do."""
-    worker = _worker(settings)
-    return worker.learn(name, Path(file), None if primitive is None else Path(primitive))
+    target = None if primitive is None else Path(primitive)
+    with _ONE_THREAD:
+        return _worker(settings).learn(name, Path(file), target)
 
 
 def _told(error: BaseException) -> str:
