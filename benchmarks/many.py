@@ -11,7 +11,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
 from time import perf_counter
 
 from benchmarks.recordings import SAMPLES, write_recordings
@@ -34,7 +33,7 @@ class Throughput:
     start : float
         Seconds until the processes are there and have learned one recording each.
     seconds : float
-        Median of the rounds.
+        Least of the rounds.
     failed : int
         Of all rounds.
     """
@@ -83,6 +82,6 @@ def learn_many(
                 seconds[count].append(perf_counter() - begin)
                 failed[count] += len(learned.failed)
     return [
-        Throughput(count, recordings, SAMPLES, starts[count], median(seconds[count]), failed[count])
+        Throughput(count, recordings, SAMPLES, starts[count], min(seconds[count]), failed[count])
         for count in processes
     ]

@@ -306,7 +306,7 @@ def _throughputs(found: Sequence[Throughput]) -> Table:
             duration(t.start),
         )
     table.caption = (
-        f"time: median of the rounds, processes started before; two should reach {WANTED:g} times "
+        f"time: lowest of the rounds, processes started before; two should reach {WANTED:g} times "
         "one, where two cores are idle"
     )
     table.caption_justify = "left"

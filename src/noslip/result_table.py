@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -117,7 +117,7 @@ def write_results(results: Iterable[RecordingResult], path: Path) -> Path:
     CSV has empty cells, Parquet nulls, for what is None.
     """
     require_format(path)
-    rows = [asdict(result) for result in results]
+    rows = [vars(result) for result in results]
     if path.suffix.lower() == ".csv":
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
