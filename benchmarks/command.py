@@ -16,12 +16,14 @@ from benchmarks.environment import environment
 from benchmarks.example import SAMPLES
 from benchmarks.goals import SHIFTS, move_goals
 from benchmarks.growth import ADAPTED_SIZES, ADAPTING, BASIS_SIZES, SAMPLE_SIZES, grow
+from benchmarks.many import RECORDINGS, learn_many
 from benchmarks.perturbation import CASES, perturb
 from noslip._files import write_beside
 from noslip.errors import InputError
 
 ROUNDS, QUICK_ROUNDS = 7, 1
 QUICK_CASES = 6
+QUICK_RECORDINGS = 8
 PIPED_WIDTH = 120
 _EXAMPLES = """\
 examples (from the repository's root):
@@ -56,7 +58,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
         recoveries = perturb(
             samples=SAMPLES, cases=QUICK_CASES if quick else CASES, progress=progress
         )
-    results = report.Results(comparison, growths, arrivals, recoveries, environment())
+        throughputs = learn_many(
+            recordings=QUICK_RECORDINGS if quick else RECORDINGS,
+            rounds=1 if quick else 3,
+            progress=progress,
+        )
+    results = report.Results(comparison, growths, arrivals, recoveries, environment(), throughputs)
     console = Console()
     if not console.is_terminal:
         console = Console(width=PIPED_WIDTH)

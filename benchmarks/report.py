@@ -17,6 +17,7 @@ from benchmarks.comparison import OURS, PEER, Comparison, Ratio, StepCost
 from benchmarks.example import ALPHA, ALPHA_S, BETA, DURATION
 from benchmarks.goals import Arrival
 from benchmarks.growth import ADAPTING, LEAST_MEMORY, THEIRS, Growth
+from benchmarks.many import WANTED, Throughput
 from benchmarks.perturbation import REACHED, Recovery, Summary, summaries
 
 FORMAT = 1
@@ -36,6 +37,7 @@ class Results:
     arrivals : sequence of Arrival
     recoveries : sequence of Recovery
     environment : dict
+    throughputs : sequence of Throughput
     """
 
     comparison: Comparison
@@ -43,6 +45,7 @@ class Results:
     arrivals: Sequence[Arrival]
     recoveries: Sequence[Recovery]
     environment: dict[str, Any]
+    throughputs: Sequence[Throughput] = ()
 
 
 def as_json(results: Results) -> bytes:
@@ -84,6 +87,9 @@ def as_json(results: Results) -> bytes:
             "summaries": [asdict(summary) for summary in summaries(results.recoveries)],
             "cases": [asdict(recovery) for recovery in results.recoveries],
         },
+        "many_recordings": [
+            {**asdict(throughput), "rate": throughput.rate} for throughput in results.throughputs
+        ],
         "left_out": [peers.MISSING] if peers.MISSING else [],
     }
     return (json.dumps(content, indent=2) + "\n").encode()
@@ -110,6 +116,8 @@ def show(console: Console, results: Results) -> None:
         tables.append(_moved_goals(results.arrivals))
     if results.recoveries:
         tables.append(_pushes(summaries(results.recoveries)))
+    if results.throughputs:
+        tables.append(_throughputs(results.throughputs))
     for table in tables:
         console.print()
         console.print(table)
@@ -278,6 +286,28 @@ def _pushes(found: Iterable[Summary]) -> Table:
         f"reached: within {REACHED:.0%} of the path from the goal at the end; median, 95 % and "
         "worst: distance from it over the path; slip: the largest after the push; turn: median of "
         "the largest angular speed after the push; time: median over that without a push"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def _throughputs(found: Sequence[Throughput]) -> Table:
+    table = _table(
+        f"Many recordings: {found[0].recordings} of {found[0].samples} samples",
+        "processes", "time", "recordings/s", "times the first", "failed", "start",
+    )  # fmt: skip
+    for t in found:
+        table.add_row(
+            str(t.processes),
+            duration(t.seconds),
+            f"{t.rate:.1f}",
+            f"{t.rate / found[0].rate:.2f}",
+            str(t.failed),
+            duration(t.start),
+        )
+    table.caption = (
+        f"time: lowest of the rounds, processes started before; two should reach {WANTED:g} times "
+        "one, where two cores are idle"
     )
     table.caption_justify = "left"
     return table

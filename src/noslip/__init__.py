@@ -45,9 +45,12 @@ from noslip.errors import (
     NoslipError,
 )
 from noslip.learning import ConstrainedDMP, learn
+from noslip.many import LearnedEach, learn_each
 from noslip.primitives import ConstrainedMotion, OrientationDMP, PoseDMP, PositionDMP, State
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import project_trajectory
+from noslip.recordings import BagTopic, bag_topics, write_bag, write_joints, write_recording
+from noslip.result_table import RecordingResult
 from noslip.runtime.controller import Controller
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
@@ -55,6 +58,7 @@ from noslip.trajectory import PoseTrajectory
 __all__ = [
     "AccelerationLimit",
     "AngularRateLimit",
+    "BagTopic",
     "Blade",
     "Box",
     "CheckReport",
@@ -72,6 +76,7 @@ __all__ = [
     "InputError",
     "KeepOutCapsule",
     "KeepOutSphere",
+    "LearnedEach",
     "MissingDependencyError",
     "Motion",
     "Needle",
@@ -82,6 +87,7 @@ __all__ = [
     "PoseDMP",
     "PoseTrajectory",
     "PositionDMP",
+    "RecordingResult",
     "RemoteCentre",
     "RollingDisc",
     "RollingSphere",
@@ -96,9 +102,11 @@ __all__ = [
     "Wheel",
     "__version__",
     "align",
+    "bag_topics",
     "check",
     "keep_nonnegative",
     "learn",
+    "learn_each",
     "load_demonstrations",
     "load_primitive",
     "outliers",
@@ -108,4 +116,7 @@ __all__ = [
     "project_trajectory",
     "segment",
     "velocity_constraint",
+    "write_bag",
+    "write_joints",
+    "write_recording",
 ]

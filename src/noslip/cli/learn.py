@@ -9,16 +9,19 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from noslip.cli import each as one_each
 from noslip.cli import options, output
 from noslip.comparison import compare
 from noslip.constraints.check import check, told_margin
 from noslip.demonstrations.alignment import align as bring_into_step
+from noslip.errors import InputError
 from noslip.learning import BARRIER_RATE, ConstrainedDMP, learn
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import ROTATION_SMOOTHING
 from noslip.trajectory import PoseTrajectory
 
 NAME = "learn"
+_MANY = "Many recordings"
 FAR_SHARE = 0.02
 """Share of the path by which a primitive may leave its demonstration without a warning."""
 FAR_TURN = 60.0
@@ -33,12 +36,20 @@ Examples:
 
   noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
   --relative --constraint blade --out cut.json
+
+  noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parquet
+  --out primitives/
 """
 
 
 def run(
     recordings: options.Recordings,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write the primitive (JSON).")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="PATH", help="Where to write the primitive (JSON); with --each, a folder."
+        ),
+    ],
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
     basis_functions: Annotated[int, typer.Option(metavar="N", min=1)] = 100,
     hold_position: Annotated[
@@ -84,6 +95,38 @@ def run(
             "noslip\\[align]).",
         ),
     ] = False,
+    each: Annotated[
+        bool,
+        typer.Option(
+            "--each",
+            help="One primitive from each recording; folders are searched.  What an earlier run "
+            "has learned the same way is kept.",
+            rich_help_panel=_MANY,
+        ),
+    ] = False,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Figures of merit, a row a recording: .csv or .parquet; by default results.csv "
+            "in the folder.",
+            rich_help_panel=_MANY,
+            show_default=False,
+        ),
+    ] = None,
+    jobs: Annotated[
+        int,
+        typer.Option(metavar="N", min=1, help="Processes.", rich_help_panel=_MANY),
+    ] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Scheduler of a Dask cluster, such as tcp://10.0.0.5:8786, to work on instead.",
+            rich_help_panel=_MANY,
+            show_default=False,
+        ),
+    ] = None,
     as_json: options.AsJson = False,
     sample_rate: options.SampleRate = None,
     topic: options.Topic = None,
@@ -111,9 +154,56 @@ def run(
     Each recording is projected onto the constraints (the nearest motion that satisfies them), one
     primitive is fitted to all of them, and the coupling term of the Udwadia-Kalaba method holds the
     constraints at every step of its motion.  Exits with 1 if a projection does not converge.
+
+    With --each every recording becomes a primitive of its own.  Recordings that fail are listed,
+    the others finished, and the exit code is 1.
     """
-    options.output(out)
     held = options.constraints(constraint)
+    learning: dict[str, Any] = {
+        "basis_functions": basis_functions,
+        "hold_position": hold_position,
+        "rotation_smoothing": smoothing,
+        "metric": options.metric(metric),
+        "metric_length": metric_length,
+        "barrier_rate": barrier_rate,
+    }
+    if each:
+        if align:
+            raise InputError(
+                "--align: brings several into step; with --each there is one at a time"
+            )
+        one_each.run(
+            recordings,
+            held,
+            out=out,
+            table=table,
+            jobs=jobs,
+            address=cluster,
+            as_json=as_json,
+            loading={
+                "rate": sample_rate,
+                "topic": topic,
+                "frame": frame,
+                "child_frame": child_frame,
+                "episode": episode or None,
+                "columns": columns,
+            },
+            preparation=options.preparation(
+                tool_frame=tool_frame,
+                trim_time=trim_time,
+                trim_speed=trim_speed,
+                rate=rate,
+                lowpass=lowpass,
+                relative=relative,
+            ),
+            project_start=project_start,
+            **learning,
+        )
+        return
+    for option, given in (("--table", table), ("--jobs", jobs > 1), ("--cluster", cluster)):
+        if given:
+            raise InputError(f"{option}: goes with --each, for a primitive from each recording")
+    options.output(out)
     demonstrations = options.load(
         recordings,
         sample_rate=sample_rate,
@@ -137,13 +227,8 @@ def run(
         primitive = learn(
             demonstrations,
             held,
-            basis_functions=basis_functions,
-            hold_position=hold_position,
-            rotation_smoothing=smoothing,
-            metric=options.metric(metric),
-            metric_length=metric_length,
-            barrier_rate=barrier_rate,
             progress=progress,
+            **learning,
         )
     primitive.save(out)
     motion = primitive.rollout()

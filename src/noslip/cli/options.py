@@ -167,14 +167,14 @@ def load(
     columns: str | None,
 ) -> list[PoseTrajectory]:
     """Read recordings and prepare them as the options ask."""
-    steps: dict[str, Any] = {
-        "tool_frame": None if tool_frame is None else numbers("--tool-frame", tool_frame, (3, 7)),
-        "trim_time": None if trim_time is None else _interval(trim_time),
-        "trim_speed": trim_speed,
-        "rate": rate,
-        "lowpass": lowpass,
-        "relative": relative,
-    }
+    steps = preparation(
+        tool_frame=tool_frame,
+        trim_time=trim_time,
+        trim_speed=trim_speed,
+        rate=rate,
+        lowpass=lowpass,
+        relative=relative,
+    )
     read = load_demonstrations(
         recordings,
         rate=sample_rate,
@@ -185,6 +185,15 @@ def load(
         columns=columns,
     )
     return [prepare(demonstration, **steps) for demonstration in read]
+
+
+def preparation(
+    *, tool_frame: str | None, trim_time: str | None, **steps: float | bool | None
+) -> dict[str, Any]:
+    """Return what the options ask of :func:`noslip.prepare`."""
+    frame = None if tool_frame is None else numbers("--tool-frame", tool_frame, (3, 7))
+    interval = None if trim_time is None else _interval(trim_time)
+    return {"tool_frame": frame, "trim_time": interval, **steps}
 
 
 def constraints(texts: list[str]) -> list[Constraint]:

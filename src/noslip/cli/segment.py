@@ -139,6 +139,11 @@ def run(
     ] = None,
     as_json: options.AsJson = False,
     sample_rate: options.SampleRate = None,
+    topic: options.Topic = None,
+    frame: options.Frame = None,
+    child_frame: options.ChildFrame = None,
+    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
+    columns: options.Columns = None,
     tool_frame: options.ToolFrame = None,
     trim_time: options.TrimTime = None,
     rate: options.Rate = None,
@@ -165,6 +170,11 @@ def run(
         rate=rate,
         lowpass=lowpass,
         relative=False,
+        topic=topic,
+        frame=frame,
+        child_frame=child_frame,
+        episode=episode,
+        columns=columns,
     )
     if len(prepared) != 1:
         raise InputError(f"{recording}: {len(prepared)} recordings; segment one at a time")

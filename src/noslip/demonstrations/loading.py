@@ -31,6 +31,8 @@ _READERS = {
     ),
     **dict.fromkeys(bags.SUFFIXES, _BAG),
 }
+SUFFIXES = tuple(suffix for suffix in _READERS if suffix != ".txt")
+"""Of recordings.  A text file may be one if it is named, but in a folder it mostly is none."""
 _WHAT_TAKES = {
     "topic": "a ROS bag",
     "frame": "a ROS bag",
@@ -123,7 +125,7 @@ def load_demonstrations(
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     files: dict[Path, Path] = {}
     for path in given:
-        for file in _expand(path):
+        for file in expand(path):
             files.setdefault(file.resolve(), file)
     if not files:
         raise InputError("no demonstrations given; give at least one file, such as runs/*.csv")
@@ -144,13 +146,13 @@ def load_demonstrations(
     ]
 
 
-def _expand(path: str | Path) -> list[Path]:
-    """Return the files that a path or glob stands for."""
+def expand(path: str | Path) -> list[Path]:
+    """Return the recordings that a path or glob stands for."""
     try:
         literal = Path(path).expanduser()
     except RuntimeError as error:
         raise InputError(f"{path}: the home folder is unknown; give the path itself") from error
-    if literal.is_dir() and _of_folder(literal) is None:
+    if literal.is_dir() and folder_reader(literal) is None:
         raise InputError(f"{path}: a folder, not a file; give {Path(path) / '*.csv'}")
     if literal.exists():
         return [literal]
@@ -159,21 +161,21 @@ def _expand(path: str | Path) -> list[Path]:
     # Path.glob takes no absolute pattern, and it matches hidden files.
     names = sorted(glob.glob(str(literal), recursive=True))  # noqa: PTH207
     matches = map(Path, names)
-    files = [match for match in matches if not match.is_dir() or _of_folder(match)]
+    files = [match for match in matches if not match.is_dir() or folder_reader(match)]
     if not files:
         raise InputError(f"{path}: no file matches; check the folder and the pattern")
     return files
 
 
-def _of_folder(folder: Path) -> _Reader | None:
-    """Return how to read the recording that a folder is."""
+def folder_reader(folder: Path) -> _Reader | None:
+    """Return how to read the recording that a folder is, or None if it is none."""
     if bags.is_bag(folder):
         return _BAG
     return _LEROBOT if lerobot.is_lerobot(folder) else None
 
 
 def _reader(file: Path) -> _Reader:
-    reader = _of_folder(file) if file.is_dir() else _READERS.get(file.suffix.lower())
+    reader = folder_reader(file) if file.is_dir() else _READERS.get(file.suffix.lower())
     if reader is None:
         raise InputError(
             f"{file}: {file.suffix or 'no suffix'} is not a known kind of recording; "

@@ -1,0 +1,198 @@
+"""What became of each of many recordings: a row each, in CSV or Parquet."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+from noslip._files import write_beside
+from noslip.errors import InputError, MissingDependencyError
+
+FORMATS = (".csv", ".parquet")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingResult:
+    """A row: what became of one recording.  What does not apply, or was not reached, is None.
+
+    Attributes
+    ----------
+    name : str
+        Of the primitive, without ``.json``: the file's stem, with its folders below a folder given.
+    status : "learned" or "failed"
+    message : str
+        Why it failed.
+    recording, primitive : str
+        Paths; the latter empty where there is none.
+    samples, duration_s, path_length_m
+        Of the recording as prepared.
+    recording_residual_peak, recording_residual_rms : float or None
+        How far the recording itself is off the equalities, in their units (SI).
+    iterations, backing, smoothing, left_out
+        Of its projection, see :class:`noslip.learning.LearningRecord`; ``left_out`` separated by
+        commas.
+    projected_residual : float or None
+        What the projection leaves of the residual.
+    position_change_m, rotation_change_deg : float or None
+        By which the projection moves the recording (rms).
+    residual_peak, residual_rms : float or None
+        Of the primitive's motion.
+    holds : bool or None
+        Whether that motion keeps every constraint and limit, to ``check``'s default tolerance.
+    least_margins : str
+        Of each limit along that motion, ``name=margin`` separated by commas.
+    end_position_error_m, end_rotation_error_deg : float or None
+        From the recording's last pose to that motion's.
+    position_rms_m, rotation_rms_deg, rotation_peak_deg : float or None
+        Between recording and motion.
+    angular_speed_peak_rad_s, angular_acceleration_peak_rad_s2 : float or None
+    slowest_edge_speed_m_s : float or None
+        Negative where the tool moves backwards.
+    force_peak_m_s2, torque_peak_rad_s2 : float or None
+        Largest acceleration that the constraints add, linear and angular.
+    seconds : float or None
+        Spent on this recording, reading and writing included.
+    content, settings : str
+        Hashes of the file and of all that it was learned with.
+    """
+
+    name: str
+    status: Literal["learned", "failed"]
+    message: str = ""
+    recording: str
+    primitive: str = ""
+    samples: int | None = None
+    duration_s: float | None = None
+    path_length_m: float | None = None
+    recording_residual_peak: float | None = None
+    recording_residual_rms: float | None = None
+    iterations: int | None = None
+    backing: int | None = None
+    smoothing: float | None = None
+    left_out: str = ""
+    projected_residual: float | None = None
+    position_change_m: float | None = None
+    rotation_change_deg: float | None = None
+    residual_peak: float | None = None
+    residual_rms: float | None = None
+    holds: bool | None = None
+    least_margins: str = ""
+    end_position_error_m: float | None = None
+    end_rotation_error_deg: float | None = None
+    position_rms_m: float | None = None
+    rotation_rms_deg: float | None = None
+    rotation_peak_deg: float | None = None
+    angular_speed_peak_rad_s: float | None = None
+    angular_acceleration_peak_rad_s2: float | None = None
+    slowest_edge_speed_m_s: float | None = None
+    force_peak_m_s2: float | None = None
+    torque_peak_rad_s2: float | None = None
+    seconds: float | None = None
+    content: str = ""
+    settings: str = ""
+
+
+# Annotations are texts here: "float | None" and the like.
+_KINDS = {f.name: str(f.type).removesuffix(" | None") for f in fields(RecordingResult)}
+
+
+def require_format(path: Path) -> None:
+    """Refuse a table that cannot be written, before anything is learned."""
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: a table ends in {' or '.join(FORMATS)}")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a table")
+    if path.suffix.lower() == ".parquet":
+        _parquet()
+
+
+def write_results(results: Iterable[RecordingResult], path: Path) -> Path:
+    """Write a table as CSV or Parquet, in one step: no reader sees half of one.
+
+    CSV has empty cells, Parquet nulls, for what is None.
+    """
+    require_format(path)
+    rows = [vars(result) for result in results]
+    if path.suffix.lower() == ".csv":
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_KINDS)
+        for row in rows:
+            writer.writerow(str(v).lower() if isinstance(v, bool) else v for v in row.values())
+        return write_beside(path, text.getvalue().encode())
+    arrow, parquet = _parquet()
+    types = {"int": arrow.int64(), "float": arrow.float64(), "bool": arrow.bool_()}
+    schema = arrow.schema(
+        [(name, types.get(kind, arrow.string())) for name, kind in _KINDS.items()]
+    )
+    content = io.BytesIO()
+    parquet.write_table(arrow.Table.from_pylist(rows, schema=schema), content)
+    return write_beside(path, content.getvalue())
+
+
+def read_results(path: str | Path) -> list[RecordingResult]:
+    """Read a table that ``noslip learn --each`` wrote.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is no such table; the message names the file and the column.
+    """
+    path = Path(path)
+    require_format(path)
+    advice = "move it away or give another name for the table"
+    rows: list[Mapping[str, Any]]
+    try:
+        if path.suffix.lower() == ".csv":
+            rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"), newline="")))
+            names = set(rows[0]) if rows else set(_KINDS)
+        else:
+            arrow, parquet = _parquet()
+            try:
+                table = parquet.read_table(io.BytesIO(path.read_bytes()))
+            except arrow.ArrowException as error:
+                raise ValueError(" ".join(str(error).split())) from error
+            rows, names = table.to_pylist(), set(table.column_names)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, csv.Error) as error:
+        raise InputError(f"{path}: not a table of results ({error}); {advice}") from error
+    for name in _KINDS:
+        if name not in names:
+            raise InputError(f"{path}: not a table of results (no column {name}); {advice}")
+    results = []
+    for line, row in enumerate(rows, start=2):
+        cells = {}
+        for name, kind in _KINDS.items():
+            try:
+                cells[name] = _value(kind, row[name])
+            except ValueError as error:
+                raise InputError(f"{path}: row {line}, column {name}: {error}; {advice}") from None
+        results.append(RecordingResult(**cells))
+    return results
+
+
+def _value(kind: str, cell: Any) -> Any:
+    if kind not in ("int", "float", "bool"):
+        return "" if cell is None else str(cell)
+    if cell is None or cell == "":
+        return None
+    if kind != "bool":
+        return int(cell) if kind == "int" else float(cell)
+    if str(cell).lower() not in ("true", "false"):
+        raise ValueError(f"found {cell!r}, neither true nor false")
+    return str(cell).lower() == "true"
+
+
+def _parquet() -> tuple[Any, Any]:
+    try:
+        return import_module("pyarrow"), import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise MissingDependencyError(
+            "a table in Parquet needs pyarrow: pip install 'noslip[tables]', or write .csv"
+        ) from error
