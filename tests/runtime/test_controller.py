@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -273,3 +275,196 @@ def test_constraints_on_poses_do_not_steer() -> None:
     system = ns.learn(demonstration(), [ns.PlaneContact()]).system
     identity = np.array([1.0, 0, 0, 0])
     assert not steering(system, 1.0, 0.0, np.zeros(3), identity, *np.eye(3)).any()
+
+
+# -------------------------------------------------------------------- compiled or not
+
+
+@pytest.fixture(params=["compiled", "virtual machine"])
+def either(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Let controllers step one way or the other."""
+    if request.param == "compiled":
+        request.getfixturevalue("compiling")
+    yield request.param
+
+
+CASES: dict[str, Any] = {
+    "blade": lambda: ns.learn(demonstration(), [ns.Blade()]),
+    "free": lambda: ns.learn(demonstration()),
+    "turning over": lambda: ns.learn(turning_over(), [ns.Blade()]),
+    "steep phase": lambda: ns.learn(demonstration(), [ns.Blade()], alpha_s=10.0),
+    "few basis functions": lambda: ns.learn(demonstration(), [ns.Needle()], basis_functions=9),
+    "limits": lambda: ns.learn(demonstration(), [ns.Blade(), ns.SpeedLimit(speed=2.0)]),
+    "breathing": lambda: ns.learn(demonstration(), [ns.InMovingFrame(ns.Blade())]),
+    "off its surface": lambda: ns.learn(demonstration(), [ns.PlaneContact()]),
+}
+
+
+def turning_over() -> ns.PoseTrajectory:
+    s = np.linspace(0, 1, 401)
+    yaw = 3 * np.pi * s
+    path = np.cumsum(np.column_stack([np.cos(yaw), np.sin(yaw), 0 * s]), axis=0) / 400
+    return ns.PoseTrajectory(2 * s, path, Rotation.from_euler("z", yaw))
+
+
+def start_of(name: str, dmp: ns.ConstrainedDMP) -> ns.State:
+    off = [0, 0, 0.02] if name == "off its surface" else [0, 0, 0]
+    return dmp.initial_state(start_position=dmp.position.start + off, project_start="nothing")
+
+
+def agrees(state: ns.State, expected: ns.State) -> None:
+    for name in ("time", "phase", "previous_step", "duration", "done"):
+        assert getattr(state, name) == pytest.approx(getattr(expected, name), rel=1e-12, abs=1e-12)
+    for name in (
+        *("position", "linear_velocity", "angular_velocity", "constraint_residuals", "margins"),
+        *("goal_position", "acceleration", "constraint_forces", "multipliers"),
+    ):
+        own, other = getattr(state, name), getattr(expected, name)
+        # Accelerations divide velocities by a step.
+        digits = {"position": 1e-12, "linear_velocity": 1e-11}.get(name, 2e-9)
+        far = max(1.0, float(np.abs(other).max(initial=0)))
+        np.testing.assert_allclose(own, other, rtol=0, atol=digits * far, err_msg=name)
+    apart = (state.rotation * expected.rotation.inv()).as_matrix() - np.eye(3)
+    assert np.abs(apart).max() <= 1e-12
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_its_steps_are_those_of_the_primitive(name: str, either: str) -> None:
+    dmp = CASES[name]()
+    h = dmp.duration / 400
+    controller = dmp.controller(time_step=h)
+    # The step without constraints is shared: once compiled it stays so.
+    assert controller.is_compiled == (either == "compiled") or name == "free"
+    expected = start_of(name, dmp)
+    state = controller.reset(expected)
+    agrees(state, expected)
+    motion = dmp.rollout(start_position=expected.position, project_start="nothing", time_step=h)
+    for k in range(1, 401):
+        state, expected = controller.step(), dmp.step(expected, h)
+        agrees(state, expected)
+        np.testing.assert_allclose(state.position, motion.positions[k], rtol=0, atol=1e-12)
+    assert state.done
+
+
+def test_steps_may_differ_in_length(either: str) -> None:
+    dmp = CASES["turning over"]()
+    controller = dmp.controller(time_step=1e-3)
+    expected, rng = dmp.initial_state(), np.random.default_rng(0)
+    # Even for a while, as late cycles come, then even again.
+    lengths = [1e-3] * 20 + list(rng.uniform(1e-4, 9e-3, 60)) + [1e-3] * 300 + [2e-3] * 50
+    for h in lengths:
+        expected = dmp.step(expected, h)
+        agrees(controller.step(time_step=h), expected)
+
+
+def test_what_was_stepped_stays_as_it_was(either: str) -> None:
+    controller = primitive().controller(time_step=STEP)
+    first = controller.step()
+    kept = first.position.copy()
+    controller.step()
+    np.testing.assert_array_equal(first.position, kept)
+
+
+def test_stepping_in_place_allocates_nothing_that_stays(either: str) -> None:
+    dmp = CASES["blade"]()
+    controller = dmp.controller(time_step=dmp.duration / 5000)
+    for _ in range(100):
+        controller.advance()
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for _ in range(1000):
+        controller.advance()
+    after, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert after - before <= 2000
+    assert peak - before <= 4000
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_after_any_push_the_next_step_does_not_slip(turn: bool, either: str) -> None:
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP)
+    rng = np.random.default_rng(3)
+    state = controller.reset()
+    for k in range(600):
+        if k % 7 == 3:
+            state = replace(
+                state,
+                rotation=Rotation.from_rotvec(0.02 * turn * unit(rng)) * state.rotation,
+                linear_velocity=state.linear_velocity + 0.1 * unit(rng),
+                angular_velocity=state.angular_velocity + 0.1 * unit(rng),
+            )
+        state = controller.step(state)
+        assert np.abs(state.constraint_residuals).max() <= 1e-10
+
+
+def test_it_pauses_on_its_path_and_goes_on(either: str) -> None:
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP)
+    motion = dmp.rollout(time_step=STEP)
+    states = [controller.reset()]
+    while not controller.done:
+        k = len(states)
+        if k == 300:
+            controller.pause()
+        if k == 600:
+            controller.resume(within=0.1)
+        states.append(controller.step(states[-1] if k % 2 else None))
+        assert len(states) < 3000
+    assert residual(states) <= 1e-10
+    held = states[400:600]
+    assert controller.speed == 1.0
+    np.testing.assert_allclose([s.position - held[0].position for s in held], 0, atol=1e-15)
+    np.testing.assert_allclose([s.linear_velocity for s in held], 0, atol=1e-15)
+    assert held[0].phase == pytest.approx(held[-1].phase, rel=1e-12)
+    assert held[-1].time - held[0].time == pytest.approx(199 * STEP)
+    # It halts without a jerk, and on the path it would have taken.
+    speeds = np.linalg.norm([s.linear_velocity for s in states], axis=1)
+    assert np.abs(np.diff(speeds)).max() <= 0.2 * speeds.max()
+    path = motion.positions
+    off = [np.linalg.norm(path - s.position, axis=1).min() for s in states]
+    assert max(off) <= 2e-3 * length()
+    assert misses(states[-1], dmp.position.goal, dmp.orientation.goal)[0] <= 2e-3
+    assert controller.replanned == []
+
+
+def test_a_halted_tool_moves_along_with_what_moves(either: str) -> None:
+    dmp = CASES["breathing"]()
+    controller = dmp.controller(time_step=dmp.duration / 400)
+    states = [controller.step() for _ in range(100)]
+    controller.pause(within=0.0)
+    states += [controller.step() for _ in range(100)]
+    controller.resume(within=0.0)
+    states += [controller.step() for _ in range(100)]
+    assert residual(states) <= 1e-10
+
+
+def test_a_goal_may_be_a_position_a_rotation_or_both(either: str) -> None:
+    dmp = primitive()
+    goal = dmp.position.goal + [0.05, 0.02, 0.0]
+    turned = Rotation.from_rotvec([0, 0, 0.1]) * dmp.orientation.goal
+    for asked in (goal, turned, (goal, turned)):
+        controller = dmp.controller(time_step=STEP)
+        for _ in range(200):
+            controller.step()
+        # Asked for again and again, it is planned once.
+        while not controller.done:
+            state = controller.step(goal=asked)
+        assert len(controller.replanned) == 1
+        assert (
+            misses(
+                state,
+                dmp.position.goal if asked is turned else goal,
+                dmp.orientation.goal if asked is goal else turned,
+            )[0]
+            <= 1e-3
+        )
+
+
+@pytest.mark.parametrize("field", ["position", "linear_velocity", "angular_velocity"])
+def test_what_is_not_finite_is_refused_and_changes_nothing(field: str, either: str) -> None:
+    controller = primitive().controller(time_step=STEP)
+    state = controller.step()
+    with pytest.raises(ns.InputError, match="not finite"):
+        controller.step(replace(state, **{field: np.array([0, np.nan, 0])}))
+    np.testing.assert_array_equal(controller.state.position, state.position)

@@ -42,7 +42,7 @@ ANGLE_TOLERANCE = 0.05
 """rad."""
 _PAUSE = 0.02
 """Fraction of the duration between two plans, and that a tool takes to come to a halt."""
-_STANDING = 1e9
+_STANDING = 1e15
 """Over the plan's duration: that of a motion which stands still."""
 
 
