@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench docs clean
+.PHONY: help demo test quick check format bench soak docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -46,6 +46,9 @@ format: $(STAMP) ## put the code into the house's format
 
 bench: $(VENV)/.bench ## measure against the paper's method and movement-primitives
 	$(BIN)/python -m benchmarks --out benchmarks/results.json
+
+soak: $(STAMP) ## step the exported C code 1e8 times and look for what must never happen
+	$(BIN)/python -m benchmarks.soak --steps 100000000
 
 docs: $(VENV)/.docs ## build the documentation into docs/_build/html
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html

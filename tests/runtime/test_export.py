@@ -47,6 +47,7 @@ CASES: dict[str, Any] = {
     "shared": lambda: ns.learn(demonstration(), [ns.Blade()], metric="shared"),
     "winding": lambda: ns.learn(winding(), [ns.Blade()]),
     "few basis functions": lambda: ns.learn(moving(), [ns.Needle()], basis_functions=12),
+    "steep phase": lambda: ns.learn(moving(), [ns.Blade()], alpha_s=12.0),
     "underdamped": lambda: ns.learn(moving(), [ns.Blade()], beta=10.0),
     "breathing": lambda: ns.learn(moving(), [ns.InMovingFrame(ns.Blade())]),
     "limits": lambda: ns.learn(
@@ -162,6 +163,43 @@ def test_the_header_is_understood_by_cpp(tmp_path: Path, uncounted: None) -> Non
     flags = ("-std=c++17", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only")
     done = subprocess.run(["c++", *flags, "loop.cpp"], cwd=tmp_path, check=False)
     assert done.returncode == 0
+
+
+ARM, EMULATOR = "arm-linux-gnueabihf-gcc", "qemu-arm"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    shutil.which(ARM) is None or shutil.which(EMULATOR) is None,
+    reason=f"{ARM} or {EMULATOR} is missing (Debian: gcc-arm-linux-gnueabihf, qemu-user)",
+)
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("name", ["blade", "winding", "limits"])
+def test_it_runs_on_a_32_bit_arm(name: str, real: str, tmp_path: Path, uncounted: None) -> None:
+    primitive(name).export_c(tmp_path, name="cut")
+    flags = [*STRICT, "-static", f"-DNOSLIP_REAL={real}"]
+    build = [ARM, *flags, "noslip.c", "cut.c", "test.c", "-lm", "-o", "test"]
+    done = subprocess.run(build, cwd=tmp_path, capture_output=True, text=True, check=False)
+    if (name, real) == ("limits", "float"):
+        assert "limits_need_double" in done.stderr
+        return
+    assert done.returncode == 0, done.stderr
+    # Compares with Python's motion, to 1e-12 (or what single precision allows), and the residual.
+    tested = subprocess.run(
+        [EMULATOR, "./test"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert tested.returncode == 0, tested.stdout + tested.stderr
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is missing")
+def test_it_is_clean_under_valgrind(tmp_path: Path, uncounted: None) -> None:
+    primitive("limits").export_c(tmp_path, name="cut")
+    program = build(tmp_path, "test.c")
+    command = ["valgrind", "--error-exitcode=9", "--leak-check=full", str(program)]
+    tested = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert tested.returncode == 0, tested.stdout + tested.stderr
 
 
 @needs_compiler

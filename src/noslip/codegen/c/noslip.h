@@ -21,6 +21,10 @@ typedef NOSLIP_REAL noslip_real;
 #define NOSLIP_LIMITS @LIMITS@
 #define NOSLIP_ROWS @ROWS@
 
+/* What keeps the rows of limits apart is smaller than single precision tells. */
+typedef char noslip_limits_need_double
+    [NOSLIP_LIMITS == 0 || sizeof(noslip_real) >= sizeof(double) ? 1 : -1];
+
 /* Parameters of a primitive.  Rows of weights: x, y, z (m), then the rotation vector (rad). */
 typedef struct noslip_primitive {
     int basis_functions;
