@@ -12,6 +12,7 @@ from rich.console import Console
 
 from benchmarks import report
 from benchmarks.comparison import compare
+from benchmarks.control_loop import LATE_STEPS, MOTIONS, compiling, control
 from benchmarks.environment import environment
 from benchmarks.example import SAMPLES
 from benchmarks.goals import SHIFTS, move_goals
@@ -24,6 +25,7 @@ from noslip.errors import InputError
 ROUNDS, QUICK_ROUNDS = 7, 1
 QUICK_CASES = 6
 QUICK_RECORDINGS = 8
+QUICK_STEPS, QUICK_MOTIONS = 2_000, 50
 PIPED_WIDTH = 120
 _EXAMPLES = """\
 examples (from the repository's root):
@@ -37,7 +39,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Parse arguments, measure, print, write; return the exit code."""
     options = _parser().parse_args(arguments)
     quick = options.quick
-    with _progress() as progress:
+    # All but the last compares what is compiled on neither side.
+    with _progress() as progress, compiling(False):
         comparison = compare(
             samples=SAMPLES,
             rounds=QUICK_ROUNDS if quick else ROUNDS,
@@ -63,7 +66,15 @@ def run(arguments: Sequence[str] | None = None) -> int:
             rounds=1 if quick else 3,
             progress=progress,
         )
-    results = report.Results(comparison, growths, arrivals, recoveries, environment(), throughputs)
+        loop = control(
+            steps=QUICK_STEPS if quick else LATE_STEPS,
+            motions=QUICK_MOTIONS if quick else MOTIONS,
+            rounds=20 if quick else 200,
+            progress=progress,
+        )
+    results = report.Results(
+        comparison, growths, arrivals, recoveries, environment(), throughputs, loop
+    )
     console = Console()
     if not console.is_terminal:
         console = Console(width=PIPED_WIDTH)

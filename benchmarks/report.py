@@ -14,6 +14,7 @@ from rich.table import Table
 
 from benchmarks import peers
 from benchmarks.comparison import OURS, PEER, Comparison, Ratio, StepCost
+from benchmarks.control_loop import ControlLoop
 from benchmarks.example import ALPHA, ALPHA_S, BETA, DURATION
 from benchmarks.goals import Arrival
 from benchmarks.growth import ADAPTING, LEAST_MEMORY, THEIRS, Growth
@@ -38,6 +39,7 @@ class Results:
     recoveries : sequence of Recovery
     environment : dict
     throughputs : sequence of Throughput
+    loop : ControlLoop or None
     """
 
     comparison: Comparison
@@ -46,6 +48,7 @@ class Results:
     recoveries: Sequence[Recovery]
     environment: dict[str, Any]
     throughputs: Sequence[Throughput] = ()
+    loop: ControlLoop | None = None
 
 
 def as_json(results: Results) -> bytes:
@@ -90,6 +93,7 @@ def as_json(results: Results) -> bytes:
         "many_recordings": [
             {**asdict(throughput), "rate": throughput.rate} for throughput in results.throughputs
         ],
+        "control_loop": None if results.loop is None else asdict(results.loop),
         "left_out": [peers.MISSING] if peers.MISSING else [],
     }
     return (json.dumps(content, indent=2) + "\n").encode()
@@ -118,6 +122,8 @@ def show(console: Console, results: Results) -> None:
         tables.append(_pushes(summaries(results.recoveries)))
     if results.throughputs:
         tables.append(_throughputs(results.throughputs))
+    if results.loop is not None:
+        tables += [_latencies(results.loop), _shares(results.loop)]
     for table in tables:
         console.print()
         console.print(table)
@@ -309,6 +315,53 @@ def _throughputs(found: Sequence[Throughput]) -> Table:
         f"time: lowest of the rounds, processes started before; two should reach {WANTED:g} times "
         "one, where two cores are idle"
     )
+    table.caption_justify = "left"
+    return table
+
+
+def _latencies(loop: ControlLoop) -> Table:
+    table = _table(
+        "In the control loop: a step",
+        "step", "number", "median", "target", "99.9 %", "target", "worst",
+    )  # fmt: skip
+    for step in loop.latencies:
+        table.add_row(
+            step.name,
+            str(step.steps),
+            duration(step.median),
+            "-" if step.target is None else duration(step.target),
+            duration(step.late),
+            "-" if step.late_target is None else duration(step.late_target),
+            duration(step.worst),
+        )
+    floor = loop.floor
+    table.caption = (
+        f"floor: {floor.operations} operations, {floor.functions} exponentials, roots and "
+        f"divisions, {floor.bytes} bytes a step: {1e9 * floor.seconds:.0f} ns at this machine's "
+        f"{floor.peak / 1e9:.1f} billion operations (of a matrix product) and "
+        f"{floor.bandwidth / 1e9:.0f} GB a second"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def _shares(loop: ControlLoop) -> Table:
+    table = _table("In the control loop: rollouts and batches", "what", "value", "target", "met")
+    for name, seconds in loop.rollouts.items():
+        table.add_row(f"rollout, {name}", duration(seconds), "-", "-")
+    if loop.batch:
+        batch = loop.batch
+        table.add_row(
+            f"a motion of {batch['motions']:.0f}, {batch['cores']:.0f} cores",
+            duration(batch["seconds a motion"]),
+            "-",
+            "-",
+        )
+    for share in loop.shares:
+        sign = "<=" if share.at_most else ">="
+        met = "yes" if share.met else "no"
+        table.add_row(share.name, f"{share.value:.3g}", f"{sign} {share.target:g}", met)
+    table.caption = "; ".join(loop.left_out)
     table.caption_justify = "left"
     return table
 

@@ -318,8 +318,7 @@ class Controller:
         path[:13] = self._path[k]
         path[13], path[14] = (place - k) * self._between, data.item(engine.TIME)
         guidance()
-        # One sum instead of thirteen questions: what is not finite stays so.
-        if not np.isfinite(guidance.state.sum()):
+        if not guidance.is_finite:
             raise InputError(
                 "measured_state is not finite; leave it out where nothing was measured"
             )

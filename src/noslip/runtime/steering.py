@@ -15,6 +15,8 @@ point ahead on the path.
 
 from __future__ import annotations
 
+from math import isfinite
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +109,7 @@ class Guidance:
     steering : array, shape (3,)
         Turn of the orientation's target (rad).
     state : array, shape (13,)
-        What was measured, the quaternion of unit length; not finite where a number was not.
+        What was measured, the quaternion of unit length.
     """
 
     def __init__(
@@ -134,11 +136,12 @@ class Guidance:
         apart = quaternion_log(quaternion_product(quaternion, quaternion_conjugate(unit)))
         angle = ca.norm_2(apart) / (angle_tolerance + ca.norm_2(turn))
         state = ca.vertcat(measured[0:3], unit, measured[7:13])
-        found = ca.densify(ca.vertcat(distance, angle, turn, state))
+        # One sum instead of thirteen questions: what is not finite stays so.
+        found = ca.densify(ca.vertcat(distance, angle, ca.sum1(state), turn, state))
         self._function = ca.Function("guidance", [path, measured], [ca.cse(found)])
         self.path, self.measured = np.zeros(STATE_SIZE + 2), np.zeros(STATE_SIZE)
-        self._found = np.zeros(5 + STATE_SIZE)
-        self.steering, self.state = self._found[2:5], self._found[5:]
+        self._found = np.zeros(6 + STATE_SIZE)
+        self.steering, self.state = self._found[3:6], self._found[6:]
         self._buffer, self._evaluate = self._function.buffer()
         self._buffer.set_arg(0, self.path.data)
         self._buffer.set_arg(1, self.measured.data)
@@ -152,6 +155,11 @@ class Guidance:
     def distance(self) -> float:
         """Off the path, over what is tolerated."""
         return self._found.item(0)
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all that was measured is."""
+        return isfinite(self._found.item(2))
 
     @property
     def angle(self) -> float:
