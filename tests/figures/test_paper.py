@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,30 @@ def test_ellipses_lie_along_the_path(dmp):
     for ellipse in ellipses:
         middle = ellipse.get_xy()[:-1].mean(axis=0)
         assert np.linalg.norm(path - middle, axis=1).min() < 1.0
+
+
+def test_one_constraint_of_a_rollout_is_drawn_as_it_was(dmp):
+    box = ns.Box(upper=(0.2, 0.01, 1.0))
+    held = (ns.Blade(), box)
+    motion = replace(dmp, constraints=held).rollout()
+    drawn = {}
+    for show, axis in (("residual", "margin (m)"), ("multiplier", "multiplier (m/s²)")):
+        ax = figures.column_figure().subplots()
+        drawn[show] = data(figures.plot_constraint(ax, motion, held, "box", show))
+        assert ax.get_ylabel() == axis
+    sides = len(motion.limit_names)
+    for row in range(sides):
+        np.testing.assert_allclose(drawn["residual"][row][:, 1], motion.margins[:, row])
+        multipliers = motion.limit_multipliers[:, row]
+        np.testing.assert_array_equal(drawn["multiplier"][row][:, 1], multipliers)
+    ax = figures.column_figure().subplots()
+    (force,) = data(figures.plot_constraint(ax, motion, held, "blade", "force"))
+    pushed = np.linalg.norm(motion.force_of("blade")[:, :3], axis=1)
+    np.testing.assert_allclose(force[:, 1], pushed)
+    with pytest.raises(InputError, match="constraint is one of blade, box; got 'needle'"):
+        figures.plot_constraint(ax, motion, held, "needle")
+    with pytest.raises(InputError, match="show is one of residual, multiplier, force, turning"):
+        figures.plot_constraint(ax, motion, held, "blade", "push")
 
 
 def test_a_figure_is_as_wide_as_columns_of_a_paper():

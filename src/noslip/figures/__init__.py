@@ -5,7 +5,7 @@ The others draw into axes and return what they drew.
 """
 
 from noslip.figures.family import adapted_family
-from noslip.figures.history import constraint_history
+from noslip.figures.history import constraint_history, plot_constraint
 from noslip.figures.learned_spread import learned_spread, plot_ellipses, plot_learned_spread
 from noslip.figures.motion import (
     compare_motions,
@@ -30,6 +30,7 @@ __all__ = [
     "learned_spread",
     "orientation_adjustments",
     "plot_blades",
+    "plot_constraint",
     "plot_ellipses",
     "plot_forces",
     "plot_learned_spread",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import shlex
 from collections.abc import Sequence
 
@@ -27,16 +26,11 @@ def declaration(constraint: Constraint) -> str:
     # What a constraint is about comes first, what all limits share last.
     fields = sorted(dataclasses.fields(CATALOGUE[data["type"]]), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
     told = [
-        f"{f.name}={_literal(data['arguments'][f.name])}"
+        f"{f.name}={data['arguments'][f.name]!r}"
         for f in fields
         if f.init and data["arguments"][f.name] != f.default
     ]
     return f"{data['type']}({', '.join(told)})" if told else str(data["type"])
-
-
-def _literal(value: object) -> str:
-    """Return a value as a literal; Python has none of its own for infinity."""
-    return repr(value) if isinstance(value, str) else re.sub(r"\binf\b", "1e999", repr(value))
 
 
 def commands(

@@ -142,7 +142,9 @@ def report(
     """
     dmp = load_primitive(primitive)
     sources = [demonstration.name for demonstration in demonstrations]
-    shown = [replace(d, name=printable(d.name)) for d in demonstrations]
+    shown = [
+        replace(d, name=name) for d, name in zip(demonstrations, _short_names(sources), strict=True)
+    ]
     motion, regular = dmp.rollout(), dmp.regular.rollout()
     motions: dict[str, PoseTrajectory] = {"regular": regular, "optimised": motion}
     if shown:
@@ -177,6 +179,12 @@ def report(
 def printable(text: str) -> str:
     """Return text with what cannot be printed replaced; bytes of a file's name that are no text."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def _short_names(paths: Sequence[str]) -> list[str]:
+    """Names of files, without their folders if they differ without."""
+    names = [Path(path).name or path for path in paths]
+    return [printable(name) for name in (names if len(set(names)) == len(names) else paths)]
 
 
 # ---------------------------------------------------------------- in words
@@ -296,7 +304,7 @@ def _recordings(
                 ("recording", "samples", "iterations", "residual", "moved", "turned", "left out"),
                 tuple(
                     (
-                        printable(record.demonstration),
+                        name,
                         _count(record.samples),
                         _count(record.iterations),
                         _plain(record.residual),
@@ -304,7 +312,9 @@ def _recordings(
                         _angle(record.rotation_change),
                         printable(", ".join(record.left_out)) or "nothing",
                     )
-                    for record in dmp.record
+                    for name, record in zip(
+                        _short_names([r.demonstration for r in dmp.record]), dmp.record, strict=True
+                    )
                 ),
                 "Each recording is projected onto the constraints before the primitive is fitted.  "
                 "Residual: the largest afterwards, in the constraints' units (SI); moved and "
@@ -400,8 +410,8 @@ def _merits(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> Table
         f"distance from {against}, rms",
         f"angle to {against}, rms",
         f"angle to {against}, peak",
-        "end: distance from the goal",
-        "end: angle to the goal",
+        "end: distance from the learned goal",
+        "end: angle to the learned goal",
         "peak speed",
         "peak angular speed",
         "peak angular acceleration",
