@@ -482,7 +482,7 @@ def _pictures(
     pair = {first: motions[first], "optimised": motion}
     draws: list[tuple[str, Callable[[], Figure]]] = [
         (
-            "Where the motions go, how they turn, and what the constraints say to it.",
+            "Where the motions go, how they turn, and how well the constraints hold.",
             lambda: compare_motions(motions, held),
         ),
         ("How fast the tool moves and turns.", lambda: _speeds(motions)),
