@@ -17,6 +17,7 @@ from noslip.cli import (
     export,
     learn,
     plot,
+    report,
     rollout,
     segment,
     topics,
@@ -34,7 +35,20 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-for command in (demo, topics, convert, segment, check, learn, rollout, adapt, plot, export, doctor):
+for command in (
+    demo,
+    topics,
+    convert,
+    segment,
+    check,
+    learn,
+    rollout,
+    adapt,
+    plot,
+    report,
+    export,
+    doctor,
+):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.run)
 
 

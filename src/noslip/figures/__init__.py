@@ -5,8 +5,8 @@ The others draw into axes and return what they drew.
 """
 
 from noslip.figures.family import adapted_family
-from noslip.figures.history import constraint_history
-from noslip.figures.learned_spread import learned_spread
+from noslip.figures.history import constraint_history, plot_constraint
+from noslip.figures.learned_spread import learned_spread, plot_ellipses, plot_learned_spread
 from noslip.figures.motion import (
     compare_motions,
     plot_forces,
@@ -14,26 +14,32 @@ from noslip.figures.motion import (
     plot_path,
     plot_positions,
     plot_residuals,
+    plot_speed,
 )
 from noslip.figures.segments import recording_cuts
 from noslip.figures.snapshots import blade_snapshots, plot_blades
 from noslip.figures.spread import demonstration_spread, orientation_adjustments, plot_spread
-from noslip.figures.style import save_figure
+from noslip.figures.style import column_figure, save_figure
 
 __all__ = [
     "adapted_family",
     "blade_snapshots",
+    "column_figure",
     "compare_motions",
     "constraint_history",
     "demonstration_spread",
     "learned_spread",
     "orientation_adjustments",
     "plot_blades",
+    "plot_constraint",
+    "plot_ellipses",
     "plot_forces",
+    "plot_learned_spread",
     "plot_orientation",
     "plot_path",
     "plot_positions",
     "plot_residuals",
+    "plot_speed",
     "plot_spread",
     "recording_cuts",
     "save_figure",

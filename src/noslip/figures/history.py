@@ -27,6 +27,7 @@ from noslip.figures.quantities import (
     amount,
     force_parts,
     force_sizes,
+    index_of,
     least_span,
     scaled_unit,
     violations,
@@ -122,6 +123,42 @@ def constraint_history(
         put_legend(figure, {k: Line2D([], [], **style) for k, style in most.styles.items()})
     write_title(figure, title or _finding(times, held))
     return figure
+
+
+def plot_constraint(
+    ax: Axes,
+    motion: ConstrainedMotion,
+    constraints: Constraints,
+    name: str,
+    show: str = "residual",
+) -> list[Line2D]:
+    """Draw what one constraint or limit of a rollout did over time (s): a panel of the history.
+
+    Parameters
+    ----------
+    ax : Axes
+    motion : ConstrainedMotion
+    constraints : Constraint or several
+        Those of the primitive.
+    name : str
+        Of the constraint, as in the motion's ``constraint_names`` and ``limit_names``.
+    show : "residual", "multiplier", "force" or "turning force"
+        Residuals, or of a limit its margins; multipliers; size of the linear (m/s^2) or angular
+        (rad/s^2) acceleration that it added.
+
+    Raises
+    ------
+    InputError
+        If the motion has no such constraint, or the constraints are not the motion's.
+    """
+    held = _held(motion, constraints)
+    one = held[index_of(name, [one.name for one in held], "constraint")]
+    times = motion.times - motion.times[0]
+    panels = ("residual", "multiplier", *FORCE_NAMES.values())
+    kind = index_of(show, panels, "show")
+    if kind < 2:
+        return (_plot_values, _plot_multipliers)[kind](ax, times, one)
+    return _plot_force(ax, times, one, list(FORCE_NAMES)[kind - 2])
 
 
 # ---------------------------------------------------------------- what is shown
@@ -244,14 +281,14 @@ def _held(motion: ConstrainedMotion, constraints: Constraints) -> list[_Held]:
 # ---------------------------------------------------------------- panels
 
 
-def _plot_values(ax: Axes, times: Floats, one: _Held) -> None:
+def _plot_values(ax: Axes, times: Floats, one: _Held) -> list[Line2D]:
     """Residuals or margins, with the name and the extreme above."""
     scale, unit = one.axis
     quantity, shown = "margin" if one.is_limit else "residual", scale * one.values
     too_small = not one.is_limit and one.holds and one.peak > 0
     if too_small:
         quantity, shown = f"|{quantity}|", np.abs(shown)
-    _plot_rows(ax, times, shown, one)
+    lines = _plot_rows(ax, times, shown, one)
     if too_small:
         log_axis(ax, shown.T, scale * one.span)
     elif one.is_limit:
@@ -262,29 +299,34 @@ def _plot_values(ax: Axes, times: Floats, one: _Held) -> None:
     name = one.name if len(one.name) <= LONGEST_TITLE else f"{one.name[: LONGEST_TITLE - 1]}…"
     heading = f"{short_name(name)}: {one.told_extreme}"
     ax.set_title(heading, loc="left", fontsize=SMALL_FONT_SIZE, fontweight="bold")
+    return lines
 
 
-def _plot_multipliers(ax: Axes, times: Floats, one: _Held) -> None:
-    _plot_rows(ax, times, one.multipliers, one)
+def _plot_multipliers(ax: Axes, times: Floats, one: _Held) -> list[Line2D]:
+    lines = _plot_rows(ax, times, one.multipliers, one)
     _span_something(ax, one.multipliers)
     _label(ax, "multiplier", MULTIPLIER_UNITS.get(one.unit or "", "SI"))
+    return lines
 
 
-def _plot_force(ax: Axes, times: Floats, one: _Held, part: Part) -> None:
+def _plot_force(ax: Axes, times: Floats, one: _Held, part: Part) -> list[Line2D]:
     """Size of the acceleration that all rows together added, with its peak above."""
     size = force_sizes(one.forces, part)
-    ax.plot(times, size, label=short_name(one.name), **_FORCE)
+    lines = ax.plot(times, size, label=short_name(one.name), **_FORCE)
     _span_something(ax, size)
     _label(ax, FORCE_NAMES[part], FORCE_UNITS[part])
     heading = "no force"
     if size.any():
         heading = f"≤ {number(size.max())}, at {number(times[np.argmax(size)])} s"
     ax.set_title(heading, loc="left", fontsize=SMALL_FONT_SIZE)
+    return lines
 
 
-def _plot_rows(ax: Axes, times: Floats, columns: Floats, one: _Held) -> None:
+def _plot_rows(ax: Axes, times: Floats, columns: Floats, one: _Held) -> list[Line2D]:
+    lines: list[Line2D] = []
     for (label, style), column in zip(one.styles.items(), columns.T, strict=True):
-        ax.plot(times, column, label=short_name(label), **style)
+        lines += ax.plot(times, column, label=short_name(label), **style)
+    return lines
 
 
 def _span_something(ax: Axes, values: Floats) -> None:

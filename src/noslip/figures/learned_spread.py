@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from noslip.errors import InputError
 from noslip.figures.motion import Plane, plot_path
-from noslip.figures.quantities import amount, extent, length_unit
+from noslip.figures.quantities import amount, angle_unit, extent, index_of, length_unit
 from noslip.figures.spread import PROGRESS
 from noslip.figures.style import (
     LEAST_SHARE,
@@ -44,6 +44,8 @@ SEEN = 0.05
 AGREED = 1e-9
 """Standard deviation (m or rad) that is rounding."""
 
+QUANTITIES = ("x", "y", "z", "turned about x", "turned about y", "turned about z")
+"""Of a primitive's motion, that have a spread."""
 BANDS: dict[int, dict[str, Any]] = {
     2: {"alpha": 0.18, "linewidth": 0},
     1: {"alpha": 0.35, "linewidth": 0},
@@ -74,17 +76,8 @@ def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
     InputError
         If the primitive has no spread.
     """
-    spread = dmp.spread
-    if spread is None:
-        raise InputError(
-            "the primitive has no spread: it was learned from one demonstration, or saved before "
-            "spreads were kept; learn it from several demonstrations"
-        )
+    spread = _spread_of(dmp)
     motion = dmp.rollout()
-    scale, unit = length_unit([motion])
-    least = scale * LEAST_SHARE * extent(motion)
-    turned = np.degrees(turns(motion))
-    deviations = scale * spread.position_deviation, np.degrees(spread.rotation_deviation)
 
     # A wide path lies below the panels, three in a row; a high one beside them, three in a column.
     plane = _plane(motion)
@@ -93,23 +86,19 @@ def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
     figure = new_figure(TWO_COLUMNS, 4.8 if wide else 4.4)
     ratios = {"height_ratios" if wide else "width_ratios": (1, 1, 1.25)}
     grid = figure.add_gridspec(3, 3, **ratios)
-    for kind, (values, deviation, verb, axis_unit, span, color) in enumerate(
-        [
-            (scale * motion.positions, deviations[0], "", unit, least, PALETTE["blue"]),
-            (turned, deviations[1], "turned about ", "°", LEAST_TURN, PALETTE["green"]),
-        ]
-    ):
+    for kind, quantities in enumerate([QUANTITIES[:3], QUANTITIES[3:]]):
         panels = [figure.add_subplot(grid[(kind, i) if wide else (i, kind)]) for i in range(3)]
-        for i, ax in enumerate(panels):
-            _draw_bands(ax, motion, values[:, i], spread, deviation[:, i], span, color)
+        for i, (ax, quantity) in enumerate(zip(panels, quantities, strict=True)):
+            plot_learned_spread(ax, dmp, quantity)
             lowest = kind == 1 if wide else i == 2
-            dress(ax, PROGRESS if lowest else "", f"{verb}{'xyz'[i]} ({axis_unit})")
             ax.tick_params(labelbottom=lowest)
+            if not lowest:
+                ax.set_xlabel("")
         if (worst := _worst(spread)[kind]) is not None:
             axis, at, _ = worst
             panels[axis].axvline(100 * at, **LEAST)
         figure.align_ylabels(panels)
-    _draw_ellipses(figure.add_subplot(grid[2, :] if wide else grid[:, 2]), motion, plane, spread)
+    plot_ellipses(figure.add_subplot(grid[2, :] if wide else grid[:, 2]), dmp)
 
     handles: dict[str, Artist] = {"primitive": Line2D([], [], color="black", **MOTION)}
     for count, style in sorted(BANDS.items()):
@@ -120,6 +109,91 @@ def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
     put_legend(figure, handles)
     write_title(figure, title or _finding(spread))
     return figure
+
+
+def plot_learned_spread(
+    ax: Axes, dmp: ConstrainedDMP, quantity: str = "x", *, degrees: bool = True
+) -> list[Artist]:
+    """Draw one quantity of a primitive's motion, with bands of its demonstrations' spread.
+
+    Over the share of the motion's time; see :func:`learned_spread`.
+
+    Parameters
+    ----------
+    ax : Axes
+    dmp : ConstrainedDMP
+        Learned from two demonstrations or more.
+    quantity : str
+        ``"x"``, ``"y"`` or ``"z"`` (m or mm), or ``"turned about x"`` and so on.
+    degrees : bool
+        Unit of what has turned; else radians.
+
+    Returns
+    -------
+    list
+        The bands of 2 and of 1 standard deviations, and the line.
+    """
+    spread = _spread_of(dmp)
+    kind, axis = divmod(index_of(quantity, QUANTITIES, "quantity"), 3)
+    motion = dmp.rollout()
+    if kind == 0:
+        scale, unit = length_unit([motion])
+        values, deviations = motion.positions, spread.position_deviation
+        least, color = scale * LEAST_SHARE * extent(motion), PALETTE["blue"]
+    else:
+        turn, unit = angle_unit(degrees)
+        scale = turn * float(np.degrees(1.0))
+        values, deviations = turns(motion), spread.rotation_deviation
+        least, color = turn * LEAST_TURN, PALETTE["green"]
+
+    share = (motion.times - motion.times[0]) / motion.duration
+    curve, deviation = scale * values[:, axis], scale * deviations[:, axis]
+    middle = np.interp(spread.fractions, share, curve)
+    artists: list[Artist] = []
+    for count, style in BANDS.items():
+        edges = middle - count * deviation, middle + count * deviation
+        artists.append(ax.fill_between(100 * spread.fractions, *edges, color=color, **style))
+    artists += ax.plot(100 * share, curve, color=color, **MOTION)
+    ax.set_xlim(0, 100)
+    span_at_least(ax, [curve, middle - 2 * deviation, middle + 2 * deviation], least)
+    dress(ax, PROGRESS, f"{quantity} ({unit})")
+    return artists
+
+
+def plot_ellipses(ax: Axes, dmp: ConstrainedDMP) -> list[Artist]:
+    """Draw a primitive's path in the world plane of its largest extent, to scale, with its spread.
+
+    Ellipses of 2 standard deviations at each tenth of the time, enlarged by a factor that the title
+    tells where they would be too small.
+
+    Returns
+    -------
+    list
+        The path's line, then the ellipses.
+    """
+    spread, motion = _spread_of(dmp), dmp.rollout()
+    color, (a, b) = PALETTE["blue"], _plane(motion)
+    artists: list[Artist] = [*plot_path(ax, motion, plane=cast(Plane, "XYZ"[a] + "XYZ"[b]))]
+    for line in ax.lines:
+        line.set_color(color)
+    scale, _ = length_unit([motion])
+    at = np.round(ELLIPSES * (len(spread.fractions) - 1)).astype(int)
+    share = (motion.times - motion.times[0]) / motion.duration
+    path = scale * motion.positions[:, [a, b]]
+    middles = [[np.interp(f, share, axis) for axis in path.T] for f in spread.fractions[at]]
+    variances, directions = np.linalg.eigh(spread.positions[at][:, [[a], [b]], [a, b]])
+    halves = 2 * scale * directions * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
+    largest = float(np.linalg.norm(halves, axis=1).max())
+    factor = enlargement(largest, scale * extent(motion))
+    for middle, half in zip(middles, halves, strict=True):
+        outline = np.array(middle) + factor * CIRCLE @ half.T
+        face = (color, BANDS[2]["alpha"])
+        artists += ax.fill(*outline.T, facecolor=face, edgecolor=color, linewidth=0.5)
+        ax.plot(*middle, ".", color=color, ms=3)
+    enlarged = f" (× {factor:.0f})" if factor > 1 else ""
+    told = f"2 standard deviations{enlarged}, each 10 %"
+    ax.set_title(f"{ax.get_title()}\n{told}", fontsize=SMALL_FONT_SIZE)
+    return artists
 
 
 def turns(motion: PoseTrajectory) -> Floats:
@@ -134,54 +208,19 @@ def turns(motion: PoseTrajectory) -> Floats:
 # ---------------------------------------------------------------- inside
 
 
-def _draw_bands(
-    ax: Axes,
-    motion: PoseTrajectory,
-    values: Floats,
-    spread: Spread,
-    deviation: Floats,
-    least: float,
-    color: str,
-) -> None:
-    """Draw values of shape (N,) of a motion within bands of deviations of shape (K,)."""
-    share = (motion.times - motion.times[0]) / motion.duration
-    middle = np.interp(spread.fractions, share, values)
-    for count, style in BANDS.items():
-        edges = middle - count * deviation, middle + count * deviation
-        ax.fill_between(100 * spread.fractions, *edges, color=color, **style)
-    ax.plot(100 * share, values, color=color, **MOTION)
-    ax.set_xlim(0, 100)
-    span_at_least(ax, [values, middle - 2 * deviation, middle + 2 * deviation], least)
+def _spread_of(dmp: ConstrainedDMP) -> Spread:
+    if dmp.spread is None:
+        raise InputError(
+            "the primitive has no spread: it was learned from one demonstration, or saved before "
+            "spreads were kept; learn it from several demonstrations"
+        )
+    return dmp.spread
 
 
 def _plane(motion: PoseTrajectory) -> tuple[int, int]:
     """World axes of the plane in which a motion reaches furthest, in order."""
     a, b = sorted(np.argsort(-np.ptp(motion.positions, axis=0), kind="stable")[:2])
     return int(a), int(b)
-
-
-def _draw_ellipses(ax: Axes, motion: PoseTrajectory, axes: tuple[int, int], spread: Spread) -> None:
-    """Draw a motion's path in a world plane, to scale, and ellipses of 2 standard deviations."""
-    color, (a, b) = PALETTE["blue"], axes
-    plot_path(ax, motion, plane=cast(Plane, "XYZ"[a] + "XYZ"[b]))
-    for line in ax.lines:
-        line.set_color(color)
-    scale, _ = length_unit([motion])
-    at = np.round(ELLIPSES * (len(spread.fractions) - 1)).astype(int)
-    share = (motion.times - motion.times[0]) / motion.duration
-    path = scale * motion.positions[:, [a, b]]
-    middles = [[np.interp(f, share, axis) for axis in path.T] for f in spread.fractions[at]]
-    variances, directions = np.linalg.eigh(spread.positions[at][:, [[a], [b]], [a, b]])
-    halves = 2 * scale * directions * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
-    largest = float(np.linalg.norm(halves, axis=1).max())
-    factor = enlargement(largest, scale * extent(motion))
-    for middle, half in zip(middles, halves, strict=True):
-        outline = np.array(middle) + factor * CIRCLE @ half.T
-        ax.fill(*outline.T, facecolor=(color, BANDS[2]["alpha"]), edgecolor=color, linewidth=0.5)
-        ax.plot(*middle, ".", color=color, ms=3)
-    enlarged = f" (× {factor:.0f})" if factor > 1 else ""
-    told = f"2 standard deviations{enlarged}, each 10 %"
-    ax.set_title(f"{ax.get_title()}\n{told}", fontsize=SMALL_FONT_SIZE)
 
 
 def enlargement(largest: float, reach: float) -> float:

@@ -16,20 +16,24 @@ from noslip.figures.quantities import (
     ANGLES,
     FORCE_UNITS,
     MARGIN_SHARE,
+    PARTS,
     Constraints,
     Motions,
     Part,
     ResidualRow,
+    angle_unit,
     coupled,
     extent,
     finding,
     force_parts,
     force_sizes,
+    index_of,
     least_margins,
     length_unit,
     named,
     residual_rows,
     roll_pitch_yaw,
+    scaled_unit,
 )
 from noslip.figures.style import (
     LEAST_SHARE,
@@ -97,9 +101,9 @@ def compare_motions(
     grid = figure.add_gridspec(3 + lower, 1, height_ratios=heights)
     upper = grid[:3].subgridspec(3, 3, width_ratios=(1, 1, 1.25))
 
-    for column, (plot, quantities) in enumerate(
-        [(plot_positions, ("x", "y", "z")), (plot_orientation, ANGLES)]
-    ):
+    poses: list[tuple[Callable[[Axes, Motions, str], object], Sequence[str]]]
+    poses = [(plot_positions, ("x", "y", "z")), (plot_orientation, ANGLES)]
+    for column, (plot, quantities) in enumerate(poses):
         stack = [figure.add_subplot(upper[row, column]) for row in range(3)]
         for ax, quantity in zip(stack, quantities, strict=True):
             plot(ax, shown, quantity)
@@ -124,7 +128,7 @@ def compare_motions(
 def plot_positions(ax: Axes, motions: Motions, coordinate: str = "x") -> list[Line2D]:
     """Draw one world coordinate, ``"x"``, ``"y"`` or ``"z"``, over time (s); m or mm."""
     shown = named(motions)
-    index = _index(coordinate, ("x", "y", "z"), "coordinate")
+    index = index_of(coordinate, ("x", "y", "z"), "coordinate")
     scale, unit = length_unit(shown.values())
     curves = {name: scale * motion.positions[:, index] for name, motion in shown.items()}
     lines = _over_time(ax, shown, curves)
@@ -133,22 +137,58 @@ def plot_positions(ax: Axes, motions: Motions, coordinate: str = "x") -> list[Li
     return lines
 
 
-def plot_orientation(ax: Axes, motions: Motions, angle: str = "yaw") -> list[Line2D]:
-    """Draw ``"roll"``, ``"pitch"`` or ``"yaw"`` (extrinsic xyz, degrees) over time (s).
+def plot_orientation(
+    ax: Axes, motions: Motions, angle: str = "yaw", *, degrees: bool = True
+) -> list[Line2D]:
+    """Draw ``"roll"``, ``"pitch"`` or ``"yaw"`` (extrinsic xyz) over time (s), degrees or radians.
 
     The angles do not jump; all motions begin as near as possible to the first one's.
     """
     shown = named(motions)
-    index = _index(angle, ANGLES, "angle")
+    index = index_of(angle, ANGLES, "angle")
+    scale, unit = angle_unit(degrees)
     curves: dict[str, Floats] = {}
     near = None
     for name, motion in shown.items():
         angles = roll_pitch_yaw(motion.rotations, near)
         near = angles[0] if near is None else near
-        curves[name] = angles[:, index]
+        curves[name] = scale * angles[:, index]
     lines = _over_time(ax, shown, curves)
-    span_at_least(ax, curves.values(), LEAST_TURN)
-    dress(ax, TIME, f"{angle} (°)")
+    span_at_least(ax, curves.values(), scale * LEAST_TURN)
+    dress(ax, TIME, f"{angle} ({unit})")
+    return lines
+
+
+def plot_speed(
+    ax: Axes, motions: Motions, part: Part = "linear", *, degrees: bool = False
+) -> list[Line2D]:
+    """Draw how fast the tool moves or turns, over time (s), where each step ends.
+
+    Parameters
+    ----------
+    ax : Axes
+    motions : PoseTrajectory or mapping of them by name
+    part : "linear" or "angular"
+        m/s, or mm/s where all are slow; rad/s.
+    degrees : bool
+        Angular speed in degrees a second.
+    """
+    shown = named(motions)
+    index = index_of(part, PARTS, "part")
+    sizes = {
+        name: np.linalg.norm(motion.step_velocities()[index], axis=1)
+        for name, motion in shown.items()
+    }
+    scale, unit = scaled_unit(max(size.max() for size in sizes.values()), "m/s")
+    if part == "angular":
+        scale, unit = (np.degrees(1.0), "°/s") if degrees else (1.0, "rad/s")
+    styles = line_styles(shown)
+    lines: list[Line2D] = []
+    for name, size in sizes.items():
+        ends = shown[name].times[1:] - shown[name].times[0]
+        lines += ax.plot(ends, scale * size, label=short_name(name), **styles[name])
+    ax.set_ylim(bottom=0)
+    dress(ax, TIME, f"{'speed' if part == 'linear' else 'angular speed'} ({unit})")
     return lines
 
 
@@ -160,7 +200,7 @@ def plot_path(ax: Axes, motions: Motions, *, plane: Plane | None = None) -> list
     """
     shown = named(motions)
     chosen = plane or _largest_plane(shown)
-    a, b = _index(chosen[0], "XYZ", "plane"), _index(chosen[1], "XYZ", "plane")
+    a, b = index_of(chosen[0], "XYZ", "plane"), index_of(chosen[1], "XYZ", "plane")
     scale, unit = length_unit(shown.values())
     styles = line_styles(shown)
     lines = []
@@ -227,6 +267,7 @@ def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2
         In m/s^2 or rad/s^2.
     """
     shown = named(motions)
+    index_of(part, PARTS, "part")
     styles = line_styles(shown)
     lines: list[Line2D] = []
     sizes = {
@@ -288,12 +329,6 @@ def _largest_plane(motions: Mapping[str, PoseTrajectory]) -> Plane:
     if z <= min(x, y):
         return "XY"
     return "XZ" if y <= x else "YZ"
-
-
-def _index(name: str, names: Sequence[str], what: str) -> int:
-    if name not in names:
-        raise InputError(f"{what} is one of {', '.join(names)}; got {name!r}")
-    return list(names).index(name)
 
 
 def _overview(motions: Mapping[str, PoseTrajectory]) -> str:

@@ -29,6 +29,7 @@ Motions = PoseTrajectory | Mapping[str, PoseTrajectory]
 Constraints = ConstraintSystem | Constraint | Sequence[Constraint]
 Part = Literal["linear", "angular"]
 
+PARTS: tuple[Part, ...] = ("linear", "angular")
 FORCE_UNITS: dict[Part, str] = {"linear": "m/s²", "angular": "rad/s²"}
 ANGLES = ("roll", "pitch", "yaw")
 GIMBAL_LOCK = 1e-7
@@ -123,6 +124,18 @@ def extent(motion: PoseTrajectory) -> float:
 def top_speed(motion: PoseTrajectory) -> float:
     """Largest speed of a step (m/s)."""
     return _longest(motion.step_velocities()[0])
+
+
+def angle_unit(degrees: bool) -> tuple[float, str]:
+    """Return how many of the unit make a degree, and the unit."""
+    return (1.0, "°") if degrees else (float(np.radians(1.0)), "rad")
+
+
+def index_of(name: str, names: Sequence[str], what: str) -> int:
+    """Return where a name stands among those that are known; `what` is what errors call it."""
+    if name not in names:
+        raise InputError(f"{what} is one of {', '.join(names)}; got {name!r}")
+    return list(names).index(name)
 
 
 def scaled_unit(size: float, unit: str = "m") -> tuple[float, str]:

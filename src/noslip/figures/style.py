@@ -19,7 +19,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 
+from noslip._arguments import positive
 from noslip._files import write_beside
+from noslip.errors import InputError
 from noslip.trajectory import Floats
 
 PALETTE = {
@@ -37,6 +39,8 @@ is too pale for a line on white."""
 
 ONE_COLUMN, TWO_COLUMNS = 3.5, 7.16
 """Width of a figure over one column and over two columns of a page (inches)."""
+COLUMNS = {1: (ONE_COLUMN, 2.2), 2: (TWO_COLUMNS, 2.6)}
+"""Width and usual height of a paper's figure, by the columns that it goes over (inches)."""
 FONT_SIZE, SMALL_FONT_SIZE = 8.0, 7.0
 """Of titles, and of everything else (points)."""
 DPI = 200
@@ -108,6 +112,23 @@ def new_figure(
     figure = Figure(figsize=(width, height), dpi=DPI, layout=layout, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def column_figure(columns: Literal[1, 2] = 1, height: float | None = None) -> Figure:
+    """Return an empty figure as wide as one column of a paper, or two (IEEE: 3.5 or 7.16 inches).
+
+    Text drawn by this package's functions is 7 and 8 points high in it: include it unscaled.
+
+    Parameters
+    ----------
+    columns : 1 or 2
+    height : float, optional
+        Inches; by default 2.2 of one column, 2.6 of two.
+    """
+    if columns not in COLUMNS:
+        raise InputError(f"column_figure is 1 or 2 columns wide, got {columns!r}")
+    width, usual = COLUMNS[columns]
+    return new_figure(width, usual if height is None else positive("height", height, "inches"))
 
 
 def write_title(figure: Figure, title: str) -> None:
@@ -237,9 +258,9 @@ def save_figure(figure: Figure, path: str | Path) -> list[Path]:
     """
     target = Path(path)
     if target.suffix in _METADATA:
-        return [write_beside(target, _rendered(figure, target.suffix))]
+        return [write_beside(target, rendered(figure, target.suffix))]
     return [
-        write_beside(f"{target}{suffix}", _rendered(figure, suffix)) for suffix in (".png", ".svg")
+        write_beside(f"{target}{suffix}", rendered(figure, suffix)) for suffix in (".png", ".svg")
     ]
 
 
@@ -251,14 +272,19 @@ _METADATA: dict[str, dict[str, Any]] = {
 """Formats, and what of their metadata differs from one run or version to the next."""
 
 
-def _rendered(figure: Figure, suffix: str) -> bytes:
+_SETTINGS: dict[Any, Any] = {"svg.hashsalt": "noslip", "pdf.fonttype": 42}
+"""Global settings of matplotlib: the salt of an SVG's identifiers, random by default; fonts in PDF
+as TrueType, because publishers refuse Type 3, its default."""
+
+
+def rendered(figure: Figure, suffix: str) -> bytes:
+    """Return a figure as the content of a .png, .svg or .pdf file."""
     buffer = io.BytesIO()
-    # The salt of an SVG's identifiers is a global setting of matplotlib's, random by default.
     with _SAVING:
-        salt = mpl.rcParams["svg.hashsalt"]
-        mpl.rcParams["svg.hashsalt"] = "noslip"
+        before = {name: mpl.rcParams[name] for name in _SETTINGS}
+        mpl.rcParams.update(_SETTINGS)
         try:
             figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=_METADATA[suffix])
         finally:
-            mpl.rcParams["svg.hashsalt"] = salt
+            mpl.rcParams.update(before)
     return buffer.getvalue()

@@ -1,0 +1,107 @@
+"""``noslip report``: all about one primitive in one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from noslip.cli import options, output
+from noslip.projection.pointwise import project_initial_velocity
+from noslip.reporting import report, write_report
+from noslip.reporting.document import checked_path
+from noslip.saving import load_primitive
+from noslip.trajectory import PoseTrajectory
+
+NAME = "report"
+EXAMPLES = """
+Examples:
+
+  noslip report excision.json --out report.html
+
+  noslip report excision.json recordings/*.csv --out report.html --out report.pdf
+
+  noslip report cut.json sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120
+  --lowpass 4.8 --relative --out cut.pdf
+"""
+
+
+def run(
+    primitive: Annotated[
+        Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
+    ],
+    recordings: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="What it was learned from; prepare them with the options of noslip learn.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        list[Path],
+        typer.Option(metavar="FILE", help="Report to write: .html or .pdf; repeatable."),
+    ] = [Path("noslip-report.html")],  # noqa: B006 - typer's way to say a list's default
+    sample_rate: options.SampleRate = None,
+    tool_frame: options.ToolFrame = None,
+    trim_time: options.TrimTime = None,
+    trim_speed: options.TrimSpeed = None,
+    rate: options.Rate = None,
+    lowpass: options.Lowpass = None,
+    relative: options.Relative = False,
+    project_start: Annotated[
+        bool,
+        typer.Option(
+            "--project-start",
+            help="Project the initial velocity onto the constraints.",
+            rich_help_panel="Preparation (in this order)",
+        ),
+    ] = False,
+) -> None:
+    """Report what was learned, from what, and how well it holds: one HTML file, or PDF.
+
+    It tells the files and their hashes, the constraints as they were declared, residuals before and
+    after, figures of merit, settings and versions, shows the figures there are, and ends with the
+    commands that make it again.  Nothing in it refers to anything outside.
+    """
+    for path in out:
+        checked_path(options.output(path) or path)
+    demonstrations: list[PoseTrajectory] = []
+    if recordings:
+        demonstrations = options.load(
+            recordings,
+            sample_rate=sample_rate,
+            tool_frame=tool_frame,
+            trim_time=trim_time,
+            trim_speed=trim_speed,
+            rate=rate,
+            lowpass=lowpass,
+            relative=relative,
+        )
+    if project_start:
+        held = load_primitive(primitive).constraints
+        demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
+    given: dict[str, str | float | None] = {
+        "--sample-rate": sample_rate,
+        "--tool-frame": tool_frame,
+        "--trim-time": trim_time,
+        "--trim-speed": trim_speed,
+        "--rate": rate,
+        "--lowpass": lowpass,
+    }
+    # One word each: a value may begin with a minus.
+    preparation = [
+        f"{name}={str(value).removesuffix('.0')}"
+        for name, value in given.items()
+        if value is not None
+    ]
+    switches = {"--relative": relative, "--project-start": project_start}
+    preparation += [name for name, on in switches.items() if on]
+    with output.progress("drawing", 1) as progress:
+        found = report(primitive, demonstrations, preparation=preparation, progress=progress)
+        written = write_report(found, out)
+    for warning in found.warnings:
+        typer.echo(f"noslip: warning: {warning}", err=True)
+    typer.echo(found.title)
+    for path in written:
+        typer.echo(f"wrote {path}")

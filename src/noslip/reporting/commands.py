@@ -1,0 +1,100 @@
+"""The command lines that make a primitive again."""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+from collections.abc import Sequence
+
+from noslip.constraints.catalogue import CATALOGUE, specification
+from noslip.constraints.declaration import Constraint, described
+from noslip.learning import BARRIER_RATE, ConstrainedDMP
+from noslip.projection.metric import inverse_metric
+from noslip.projection.trajectory import ROTATION_SMOOTHING
+
+BASIS_FUNCTIONS = 100
+"""Of ``noslip learn``, unless said otherwise."""
+OWN = "YOUR_RULES.py:NAME"
+"""Stands for a constraint declared in Python: a primitive keeps it, but not where it was."""
+
+
+def declaration(constraint: Constraint) -> str:
+    """Return what ``--constraint`` takes for a constraint; of a user's own, what it is called."""
+    data = specification(constraint)
+    if data["type"] == "declared":
+        return described(constraint)
+    # What a constraint is about comes first, what all limits share last.
+    fields = sorted(dataclasses.fields(CATALOGUE[data["type"]]), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
+    told = [
+        f"{f.name}={data['arguments'][f.name]!r}"
+        for f in fields
+        if f.init and data["arguments"][f.name] != f.default
+    ]
+    return f"{data['type']}({', '.join(told)})" if told else str(data["type"])
+
+
+def commands(
+    dmp: ConstrainedDMP, primitive: str, recordings: Sequence[str], preparation: Sequence[str] = ()
+) -> list[str]:
+    """Return shell commands that learn a primitive again, roll it out, check it and report it.
+
+    Parameters
+    ----------
+    dmp : ConstrainedDMP
+    primitive : str
+        Its file.
+    recordings : sequence of str
+    preparation : sequence of str
+        Options of ``noslip learn`` that prepare the recordings.
+    """
+    constraints = [
+        word
+        for constraint in dmp.constraints
+        for word in ("--constraint", OWN if _is_own(constraint) else declaration(constraint))
+    ]
+    learned = ["learn", *recordings, *preparation, *constraints, *_settings(dmp)]
+    report = ["report", primitive, *recordings]
+    lines = [
+        [*learned, "--out", primitive],
+        ["rollout", primitive, "--out", "motion.csv"],
+        [*report, *preparation, "--out", "report.html"],
+    ]
+    if constraints:
+        lines.insert(2, ["check", "motion.csv", *constraints])
+    return [shlex.join(["noslip", *line]) for line in lines]
+
+
+def _is_own(constraint: Constraint) -> bool:
+    return bool(specification(constraint)["type"] == "declared")
+
+
+def _settings(dmp: ConstrainedDMP) -> list[str]:
+    """Options of ``noslip learn`` that are not its own."""
+    options = []
+    count = dmp.position.forcing.basis.count
+    if count != BASIS_FUNCTIONS:
+        options += ["--basis-functions", str(count)]
+    moved = any(record.position_change for record in dmp.record)
+    if not moved and any(record.rotation_change for record in dmp.record):
+        options += ["--hold-position"]
+    smoothing = min((record.smoothing for record in dmp.record), default=ROTATION_SMOOTHING)
+    if smoothing != ROTATION_SMOOTHING:
+        options += ["--smoothing", repr(smoothing)]
+    options += _metric(dmp)
+    if dmp.barrier_rate != BARRIER_RATE:
+        options += ["--barrier-rate", repr(dmp.barrier_rate)]
+    return options
+
+
+def _metric(dmp: ConstrainedDMP) -> list[str]:
+    length = dmp.inverse_metric[3] ** -0.5 if dmp.inverse_metric[3] else 1.0
+    for name in (None, "position", "shared", "rotation"):
+        if _same(inverse_metric(dmp.system, name, length, length), dmp.inverse_metric):
+            option = [] if name is None else ["--metric", name]
+            return [*option, "--metric-length", repr(length)] if dmp.inverse_metric[3] else option
+    weights = ",".join(repr(1 / weight) if weight else "inf" for weight in dmp.inverse_metric)
+    return ["--metric", weights, "--metric-length", "1"]
+
+
+def _same(a: Sequence[float], b: Sequence[float]) -> bool:
+    return all(abs(x - y) <= 1e-9 * max(abs(x), abs(y)) for x, y in zip(a, b, strict=True))
