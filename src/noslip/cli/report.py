@@ -43,6 +43,11 @@ def run(
         typer.Option(metavar="FILE", help="Report to write: .html or .pdf; repeatable."),
     ] = [Path("noslip-report.html")],  # noqa: B006 - typer's way to say a list's default
     sample_rate: options.SampleRate = None,
+    topic: options.Topic = None,
+    frame: options.Frame = None,
+    child_frame: options.ChildFrame = None,
+    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
+    columns: options.Columns = None,
     tool_frame: options.ToolFrame = None,
     trim_time: options.TrimTime = None,
     trim_speed: options.TrimSpeed = None,
@@ -77,12 +82,21 @@ def run(
             rate=rate,
             lowpass=lowpass,
             relative=relative,
+            topic=topic,
+            frame=frame,
+            child_frame=child_frame,
+            episode=episode,
+            columns=columns,
         )
     if project_start:
         held = load_primitive(primitive).constraints
         demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
     given: dict[str, str | float | None] = {
         "--sample-rate": sample_rate,
+        "--topic": topic,
+        "--frame": frame,
+        "--child-frame": child_frame,
+        "--columns": columns,
         "--tool-frame": tool_frame,
         "--trim-time": trim_time,
         "--trim-speed": trim_speed,
@@ -95,6 +109,7 @@ def run(
         for name, value in given.items()
         if value is not None
     ]
+    preparation += [f"--episode={number}" for number in episode]
     switches = {"--relative": relative, "--project-start": project_start}
     preparation += [name for name, on in switches.items() if on]
     with output.progress("drawing", 1) as progress:
