@@ -28,6 +28,7 @@ Examples:
 """
 
 
+@options.grouped
 def run(
     recordings: options.Recordings,
     constraint: options.Constraints,
@@ -38,18 +39,7 @@ def run(
         ),
     ] = TOLERANCE,
     as_json: options.AsJson = False,
-    sample_rate: options.SampleRate = None,
-    topic: options.Topic = None,
-    frame: options.Frame = None,
-    child_frame: options.ChildFrame = None,
-    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
-    columns: options.Columns = None,
-    tool_frame: options.ToolFrame = None,
-    trim_time: options.TrimTime = None,
-    trim_speed: options.TrimSpeed = None,
-    rate: options.Rate = None,
-    lowpass: options.Lowpass = None,
-    relative: options.Relative = False,
+    given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:
     """Check recorded or rolled-out motions against constraints.
 
@@ -60,21 +50,7 @@ def run(
     system = ConstraintSystem(options.constraints(constraint))
     if not system.constraints:
         raise InputError("check needs at least one --constraint")
-    motions = options.load(
-        recordings,
-        sample_rate=sample_rate,
-        tool_frame=tool_frame,
-        trim_time=trim_time,
-        trim_speed=trim_speed,
-        rate=rate,
-        lowpass=lowpass,
-        relative=relative,
-        topic=topic,
-        frame=frame,
-        child_frame=child_frame,
-        episode=episode,
-        columns=columns,
-    )
+    motions = given.load(recordings)
     reports = [check(motion, system, tolerance=tolerance) for motion in motions]
     if as_json:
         output.print_json([report.to_dict() for report in reports])

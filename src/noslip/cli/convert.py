@@ -26,6 +26,7 @@ Examples:
 """
 
 
+@options.grouped
 def run(
     recording: Annotated[
         str, typer.Argument(help="A recording of any format.", show_default=False)
@@ -38,12 +39,7 @@ def run(
             show_default=False,
         ),
     ],
-    sample_rate: options.SampleRate = None,
-    topic: options.Topic = None,
-    frame: options.Frame = None,
-    child_frame: options.ChildFrame = None,
-    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
-    columns: options.Columns = None,
+    given: options.Where = options.Where(),  # noqa: B008 - immutable
 ) -> None:
     """Read a recording of any format and write its poses in another, by suffix.
 
@@ -51,19 +47,12 @@ def run(
     """
     if out.suffix.lower() not in WRITABLE:
         raise InputError(f"--out: {out} must end in {WRITABLE_TOLD}")
-    trajectories = load_demonstrations(
-        recording,
-        rate=sample_rate,
-        topic=topic,
-        frame=frame,
-        child_frame=child_frame,
-        episode=episode or None,
-        columns=columns,
-    )
+    trajectories = load_demonstrations(recording, **given.loading())
     if len(trajectories) > 1:
         raise InputError(
             f"{recording}: {len(trajectories)} recordings for one file; choose one (--episode)"
         )
     (trajectory,) = trajectories
-    written = write_recording(trajectory, out, **({} if frame is None else {"frame": frame}))
+    named = {} if given.frame is None else {"frame": given.frame}
+    written = write_recording(trajectory, out, **named)
     typer.echo(f"wrote {written}: {len(trajectory)} samples, {trajectory.duration:.4g} s")

@@ -42,6 +42,7 @@ Examples:
 """
 
 
+@options.grouped
 def run(
     recordings: options.Recordings,
     out: Annotated[
@@ -128,18 +129,7 @@ def run(
         ),
     ] = None,
     as_json: options.AsJson = False,
-    sample_rate: options.SampleRate = None,
-    topic: options.Topic = None,
-    frame: options.Frame = None,
-    child_frame: options.ChildFrame = None,
-    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
-    columns: options.Columns = None,
-    tool_frame: options.ToolFrame = None,
-    trim_time: options.TrimTime = None,
-    trim_speed: options.TrimSpeed = None,
-    rate: options.Rate = None,
-    lowpass: options.Lowpass = None,
-    relative: options.Relative = False,
+    given: options.Loading = options.Loading(),  # noqa: B008 - immutable
     project_start: Annotated[
         bool,
         typer.Option(
@@ -180,45 +170,17 @@ def run(
             jobs=jobs,
             address=cluster,
             as_json=as_json,
-            loading={
-                "rate": sample_rate,
-                "topic": topic,
-                "frame": frame,
-                "child_frame": child_frame,
-                "episode": episode or None,
-                "columns": columns,
-            },
-            preparation=options.preparation(
-                tool_frame=tool_frame,
-                trim_time=trim_time,
-                trim_speed=trim_speed,
-                rate=rate,
-                lowpass=lowpass,
-                relative=relative,
-            ),
+            loading=given.loading(),
+            preparation=given.preparation(),
             project_start=project_start,
             **learning,
         )
         return
-    for option, given in (("--table", table), ("--jobs", jobs > 1), ("--cluster", cluster)):
-        if given:
+    for option, is_given in (("--table", table), ("--jobs", jobs > 1), ("--cluster", cluster)):
+        if is_given:
             raise InputError(f"{option}: goes with --each, for a primitive from each recording")
     options.output(out)
-    demonstrations = options.load(
-        recordings,
-        sample_rate=sample_rate,
-        tool_frame=tool_frame,
-        trim_time=trim_time,
-        trim_speed=trim_speed,
-        rate=rate,
-        lowpass=lowpass,
-        relative=relative,
-        topic=topic,
-        frame=frame,
-        child_frame=child_frame,
-        episode=episode,
-        columns=columns,
-    )
+    demonstrations = given.load(recordings)
     if align:
         demonstrations = bring_into_step(demonstrations)
     if project_start:

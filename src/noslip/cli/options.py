@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args
+from typing import Annotated, Any, cast, get_args, get_type_hints
 
 import numpy as np
 import typer
@@ -150,50 +154,94 @@ Relative = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
-def load(
-    recordings: list[str],
-    *,
-    sample_rate: float | None,
-    tool_frame: str | None,
-    trim_time: str | None,
-    trim_speed: float | None,
-    rate: float | None,
-    lowpass: float | None,
-    relative: bool,
-    topic: str | None,
-    frame: str | None,
-    child_frame: str | None,
-    episode: list[int],
-    columns: str | None,
-) -> list[PoseTrajectory]:
-    """Read recordings and prepare them as the options ask."""
-    steps = preparation(
-        tool_frame=tool_frame,
-        trim_time=trim_time,
-        trim_speed=trim_speed,
-        rate=rate,
-        lowpass=lowpass,
-        relative=relative,
-    )
-    read = load_demonstrations(
-        recordings,
-        rate=sample_rate,
-        topic=topic,
-        frame=frame,
-        child_frame=child_frame,
-        episode=episode or None,
-        columns=columns,
-    )
-    return [prepare(demonstration, **steps) for demonstration in read]
+@dataclass(frozen=True)
+class Where:
+    """What is read of a file; the options of a command that reads recordings."""
+
+    sample_rate: SampleRate = None
+    topic: Topic = None
+    frame: Frame = None
+    child_frame: ChildFrame = None
+    episode: Episode = field(default_factory=list)
+    columns: Columns = None
+
+    def loading(self) -> dict[str, Any]:
+        """Return what they ask of :func:`noslip.load_demonstrations`."""
+        return {
+            "rate": self.sample_rate,
+            "topic": self.topic,
+            "frame": self.frame,
+            "child_frame": self.child_frame,
+            "episode": self.episode or None,
+            "columns": self.columns,
+        }
 
 
-def preparation(
-    *, tool_frame: str | None, trim_time: str | None, **steps: float | bool | None
-) -> dict[str, Any]:
-    """Return what the options ask of :func:`noslip.prepare`."""
-    frame = None if tool_frame is None else numbers("--tool-frame", tool_frame, (3, 7))
-    interval = None if trim_time is None else _interval(trim_time)
-    return {"tool_frame": frame, "trim_time": interval, **steps}
+@dataclass(frozen=True)
+class Loading(Where):
+    """And how it is prepared, in this order."""
+
+    tool_frame: ToolFrame = None
+    trim_time: TrimTime = None
+    trim_speed: TrimSpeed = None
+    rate: Rate = None
+    lowpass: Lowpass = None
+    relative: Relative = False
+
+    def preparation(self) -> dict[str, Any]:
+        """Return what they ask of :func:`noslip.prepare`."""
+        tool = self.tool_frame
+        return {
+            "tool_frame": None if tool is None else numbers("--tool-frame", tool, (3, 7)),
+            "trim_time": None if self.trim_time is None else _interval(self.trim_time),
+            "trim_speed": self.trim_speed,
+            "rate": self.rate,
+            "lowpass": self.lowpass,
+            "relative": self.relative,
+        }
+
+    def load(self, recordings: list[str]) -> list[PoseTrajectory]:
+        """Read recordings and prepare them as the options ask."""
+        steps = self.preparation()
+        read = load_demonstrations(recordings, **self.loading())
+        return [prepare(demonstration, **steps) for demonstration in read]
+
+
+def grouped(run: Callable[..., None]) -> Callable[..., None]:
+    """Let a command take options in groups: Typer sees the fields of each dataclass instead."""
+    hints = get_type_hints(run, include_extras=True)
+    parameters: list[Parameter] = []
+    groups: dict[str, Any] = {}
+    for name, given in signature(run).parameters.items():
+        kind = hints[name]
+        if not is_dataclass(kind):
+            parameters.append(given.replace(annotation=kind, kind=Parameter.KEYWORD_ONLY))
+            continue
+        groups[name] = kind
+        of_fields = get_type_hints(kind, include_extras=True)
+        for option in fields(kind):
+            default = option.default
+            if option.default_factory is not MISSING:
+                default = option.default_factory()
+            parameters.append(
+                Parameter(
+                    option.name,
+                    Parameter.KEYWORD_ONLY,
+                    default=default,
+                    annotation=of_fields[option.name],
+                )
+            )
+
+    @wraps(run)
+    def command(**given: Any) -> None:
+        for name, kind in groups.items():
+            given[name] = kind(**{option.name: given.pop(option.name) for option in fields(kind)})
+        run(**given)
+
+    del command.__wrapped__
+    command.__annotations__ = {p.name: p.annotation for p in parameters}
+    command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    return command
 
 
 def constraints(texts: list[str]) -> list[Constraint]:

@@ -43,6 +43,7 @@ class Show(enum.StrEnum):
     SPREAD = "spread"
 
 
+@options.grouped
 def run(
     motions: Annotated[
         list[str],
@@ -68,18 +69,7 @@ def run(
     title: Annotated[
         str | None, typer.Option(help="By default, what the data show.", show_default=False)
     ] = None,
-    sample_rate: options.SampleRate = None,
-    topic: options.Topic = None,
-    frame: options.Frame = None,
-    child_frame: options.ChildFrame = None,
-    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
-    columns: options.Columns = None,
-    tool_frame: options.ToolFrame = None,
-    trim_time: options.TrimTime = None,
-    trim_speed: options.TrimSpeed = None,
-    rate: options.Rate = None,
-    lowpass: options.Lowpass = None,
-    relative: options.Relative = False,
+    given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:
     """Draw motions: position, orientation, path, and how well constraints hold over time.
 
@@ -107,21 +97,7 @@ def run(
             return
     shown: dict[str, PoseTrajectory] = {}
     if recordings:
-        for trajectory in options.load(
-            recordings,
-            sample_rate=sample_rate,
-            tool_frame=tool_frame,
-            trim_time=trim_time,
-            trim_speed=trim_speed,
-            rate=rate,
-            lowpass=lowpass,
-            relative=relative,
-            topic=topic,
-            frame=frame,
-            child_frame=child_frame,
-            episode=episode,
-            columns=columns,
-        ):
+        for trajectory in given.load(recordings):
             shown[_label(trajectory.name, shown)] = trajectory
     for name, primitive in primitives.items():
         shown[_label(name, shown)] = primitive.rollout()

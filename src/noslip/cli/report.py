@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated
 
@@ -27,6 +28,7 @@ Examples:
 """
 
 
+@options.grouped
 def run(
     primitive: Annotated[
         Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
@@ -42,18 +44,7 @@ def run(
         list[Path],
         typer.Option(metavar="FILE", help="Report to write: .html or .pdf; repeatable."),
     ] = [Path("noslip-report.html")],  # noqa: B006 - typer's way to say a list's default
-    sample_rate: options.SampleRate = None,
-    topic: options.Topic = None,
-    frame: options.Frame = None,
-    child_frame: options.ChildFrame = None,
-    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
-    columns: options.Columns = None,
-    tool_frame: options.ToolFrame = None,
-    trim_time: options.TrimTime = None,
-    trim_speed: options.TrimSpeed = None,
-    rate: options.Rate = None,
-    lowpass: options.Lowpass = None,
-    relative: options.Relative = False,
+    given: options.Loading = options.Loading(),  # noqa: B008 - immutable
     project_start: Annotated[
         bool,
         typer.Option(
@@ -73,44 +64,19 @@ def run(
         checked_path(options.output(path) or path)
     demonstrations: list[PoseTrajectory] = []
     if recordings:
-        demonstrations = options.load(
-            recordings,
-            sample_rate=sample_rate,
-            tool_frame=tool_frame,
-            trim_time=trim_time,
-            trim_speed=trim_speed,
-            rate=rate,
-            lowpass=lowpass,
-            relative=relative,
-            topic=topic,
-            frame=frame,
-            child_frame=child_frame,
-            episode=episode,
-            columns=columns,
-        )
+        demonstrations = given.load(recordings)
     if project_start:
         held = load_primitive(primitive).constraints
         demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
-    given: dict[str, str | float | None] = {
-        "--sample-rate": sample_rate,
-        "--topic": topic,
-        "--frame": frame,
-        "--child-frame": child_frame,
-        "--columns": columns,
-        "--tool-frame": tool_frame,
-        "--trim-time": trim_time,
-        "--trim-speed": trim_speed,
-        "--rate": rate,
-        "--lowpass": lowpass,
-    }
     # One word each: a value may begin with a minus.
+    chosen = {option.name: getattr(given, option.name) for option in fields(given)}
     preparation = [
-        f"{name}={str(value).removesuffix('.0')}"
-        for name, value in given.items()
-        if value is not None
+        f"--{name.replace('_', '-')}={str(value).removesuffix('.0')}"
+        for name, value in chosen.items()
+        if value is not None and name not in ("episode", "relative")
     ]
-    preparation += [f"--episode={number}" for number in episode]
-    switches = {"--relative": relative, "--project-start": project_start}
+    preparation += [f"--episode={number}" for number in given.episode]
+    switches = {"--relative": given.relative, "--project-start": project_start}
     preparation += [name for name, on in switches.items() if on]
     with output.progress("drawing", 1) as progress:
         found = report(primitive, demonstrations, preparation=preparation, progress=progress)

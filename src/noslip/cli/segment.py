@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,6 +54,7 @@ class Side(enum.StrEnum):
     BELOW = "below"
 
 
+@options.grouped
 def run(
     recording: Annotated[
         str,
@@ -138,17 +140,7 @@ def run(
         ),
     ] = None,
     as_json: options.AsJson = False,
-    sample_rate: options.SampleRate = None,
-    topic: options.Topic = None,
-    frame: options.Frame = None,
-    child_frame: options.ChildFrame = None,
-    episode: options.Episode = [],  # noqa: B006 - typer's way to say none
-    columns: options.Columns = None,
-    tool_frame: options.ToolFrame = None,
-    trim_time: options.TrimTime = None,
-    rate: options.Rate = None,
-    lowpass: options.Lowpass = None,
-    relative: options.Relative = False,
+    given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:
     """Cut a long recording into demonstrations, one CSV file a piece.
 
@@ -161,21 +153,7 @@ def run(
     if figure is not None and options.output(figure, "--figure") and figure.suffix not in FORMATS:
         raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
     _require_consistent(at, contact_column, in_contact, height, times)
-    prepared = options.load(
-        [recording],
-        sample_rate=sample_rate,
-        tool_frame=tool_frame,
-        trim_time=trim_time,
-        trim_speed=None,
-        rate=rate,
-        lowpass=lowpass,
-        relative=False,
-        topic=topic,
-        frame=frame,
-        child_frame=child_frame,
-        episode=episode,
-        columns=columns,
-    )
+    prepared = replace(given, relative=False).load([recording])
     if len(prepared) != 1:
         raise InputError(f"{recording}: {len(prepared)} recordings; segment one at a time")
     (whole,) = prepared
@@ -186,7 +164,7 @@ def run(
     if thresholds is not None:
         cuts["thresholds"] = tuple(options.numbers("--thresholds", thresholds, (2,)))
     if contact_column is not None:
-        cuts["contact"] = _column_at(whole, contact_column, sample_rate)
+        cuts["contact"] = _column_at(whole, contact_column, given.sample_rate)
         cuts["in_contact"] = str(in_contact or Side.ABOVE)
     elif height is not None:
         cuts["contact"] = _height(whole, height)
@@ -211,7 +189,7 @@ def run(
     if drop_outliers:
         segments = segments.without(far)
 
-    files = _write(segments, out, relative)
+    files = _write(segments, out, given.relative)
     if figure is not None:
         save_figure(recording_cuts(segments), figure)
     if as_json:
