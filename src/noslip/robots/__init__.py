@@ -1,0 +1,1 @@
+"""Arms: motions tracked without slip, placements, closed-loop dynamics.  Extra ``robots``."""
