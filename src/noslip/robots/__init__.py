@@ -1,1 +1,35 @@
 """Arms: motions tracked without slip, placements, closed-loop dynamics.  Extra ``robots``."""
+
+from noslip.robots.model import Robot, load, named, panda
+from noslip.robots.placement import Candidate, Placement, place, postures
+from noslip.robots.tracking import (
+    InfeasibleMotionError,
+    Margins,
+    ToolErrors,
+    TrackedMotion,
+    slip,
+    slip_distance,
+    timed,
+    tool_errors,
+    track,
+)
+
+__all__ = [
+    "Candidate",
+    "InfeasibleMotionError",
+    "Margins",
+    "Placement",
+    "Robot",
+    "ToolErrors",
+    "TrackedMotion",
+    "load",
+    "named",
+    "panda",
+    "place",
+    "postures",
+    "slip",
+    "slip_distance",
+    "timed",
+    "tool_errors",
+    "track",
+]

@@ -1,0 +1,323 @@
+"""Where the work lies before the arm, and how the arm stands there, so that a motion is feasible.
+
+A placement is tried by leading the tool, from the path's middle to both of its ends, along a few
+dozen samples with damped least squares; what is left of every limit there is its margin.  Random
+placements and postures are tried, and the best handed on: only tracking the whole motion
+(:func:`noslip.robots.track`) tells whether one is feasible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip.constraints.system import ConstraintSystem
+from noslip.errors import InputError
+from noslip.robots.kinematics import APART, NEAR, Chord, InverseKinematics
+from noslip.robots.model import Robot
+from noslip.trajectory import Floats, PoseTrajectory
+
+Level = Literal["recorded", "tool"]
+SAMPLES = 30
+CANDIDATES = 200
+"""Placements or postures tried."""
+POSTURES = 24
+"""Postures tried for a placement that is given."""
+CLOSE = 1e-4
+"""Pose (m, rad over the lever) at which a sample is reached."""
+DAMPING = 1e-4
+MOST_STEPS, FIRST_STEPS = 8, 60
+LARGEST_STEP = 0.3
+"""Of a joint in one iteration (rad)."""
+PULL = 0.05
+"""Share of the way to the middle of their ranges that free joints go in an iteration."""
+SHARE_OF_RANGE = 0.35
+"""Of each joint's range, on either side of its middle, that random postures are drawn from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where the motion's world lies, seen from the arm's base: ``p_base = R p + position``.
+
+    Attributes
+    ----------
+    position : array, shape (3,)
+        Metres.
+    rotation : Rotation
+    """
+
+    position: Floats
+    rotation: Rotation
+
+    @classmethod
+    def of(
+        cls,
+        motion: PoseTrajectory,
+        middle: ArrayLike,
+        *,
+        yaw: float = 0.0,
+        level: Level = "recorded",
+    ) -> Placement:
+        """Place a motion by the middle of its path.
+
+        Parameters
+        ----------
+        motion : PoseTrajectory
+        middle : array, shape (3,)
+            Where the middle of the path's box comes to lie (m, the base's frame).
+        yaw : float
+            Turn about the vertical (rad).
+        level : "recorded" or "tool"
+            Whether the motion's z axis is vertical, or first turned such that the tool is, on
+            average, upright: for recordings whose tracker stood askew.
+
+        Raises
+        ------
+        InputError
+            If a number is not finite.
+        """
+        if level not in ("recorded", "tool"):
+            raise InputError(f"level must be 'recorded' or 'tool', got {level!r}")
+        turn = Rotation.from_rotvec([0, 0, _arguments.finite("yaw", yaw)])
+        if level == "tool":
+            turn = turn * _upright(motion)
+        centre = (motion.positions.min(axis=0) + motion.positions.max(axis=0)) / 2
+        return cls(_arguments.vector("placement", middle) - turn.apply(centre), turn)
+
+    def apply(self, motion: PoseTrajectory) -> PoseTrajectory:
+        """Return a motion as the arm's base sees it."""
+        return PoseTrajectory(
+            times=motion.times,
+            positions=self.rotation.apply(motion.positions) + self.position,
+            rotations=self.rotation * motion.rotations,
+            linear_velocities=self.rotation.apply(motion.linear_velocities),
+            angular_velocities=self.rotation.apply(motion.angular_velocities),
+            name=motion.name,
+        )
+
+    def undo(self, motion: PoseTrajectory) -> PoseTrajectory:
+        """Return a motion of the base's frame as the motion's own world sees it."""
+        back = self.rotation.inv()
+        return Placement(-back.apply(self.position), back).apply(motion)
+
+    def middle(self, motion: PoseTrajectory) -> Floats:
+        """Where the middle of a motion's path lies (m, the base's frame)."""
+        centre = (motion.positions.min(axis=0) + motion.positions.max(axis=0)) / 2
+        return np.asarray(self.rotation.apply(centre) + self.position)
+
+    @property
+    def yaw(self) -> float:
+        """Heading of the motion's x axis about the vertical (rad)."""
+        x = self.rotation.apply([1.0, 0.0, 0.0])
+        return float(np.arctan2(x[1], x[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A placement and posture that a few samples of the path let pass.
+
+    Attributes
+    ----------
+    placement : Placement
+    start : array, shape (n,)
+        Of the joints, at the motion's start.
+    margin : float
+        Smallest of the margins, 1 is far and 0 at a limit.
+    """
+
+    placement: Placement
+    start: Floats
+    margin: float
+
+
+def place(
+    robot: Robot,
+    motion: PoseTrajectory,
+    *,
+    level: Level = "recorded",
+    near: Placement | None = None,
+    candidates: int = CANDIDATES,
+    seed: int = 0,
+) -> list[Candidate]:
+    """Search for placements at which an arm has most to spare.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : PoseTrajectory
+        Of the tool, timed as it is to be executed.
+    level : "recorded" or "tool"
+        See :meth:`Placement.of`.
+    near : Placement, optional
+        Search around this one, farther and farther away, instead of everywhere.
+    candidates : int
+        How many are tried.
+    seed : int
+        The same seed finds the same placements.
+
+    Returns
+    -------
+    list of Candidate
+        The best first; around a placement the nearest first.  Empty if none was feasible.
+    """
+    search = _Search(robot, motion)
+    random = np.random.default_rng(_seed(seed))
+    found = []
+    for k in range(_arguments.count("candidates", candidates)):
+        posture = search.random_posture(random)
+        if near is None:
+            where, _ = robot.forward(posture)
+            yaw = random.uniform(-np.pi, np.pi)
+            placement = Placement.of(motion, where, yaw=yaw, level=level)
+        else:
+            placement = _moved(near, motion, random, 0.4 * (k + 1) / candidates)
+        tried = search.attempt(placement, posture)
+        if tried is not None:
+            found.append(tried)
+            if near is not None and len(found) == 3:
+                return found
+    return found if near is not None else sorted(found, key=lambda one: -one.margin)
+
+
+def postures(
+    robot: Robot,
+    motion: PoseTrajectory,
+    placement: Placement,
+    *,
+    candidates: int = POSTURES,
+    seed: int = 0,
+) -> list[Candidate]:
+    """Search for postures with which an arm follows a motion that is placed; the best first."""
+    search = _Search(robot, motion)
+    random = np.random.default_rng(_seed(seed))
+    drawn = [robot.home, *(search.random_posture(random) for _ in range(candidates - 1))]
+    tried = (search.attempt(placement, posture) for posture in drawn)
+    return sorted((one for one in tried if one is not None), key=lambda one: -one.margin)
+
+
+class _Search:
+    """Tries placements of one motion."""
+
+    def __init__(self, robot: Robot, motion: PoseTrajectory) -> None:
+        self.robot = robot
+        picked = np.unique(np.linspace(0, len(motion) - 1, SAMPLES).round().astype(int))
+        self.times = motion.times[picked]
+        self.positions = motion.positions[picked]
+        self.rotations = motion.rotations[picked]
+        nothing = Chord(ConstraintSystem(), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+        self.ik = InverseKinematics(robot, nothing, robot.home)
+        ranged = np.isfinite(robot.upper - robot.lower)
+        half = np.where(ranged, robot.upper - robot.lower, 2 * np.pi) / 2
+        self.half, self.ranged = half, ranged
+        with np.errstate(invalid="ignore"):
+            middle = (robot.upper + robot.lower) / 2
+        self.middle = np.where(ranged, middle, robot.home)
+        self.ik.move(robot.home)
+        self.usual = max(self.ik.manipulability(), 1e-6)
+
+    def random_posture(self, random: np.random.Generator) -> Floats:
+        spread = SHARE_OF_RANGE * 2 * self.half
+        return self.middle + spread * random.uniform(-1, 1, self.robot.size)
+
+    def attempt(self, placement: Placement, posture: Floats) -> Candidate | None:
+        """Follow the path from its middle both ways; None where the arm cannot."""
+        positions = placement.rotation.apply(self.positions) + placement.position
+        quaternions = (placement.rotation * self.rotations).as_quat(scalar_first=True)
+        count, half_way = len(positions), len(positions) // 2
+        path = np.empty((count, self.robot.size))
+        distance, able = NEAR, np.inf
+        orders = (range(half_way, count), range(half_way - 1, -1, -1))
+        for order in orders:
+            q = posture if order[0] == half_way else path[half_way]
+            for k in order:
+                steps = FIRST_STEPS if k == half_way else MOST_STEPS
+                reached = self.reach(q, positions[k], quaternions[k], steps)
+                if reached is None:
+                    return None
+                q = path[k] = reached
+                nearest, _ = self.ik.nearest()
+                if nearest < APART:
+                    return None
+                distance, able = min(distance, nearest), min(able, self.ik.manipulability())
+        spline = CubicSpline(self.times, path)
+        inner = np.linspace(self.times[0], self.times[-1], 4 * count)
+        room = np.minimum(path - self.robot.lower, self.robot.upper - path) / self.half
+        margin = min(
+            float(room.min()),
+            1 - float((np.abs(spline(inner, 1)) / self.robot.velocity_limits).max()),
+            1 - float((np.abs(spline(inner, 2)) / self.robot.acceleration_limits).max()),
+            (distance - APART) / (NEAR - APART),
+            able / self.usual,
+        )
+        return Candidate(placement, path[0], margin) if margin > 0 else None
+
+    def reach(self, q: Floats, position: Floats, quaternion: Floats, steps: int) -> Floats | None:
+        """Joint positions near q that bring the tool to a pose, by damped least squares."""
+        ik = self.ik
+        for _ in range(steps):
+            ik.move(q)
+            error = ik.error(position, quaternion)
+            weighted = ik._weights * error
+            if np.abs(weighted).max() <= CLOSE:
+                return q
+            J = ik._weights[:, None] * ik.jacobian
+            normal = J @ J.T
+            normal.flat[::7] += DAMPING * min(1.0, float(weighted @ weighted) + 1e-3)
+            pull = PULL * (self.middle - q)
+            change = J.T @ np.linalg.solve(normal, weighted - J @ pull) + pull
+            change *= min(1.0, LARGEST_STEP / max(float(np.abs(change).max()), 1e-12))
+            q = np.clip(q + change, self.robot.lower, self.robot.upper)
+        return None
+
+
+def exact_start(
+    robot: Robot, ik: InverseKinematics, q: Floats, position: Floats, quaternion: Floats
+) -> Floats:
+    """Joint positions next to q that bring the tool exactly to a pose, as far as they can."""
+    for _ in range(MOST_STEPS):
+        ik.move(q)
+        error = ik.error(position, quaternion)
+        if np.abs(error).max() <= 1e-12:
+            break
+        change = np.linalg.lstsq(ik.jacobian, error, rcond=1e-6)[0]
+        q = np.clip(q + change, robot.lower, robot.upper)
+    return q
+
+
+def _moved(
+    near: Placement, motion: PoseTrajectory, random: np.random.Generator, far: float
+) -> Placement:
+    """Return a placement that lies up to so far (m, and twice that in rad) from another."""
+    turn = Rotation.from_rotvec([0, 0, 2 * far * random.uniform(-1, 1)])
+    middle = near.middle(motion)
+    moved = middle + far * random.uniform(-1, 1, 3)
+    return Placement(turn.apply(near.position - middle) + moved, turn * near.rotation)
+
+
+def _upright(motion: PoseTrajectory) -> Rotation:
+    """Shortest turn that brings the tool's mean z axis to the vertical."""
+    mean = motion.rotations.apply([0.0, 0.0, 1.0]).mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    if size < 1e-3:
+        raise InputError(
+            f"{motion.name}: the tool's z axis has no mean direction; use level='recorded'"
+        )
+    mean = mean / size
+    axis = np.cross(mean, [0.0, 0.0, 1.0])
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-9:
+        return Rotation.from_rotvec([0.0 if mean[2] > 0 else np.pi, 0.0, 0.0])
+    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, mean[2]))
+
+
+def _seed(seed: int) -> int:
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError(f"seed must be a whole number, 0 or more, got {seed!r}")
+    return int(seed)
