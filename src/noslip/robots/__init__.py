@@ -1,5 +1,6 @@
 """Arms: motions tracked without slip, placements, closed-loop dynamics.  Extra ``robots``."""
 
+from noslip.robots.dynamics import Execution, execute, summary
 from noslip.robots.model import Robot, load, named, panda
 from noslip.robots.placement import Candidate, Placement, place, postures
 from noslip.robots.tracking import (
@@ -16,12 +17,14 @@ from noslip.robots.tracking import (
 
 __all__ = [
     "Candidate",
+    "Execution",
     "InfeasibleMotionError",
     "Margins",
     "Placement",
     "Robot",
     "ToolErrors",
     "TrackedMotion",
+    "execute",
     "load",
     "named",
     "panda",
@@ -29,6 +32,7 @@ __all__ = [
     "postures",
     "slip",
     "slip_distance",
+    "summary",
     "timed",
     "tool_errors",
     "track",

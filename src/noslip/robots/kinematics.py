@@ -11,12 +11,13 @@ constraint at the step's end, with the velocities that lead there, ``v = (p+ - p
 solved again until the forward kinematics themselves satisfy it.  What joints cannot track
 therefore falls into directions that the constraint allows.
 
-The program is put together here and not by mink, whose task interface takes 0.2 ms a step before
-anything is solved and linearises at the step's beginning; its ``FrameTask`` serves the tests.
+Without rows and bounds this is mink's ``FrameTask``; the program is put together here because the
+row of a step, and bounds of accelerations, refer to the step's beginning wherever the iterate is.
 """
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,8 @@ from noslip.trajectory import Floats
 
 LEVER = 0.2
 """Metres that weigh as much as a radian."""
+WEIGHTS = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
+"""Of a pose's error: m, then rad."""
 REGULAR = 1e-6
 """Weight of the preferred velocity over that of the tool's (eps)."""
 POSTURE_RATE = 2.0
@@ -88,15 +91,16 @@ class Chord:
         function = ca.Function(
             "chord", [t, h, p, q, p0, q0], [ca.densify(e) for e in ca.cse(outputs)]
         )
-        self._given = [np.zeros(width) for width in widths]
+        self._given: list[Any] = [np.zeros(width) for width in widths]
         self.residual, self.rows = np.zeros(self.size), np.zeros((self.size, 6))
+        results: list[Any] = [self.residual, self.rows.reshape(-1)]
         # A function's buffers are called in a microsecond, and the function itself in a hundred.
         self._buffer, self._evaluate = function.buffer()
         if self.size:
-            for k, array in enumerate(self._given):
-                self._buffer.set_arg(k, memoryview(array))
-            self._buffer.set_res(0, memoryview(self.residual))
-            self._buffer.set_res(1, memoryview(self.rows.reshape(-1)))
+            for k, given in enumerate(self._given):
+                self._buffer.set_arg(k, memoryview(given))
+            for k, result in enumerate(results):
+                self._buffer.set_res(k, memoryview(result))
 
     def __call__(self, *given: Any) -> None:
         """Evaluate ``residual`` and ``rows``: at (time, step, pose, pose before)."""
@@ -149,7 +153,13 @@ class InverseKinematics:
     """Steps of one arm along a path; keeps scratch memory, so one a thread."""
 
     def __init__(
-        self, robot: Robot, chord: Chord, rest: Floats, *, rates: bool = True, collisions: bool = True
+        self,
+        robot: Robot,
+        chord: Chord,
+        rest: Floats,
+        *,
+        rates: bool = True,
+        collisions: bool = True,
     ) -> None:
         """Take the arm, its rows and the posture that free joints return to.
 
@@ -160,8 +170,6 @@ class InverseKinematics:
         self.robot, self.chord, self.rest = robot, chord, rest
         self.collisions = collisions
         # Its margins are for finding pairs, not for forces: a copy keeps them from the dynamics.
-        import copy
-
         self.model = copy.copy(robot.model)
         self.model.geom_margin[:] = NEAR
         self.data = self.mujoco.MjData(self.model)
@@ -172,7 +180,6 @@ class InverseKinematics:
         self.position, self.quaternion = np.zeros(3), np.zeros(4)
         self._between, self._turn = np.zeros(4), np.zeros(3)
         self._one, self._other = np.zeros((3, n)), np.zeros((3, n))
-        self._weights = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
         self.programs = 0
 
     # ---------------------------------------------------------------- where the tool is
@@ -250,9 +257,7 @@ class InverseKinematics:
             room = np.maximum(room, 0.0)
             half = brake * h / 2
             with np.errstate(invalid="ignore"):
-                stopping = np.where(
-                    brake > 0, np.sqrt(half**2 + 2 * brake * room) - half, np.inf
-                )
+                stopping = np.where(brake > 0, np.sqrt(half**2 + 2 * brake * room) - half, np.inf)
             ranges.append(sign * np.minimum(room / h, stopping))
         by_kind = {
             "position": (ranges[0], ranges[1]),
@@ -305,11 +310,11 @@ class InverseKinematics:
         self.chord(time, h, self.position, self.quaternion, *before)
         for _ in range(ITERATIONS):
             J = self.jacobian
-            weighted = self._weights[:, None] * J
+            weighted = WEIGHTS[:, None] * J
             H = weighted.T @ weighted
             H.flat[:: n + 1] += REGULAR
             wanted = J @ x + error / h
-            f = -(weighted.T @ (self._weights * wanted)) - REGULAR * preferred
+            f = -(weighted.T @ (WEIGHTS * wanted)) - REGULAR * preferred
             rows, values = self._independent(self.chord.rows @ J, -self.chord.residual)
             values = values + rows @ x
             G, least = self._near_rows() if self.collisions and bounded else (rows[:0], values[:0])

@@ -30,9 +30,7 @@ def required(module: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise MissingDependencyError(
-            f"arms need {module}: pip install 'noslip[robots]'"
-        ) from error
+        raise MissingDependencyError(f"arms need {module}: pip install 'noslip[robots]'") from error
 
 
 @contextmanager
@@ -111,7 +109,7 @@ class Robot:
             "acceleration_limits": acceleration,
             "torque_limits": torque,
         }
-        changed = {
+        changed: dict[str, Any] = {
             field: _limits(f"{self.name}: {field}", value, self.size)
             for field, value in given.items()
             if value is not None
@@ -240,7 +238,7 @@ def _robot(name: str, spec: Any, tool: str, table: float | None) -> Robot:
     """Compile the chain of joints that leads to the tool."""
     mujoco = required("mujoco")
     body = _tool_body(name, spec, tool)
-    chain = []
+    chain: list[Any] = []
     while body is not None and body.name != "world":
         chain = [*body.joints, *chain]
         body = body.parent

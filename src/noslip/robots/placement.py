@@ -8,7 +8,6 @@ placements and postures are tried, and the best handed on: only tracking the who
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.robots.kinematics import APART, NEAR, Chord, InverseKinematics
+from noslip.robots.kinematics import APART, NEAR, WEIGHTS, Chord, InverseKinematics
 from noslip.robots.model import Robot
 from noslip.trajectory import Floats, PoseTrajectory
 
@@ -40,6 +39,11 @@ PULL = 0.05
 """Share of the way to the middle of their ranges that free joints go in an iteration."""
 SHARE_OF_RANGE = 0.35
 """Of each joint's range, on either side of its middle, that random postures are drawn from."""
+FRONT, CLEARANCE = np.radians(60), 0.3
+"""Where work lies unless told: this far to either side of the tool at home, and from the base's
+axis at least this share of the tool's distance at home."""
+DRAWS = 100
+"""Postures drawn, at most, for one that reaches there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +177,7 @@ def place(
     for k in range(_arguments.count("candidates", candidates)):
         posture = search.random_posture(random)
         if near is None:
+            posture = search.posture_in_front(random)
             where, _ = robot.forward(posture)
             yaw = random.uniform(-np.pi, np.pi)
             placement = Placement.of(motion, where, yaw=yaw, level=level)
@@ -221,10 +226,28 @@ class _Search:
         self.middle = np.where(ranged, middle, robot.home)
         self.ik.move(robot.home)
         self.usual = max(self.ik.manipulability(), 1e-6)
+        self.at_home = self.ik.position.copy()
 
     def random_posture(self, random: np.random.Generator) -> Floats:
         spread = SHARE_OF_RANGE * 2 * self.half
         return self.middle + spread * random.uniform(-1, 1, self.robot.size)
+
+    def posture_in_front(self, random: np.random.Generator) -> Floats:
+        """Random posture whose tool is where work may lie."""
+        posture = self.robot.home
+        for _ in range(DRAWS):
+            posture = self.random_posture(random)
+            self.ik.move(posture)
+            if self._in_front(self.ik.position):
+                break
+        return posture
+
+    def _in_front(self, position: Floats) -> bool:
+        home = self.at_home[:2]
+        far, usual = float(np.linalg.norm(position[:2])), float(np.linalg.norm(home))
+        if far < CLEARANCE * usual:
+            return False
+        return bool(position[:2] @ home >= np.cos(FRONT) * far * usual)
 
     def attempt(self, placement: Placement, posture: Floats) -> Candidate | None:
         """Follow the path from its middle both ways; None where the arm cannot."""
@@ -259,35 +282,44 @@ class _Search:
         return Candidate(placement, path[0], margin) if margin > 0 else None
 
     def reach(self, q: Floats, position: Floats, quaternion: Floats, steps: int) -> Floats | None:
-        """Joint positions near q that bring the tool to a pose, by damped least squares."""
-        ik = self.ik
+        """Joint positions near q that bring the tool to a pose; None if they are not found."""
         for _ in range(steps):
-            ik.move(q)
-            error = ik.error(position, quaternion)
-            weighted = ik._weights * error
-            if np.abs(weighted).max() <= CLOSE:
+            self.ik.move(q)
+            error = self.ik.error(position, quaternion)
+            if np.abs(WEIGHTS * error).max() <= CLOSE:
                 return q
-            J = ik._weights[:, None] * ik.jacobian
-            normal = J @ J.T
-            normal.flat[::7] += DAMPING * min(1.0, float(weighted @ weighted) + 1e-3)
-            pull = PULL * (self.middle - q)
-            change = J.T @ np.linalg.solve(normal, weighted - J @ pull) + pull
-            change *= min(1.0, LARGEST_STEP / max(float(np.abs(change).max()), 1e-12))
-            q = np.clip(q + change, self.robot.lower, self.robot.upper)
+            q = damped_step(self.robot, self.ik, q, error, PULL * (self.middle - q))
         return None
+
+
+def damped_step(
+    robot: Robot, ik: InverseKinematics, q: Floats, error: Floats, pull: Floats
+) -> Floats:
+    """Joint positions nearer to a pose: damped least squares, with a pull on what is free."""
+    weighted = WEIGHTS * error
+    J = WEIGHTS[:, None] * ik.jacobian
+    normal = J @ J.T
+    normal.flat[::7] += DAMPING * min(1.0, float(weighted @ weighted) + 1e-3)
+    change = J.T @ np.linalg.solve(normal, weighted - J @ pull) + pull
+    change *= min(1.0, LARGEST_STEP / max(float(np.abs(change).max()), 1e-12))
+    return np.clip(q + change, robot.lower, robot.upper)
 
 
 def exact_start(
     robot: Robot, ik: InverseKinematics, q: Floats, position: Floats, quaternion: Floats
 ) -> Floats:
-    """Joint positions next to q that bring the tool exactly to a pose, as far as they can."""
-    for _ in range(MOST_STEPS):
+    """Joint positions next to q that bring the tool exactly to a pose, or as near as they can."""
+    still = np.zeros(robot.size)
+    for _ in range(FIRST_STEPS):
         ik.move(q)
         error = ik.error(position, quaternion)
-        if np.abs(error).max() <= 1e-12:
-            break
-        change = np.linalg.lstsq(ik.jacobian, error, rcond=1e-6)[0]
-        q = np.clip(q + change, robot.lower, robot.upper)
+        if np.abs(error).max() <= CLOSE:
+            change = np.linalg.lstsq(ik.jacobian, error, rcond=1e-6)[0]
+            if np.abs(change).max() <= 1e-13:
+                break
+            q = np.clip(q + change, robot.lower, robot.upper)
+        else:
+            q = damped_step(robot, ik, q, error, still)
     return q
 
 

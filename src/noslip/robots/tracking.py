@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._files import write_beside
@@ -301,9 +300,7 @@ def track(
         If an argument is not what it must be, or a constraint does not stand the ramps.
     """
     system = as_system(constraints)
-    commanded = timed(
-        motion, system, duration=duration, ramp=ramp, time_step=time_step
-    )
+    commanded = timed(motion, system, duration=duration, ramp=ramp, time_step=time_step)
     if start is not None:
         if placement is None:
             raise InputError("a start posture needs a placement too")
@@ -316,9 +313,7 @@ def track(
     else:
         candidates = place(robot, commanded, level=level, seed=seed)[:TRIED]
         if not candidates:
-            candidates = [
-                Candidate(_before(robot, commanded, level), robot.home, 0.0)
-            ]
+            candidates = [Candidate(_before(robot, commanded, level), robot.home, 0.0)]
     failures = []
     for candidate in candidates:
         run = _Run(robot, system, commanded, candidate, refuse=refuse)
@@ -353,10 +348,12 @@ def timed(
     ramp = min(_arguments.not_negative("ramp", ramp), duration)
     time_step = _arguments.positive("time_step", time_step)
     steps = _arguments.samples("time_step", np.ceil((duration + ramp) / time_step - 1e-9))
-    times = time_step * np.arange(max(steps, 3) + 1)
+    times: Floats = time_step * np.arange(max(steps, 3) + 1.0)
     clock = _clock(np.minimum(times, duration + ramp), duration, ramp) / duration
-    if ramp == 0 and len(times) == len(motion) and np.allclose(
-        times, motion.clock, rtol=0, atol=1e-9
+    if (
+        ramp == 0
+        and len(times) == len(motion)
+        and np.allclose(times, motion.clock, rtol=0, atol=1e-9)
     ):
         return motion
     sampled = motion.resampled(times=motion.times[0] + clock * motion.duration)
@@ -364,7 +361,10 @@ def timed(
     if not system.size:
         return moved
     off = np.abs(slip(moved, system)).max(axis=0)
-    if off.max() > RETIMING:
+    linear, angular = moved.step_velocities()
+    turned = np.linalg.norm(linear, axis=1).max() * np.linalg.norm(angular, axis=1).max()
+    # Beside a step's length, which a coarser motion leaves.
+    if off.max() > RETIMING + motion.period * turned:
         row = int(np.argmax(off))
         raise InputError(
             f"{motion.name}: {system.row_names[row]!r} is {off[row]:.3g} {system.row_units[row]} "
@@ -530,9 +530,7 @@ class _Run:
             least = share.min(axis=0)
             found[kind] = float(least.min())
             found[f"{kind}_joint"] = robot.joint_names[int(np.argmin(least))]
-        return Margins(
-            **found, distance=self.distance, pair=self.pair, manipulability=self.able
-        )
+        return Margins(**found, distance=self.distance, pair=self.pair, manipulability=self.able)
 
 
 def _refusal(
