@@ -4,6 +4,8 @@ from noslip.robots.dynamics import Execution, execute, summary
 from noslip.robots.model import Robot, load, named, panda
 from noslip.robots.placement import Candidate, Placement, place, postures
 from noslip.robots.tracking import (
+    RAMP,
+    TIME_STEP,
     InfeasibleMotionError,
     Margins,
     ToolErrors,
@@ -14,8 +16,11 @@ from noslip.robots.tracking import (
     tool_errors,
     track,
 )
+from noslip.robots.video import render
 
 __all__ = [
+    "RAMP",
+    "TIME_STEP",
     "Candidate",
     "Execution",
     "InfeasibleMotionError",
@@ -30,6 +35,7 @@ __all__ = [
     "panda",
     "place",
     "postures",
+    "render",
     "slip",
     "slip_distance",
     "summary",

@@ -18,8 +18,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConvergenceError, InputError
-from noslip.robots.kinematics import NEAR
+from noslip.robots.kinematics import Chord, InverseKinematics
 from noslip.robots.model import mujoco_warnings, required
 from noslip.robots.tracking import ToolErrors, TrackedMotion, slip, slip_distance, tool_errors
 from noslip.trajectory import Floats, PoseTrajectory
@@ -35,6 +36,8 @@ STIFFNESS, LEAST_STIFFNESS = 8.0, 50.0
 """Of joint impedance: N m/rad for each N m of torque limit, and the least."""
 POSITION_NOISE, VELOCITY_NOISE = 2e-5, 2e-3
 """Standard deviations of a joint's measured position (rad) and velocity (rad/s), with noise."""
+DISTANCES = 5
+"""Instants from one measurement of distances to the next."""
 LONGEST_DELAY = 0.02
 """Beyond this, no such controller is stable (s)."""
 LOST = 0.5
@@ -187,8 +190,6 @@ class _Loop:
         self.model.opt.timestep = CONTROL_PERIOD / SUBSTEPS
         self.model.body_mass[:] *= 1 + model_error
         self.model.body_inertia[:] *= 1 + model_error
-        self.model.geom_margin[:] = NEAR
-        self.model.geom_gap[:] = NEAR
         self.data = self.mujoco.MjData(self.model)
         self.data.qpos[:], self.data.qvel[:] = tracked.joint_positions[0], 0.0
         self.mujoco.mj_forward(self.model, self.data)
@@ -201,7 +202,6 @@ class _Loop:
         self.velocities = np.zeros_like(self.positions)
         self.torques = np.empty((count - 1, robot.size))
         self.positions[0] = self.data.qpos
-        self.distance = NEAR
         velocities = np.vstack([tracked.joint_velocities, tracked.joint_velocities[-1:]])
         self.accelerations = np.diff(velocities, axis=0) / CONTROL_PERIOD
 
@@ -233,8 +233,6 @@ class _Loop:
         self.data.qfrc_applied[:] = self.torques[k]
         self.mujoco.mj_step(self.model, self.data, SUBSTEPS)
         self.positions[k + 1], self.velocities[k + 1] = self.data.qpos, self.data.qvel
-        if self.data.ncon:
-            self.distance = min(self.distance, float(self.data.contact.dist.min()))
 
     def lost(self, k: int) -> bool:
         """Whether the arm is out of control."""
@@ -245,6 +243,9 @@ class _Loop:
         tracked = self.tracked
         positions, rotations = tracked.robot.forward(self.positions)
         limits = tracked.robot.torque_limits
+        # Pairs that are near, not touching: the simulation itself looks for contacts alone.
+        nothing = Chord(ConstraintSystem(), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+        near = InverseKinematics(tracked.robot, nothing, tracked.robot.home)
         return Execution(
             tracked=tracked,
             control=self.control,
@@ -252,7 +253,7 @@ class _Loop:
             joint_positions=self.positions,
             joint_velocities=self.velocities,
             torques=self.torques,
-            distance=self.distance,
+            distance=min(near.distance_at(q) for q in self.positions[::DISTANCES]),
             saturated=float(np.mean(np.any(np.abs(self.torques) >= limits, axis=1))),
         )
 

@@ -210,6 +210,11 @@ class InverseKinematics:
         J[:3] /= LEVER
         return float(np.sqrt(max(np.linalg.det(J @ J.T), 0.0)))
 
+    def distance_at(self, q: Floats) -> float:
+        """Distance of the nearest pair of bodies at joint positions (m, ``NEAR`` at most)."""
+        self.move(q)
+        return self.nearest()[0]
+
     def nearest(self) -> tuple[float, tuple[str, str]]:
         """Distance of the nearest pair of bodies (m, ``NEAR`` at most), and their names."""
         contacts = self.data.contact

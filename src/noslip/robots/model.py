@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import os
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from ctypes.util import find_library
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -27,10 +30,25 @@ _WARNED = threading.Lock()
 
 def required(module: str) -> Any:
     """Import a library of the extra ``robots``."""
+    if module == "mujoco" and module not in sys.modules:
+        _choose_drawing()
     try:
         return importlib.import_module(module)
     except ImportError as error:
         raise MissingDependencyError(f"arms need {module}: pip install 'noslip[robots]'") from error
+
+
+def _choose_drawing() -> None:
+    """Let MuJoCo draw without a window where there is no display.
+
+    It chooses when it is first imported, and would choose windows.
+    """
+    if sys.platform != "linux" or {"MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+        return
+    for library in ("EGL", "OSMesa"):
+        if find_library(library):
+            os.environ["MUJOCO_GL"] = library.lower()
+            return
 
 
 @contextmanager
