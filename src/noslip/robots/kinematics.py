@@ -5,11 +5,13 @@ The unknown is the joints' velocity ``x`` over a step of length ``h``.  The quad
     ``min |W (J x - e / h)|^2 + eps |x - x_pref|^2``   subject to   ``A_v J_v x + A_w J_w x = b``
 
 and to bounds (position, velocity, acceleration of each joint) and one row a near pair of bodies,
-is solved by DAQP (Arnström et al. 2022).  The row is that of the *step*: its residual is the
+is solved by DAQP (Arnström et al. 2022).  Where the arm may fall behind, the target's clock is an
+unknown too: a share ``y`` of the step that it waits takes ``y`` of the target's own velocity off
+``e / h``, at a small price.  The row is that of the *step*: its residual is the
 constraint at the step's end, with the velocities that lead there, ``v = (p+ - p) / h`` and
 ``w = Log(R+ R^T) / h``, as everywhere in this library; so it is linearised at the iterate and
 solved again until the forward kinematics themselves satisfy it.  What joints cannot track
-therefore falls into directions that the constraint allows.
+therefore falls into directions that the constraint allows and, if the clock may wait, into delay.
 
 Without rows and bounds this is mink's ``FrameTask``; the program is put together here because the
 row of a step, and bounds of accelerations, refer to the step's beginning wherever the iterate is.
@@ -17,7 +19,6 @@ row of a step, and bounds of accelerations, refer to the step's beginning wherev
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,7 @@ import casadi as ca
 import numpy as np
 
 from noslip.constraints.system import ConstraintSystem
-from noslip.robots.model import Robot, required
+from noslip.robots.model import NEAR, Robot, required
 from noslip.rotations import (
     quaternion_conjugate,
     quaternion_exp,
@@ -41,16 +42,18 @@ WEIGHTS = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
 """Of a pose's error: m, then rad."""
 REGULAR = 1e-6
 """Weight of the preferred velocity over that of the tool's (eps)."""
-POSTURE_RATE = 2.0
-"""How fast free joints return to the posture they rest in (1/s)."""
+WAITING = 1e-6
+"""Weight of the clock's waiting over that of the tool's velocity."""
+POSTURE_RATE, SETTLING_RATE = 2.0, 20.0
+"""How fast free joints return to the posture they rest in, and how fast they come to rest (1/s)."""
 ITERATIONS = 5
 EXACT = 1e-9
 """Residual of a row (its unit, over the step at position level) at which a step is done."""
 LINEAR = 1e-8
 """Pose (m, rad) that linearising may have missed when a step is done."""
 PRIMAL_TOLERANCE = 1e-11
-NEAR, APART = 0.05, 0.005
-"""Distance (m) at which a pair of bodies gets a row, and the least one that it leaves."""
+APART = 0.005
+"""Least distance that is left between a pair of bodies (m)."""
 APPROACH_RATE = 20.0
 """How fast what is left of a distance may shrink (1/s)."""
 BRAKE_SHARE = 0.9
@@ -139,6 +142,8 @@ class Solved:
         Between the nearest pair of bodies (m), ``NEAR`` at most.
     pair : tuple of str
         The pair.
+    waited : float
+        Share of the step that the target's clock waited.
     """
 
     positions: Floats
@@ -147,6 +152,7 @@ class Solved:
     residual: Floats
     distance: float
     pair: tuple[str, str]
+    waited: float = 0.0
 
 
 class InverseKinematics:
@@ -169,9 +175,7 @@ class InverseKinematics:
         self.mujoco, self.daqp = required("mujoco"), required("daqp")
         self.robot, self.chord, self.rest = robot, chord, rest
         self.collisions = collisions
-        # Its margins are for finding pairs, not for forces: a copy keeps them from the dynamics.
-        self.model = copy.copy(robot.model)
-        self.model.geom_margin[:] = NEAR
+        self.model = robot.near
         self.data = self.mujoco.MjData(self.model)
         n = robot.size
         self.velocity_limits = robot.velocity_limits if rates else np.full(n, np.inf)
@@ -286,6 +290,8 @@ class InverseKinematics:
         h: float,
         *,
         bounded: bool = True,
+        pace: Floats | None = None,
+        settling: bool = False,
     ) -> Solved | None:
         """Lead the tool towards a target pose; None if the rows cannot hold within the bounds.
 
@@ -301,35 +307,54 @@ class InverseKinematics:
             Length of the step (s).
         bounded : bool
             Whether bounds and distances take part; without them, what the path would ask for.
+        pace : array, shape (6,), optional
+            Velocity of the target (m/s, rad/s) over the step, if its clock may wait.
+        settling : bool
+            Whether free joints come to rest instead of returning to their posture.
         """
         n = self.robot.size
         limits = self.bounds(q, velocities, h)
         lower, upper = limits.lower, limits.upper
         if not bounded:
             lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
-        pull = POSTURE_RATE**2 * (self.rest - q) - 2 * POSTURE_RATE * velocities
+        pull = -SETTLING_RATE * velocities
+        if not settling:
+            pull = POSTURE_RATE**2 * (self.rest - q) - 2 * POSTURE_RATE * velocities
         preferred = velocities + h * pull
         x = np.minimum(np.maximum(velocities, lower), upper)
+        # The share of the step that the clock waits is one more unknown, the last.
+        waits = pace is not None
+        size = n + waits
+        weights = np.full(size, REGULAR)
+        if waits:
+            weights[n] = WAITING
+            preferred = np.append(preferred, 0.0)
+            lower, upper = np.append(lower, 0.0), np.append(upper, 1.0)
+        waited = 0.0
         self.move(q + h * x)
         error = self.error(*target)
         self.chord(time, h, self.position, self.quaternion, *before)
         for _ in range(ITERATIONS):
             J = self.jacobian
-            weighted = WEIGHTS[:, None] * J
-            H = weighted.T @ weighted
-            H.flat[:: n + 1] += REGULAR
             wanted = J @ x + error / h
-            f = -(weighted.T @ (WEIGHTS * wanted)) - REGULAR * preferred
             rows, values = self._independent(self.chord.rows @ J, -self.chord.residual)
             values = values + rows @ x
             G, least = self._near_rows() if self.collisions and bounded else (rows[:0], values[:0])
             least = least + G @ x
-            sense = np.zeros(n + len(rows) + len(G), dtype=np.int32)
-            sense[n : n + len(rows)] = _EQUAL
+            A = np.concatenate([rows, G])
+            if pace is not None:
+                J = np.column_stack([J, pace])
+                A = np.column_stack([A, np.zeros(len(A))])
+            weighted = WEIGHTS[:, None] * J
+            H = weighted.T @ weighted
+            H.flat[:: size + 1] += weights
+            f = -(weighted.T @ (WEIGHTS * wanted)) - weights * preferred
+            sense = np.zeros(size + len(A), dtype=np.int32)
+            sense[size : size + len(rows)] = _EQUAL
             found, _, flag, _ = self.daqp.solve(
                 H,
                 f,
-                np.concatenate([rows, G]),
+                A,
                 np.concatenate([upper, values, np.full(len(G), 1e30)]),
                 np.concatenate([lower, values, least]),
                 sense,
@@ -338,7 +363,9 @@ class InverseKinematics:
             self.programs += 1
             if flag < 0:
                 return None
-            expected = error - h * (J @ (found - x))
+            if waits:
+                found, waited = found[:n], float(np.clip(found[n], 0.0, 1.0))
+            expected = error - h * (self.jacobian @ (found - x))
             x = found
             self.move(q + h * x)
             error = self.error(*target)
@@ -347,7 +374,8 @@ class InverseKinematics:
             if exact and np.abs(error - expected).max() <= LINEAR:
                 break
         distance, pair = self.nearest()
-        return Solved(q + h * x, x, error, self.chord.residual.copy(), distance, pair)
+        residual = self.chord.residual.copy()
+        return Solved(q + h * x, x, error, residual, distance, pair, waited)
 
     def _independent(self, rows: Floats, values: Floats) -> tuple[Floats, Floats]:
         """Rows that say the same without saying anything twice."""

@@ -24,7 +24,9 @@ from noslip.trajectory import Floats
 
 TABLE_SIZE = (1.2, 1.2, 0.02)
 """Half sizes of the table (m)."""
-TOOL_SITE = "noslip tool"
+NEAR = 0.05
+"""Distance below which a pair of bodies counts as near (m)."""
+TABLE, TOOL_SITE = "table", "noslip tool"
 _WARNED = threading.Lock()
 
 
@@ -76,6 +78,8 @@ class Robot:
     name : str
     model : mujoco.MjModel
         Of the chain's joints alone; all others stand still.
+    near : mujoco.MjModel
+        The same, for kinematics: its collisions include pairs of bodies that are near.
     site : int
         Of the tool's frame: x along the edge's travel, y lateral, z out of the work.
     joint_names : tuple of str
@@ -89,6 +93,7 @@ class Robot:
 
     name: str
     model: Any
+    near: Any
     site: int
     joint_names: tuple[str, ...]
     lower: Floats
@@ -181,7 +186,8 @@ def panda(*, table: float | None = 0.0) -> Robot:
     Parameters
     ----------
     table : float, optional
-        Height of a table's top (m); the base stands at 0.  ``None`` for none.
+        Height of a table's top (m); the base stands at 0, through it if it is higher.  ``None``
+        for none.
 
     Raises
     ------
@@ -278,16 +284,22 @@ def _robot(name: str, spec: Any, tool: str, table: float | None) -> Robot:
     for joint in [j for j in spec.joints if j.name not in kept]:
         spec.delete(joint)
     if table is not None:
-        spec.worldbody.add_geom(
-            name="table",
+        # The base may stand through it, and so may the link that turns on the base.
+        spec.add_exclude(bodyname1=TABLE, bodyname2=chain[0].parent.name)
+        spec.worldbody.add_body(name=TABLE).add_geom(
+            name=TABLE,
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=TABLE_SIZE,
             pos=[0, 0, _arguments.finite("table", table) - TABLE_SIZE[2]],
             rgba=[0.55, 0.6, 0.62, 1],
+            mass=0,
         )
     try:
         with mujoco_warnings():
             model = spec.compile()
+            for geom in spec.geoms:
+                geom.margin = NEAR
+            near = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{name}: cannot be compiled: {_one_line(error)}") from error
     limited = model.jnt_limited.astype(bool)
@@ -299,6 +311,7 @@ def _robot(name: str, spec: Any, tool: str, table: float | None) -> Robot:
     return Robot(
         name=name,
         model=model,
+        near=near,
         site=mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, TOOL_SITE),
         joint_names=tuple(model.joint(k).name for k in range(size)),
         lower=lower,

@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.robots.kinematics import APART, NEAR, WEIGHTS, Chord, InverseKinematics
-from noslip.robots.model import Robot
+from noslip.robots.kinematics import APART, WEIGHTS, Chord, InverseKinematics
+from noslip.robots.model import NEAR, Robot
 from noslip.trajectory import Floats, PoseTrajectory
 
 Level = Literal["recorded", "tool"]

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Slerp
 
 from noslip import _arguments
 from noslip._files import write_beside
@@ -19,8 +21,8 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError, NoslipError
 from noslip.projection.trajectory import project_trajectory
-from noslip.robots.kinematics import APART, NEAR, Chord, InverseKinematics
-from noslip.robots.model import Robot
+from noslip.robots.kinematics import APART, Chord, InverseKinematics, Solved
+from noslip.robots.model import NEAR, Robot
 from noslip.robots.placement import (
     Candidate,
     Level,
@@ -33,6 +35,10 @@ from noslip.trajectory import Floats, PoseTrajectory
 
 Constraints = ConstraintSystem | Constraint | Sequence[Constraint]
 TIME_STEP = 1e-3
+RESTING = 1e-3
+"""Speed of joints at rest (rad/s)."""
+SETTLING = 0.3
+"""Time before the end over which free joints come to rest (s)."""
 RAMP = 0.25
 """Time over which the motion's clock starts and stops (s)."""
 POSITION_TOLERANCE, ROTATION_TOLERANCE = 1e-4, np.radians(0.05)
@@ -45,6 +51,8 @@ TRIED = 4
 """Candidates that are tracked, the best first."""
 COARSE_SAMPLES = 1000
 """Samples of the tracking that looks for a feasible duration."""
+LONGEST = 3.0
+"""Of a motion whose clock may wait, over its own duration."""
 SPARE = 1.05
 """Share by which an offered duration is longer than the one that just reaches a limit."""
 
@@ -162,6 +170,8 @@ class TrackedMotion:
     margins : Margins
     seconds_per_step : float
         Median time that a step's inverse kinematics took (s).
+    clock : array, shape (N,)
+        Time along the motion (s): the times, unless the arm fell behind.
     """
 
     robot: Robot
@@ -173,6 +183,7 @@ class TrackedMotion:
     joint_velocities: Floats
     margins: Margins
     seconds_per_step: float
+    clock: Floats
 
     @property
     def times(self) -> Floats:
@@ -282,8 +293,9 @@ def track(
     time_step : float
         Of the joints' trajectory (s).
     refuse : bool
-        Raise where the path cannot be tracked to 0.1 mm and 0.05 degrees.  Otherwise the tool
-        falls behind there, along its path and within all limits.
+        Raise where the path cannot be tracked to 0.1 mm and 0.05 degrees.  Otherwise the motion's
+        clock waits there: the tool falls behind, along its path and within all limits, and may
+        take up to three times as long.
     seed : int
         Of the search.
 
@@ -420,24 +432,69 @@ class _Run:
         if self._lost(ik.error(*targets[0])):
             self.failure = self._of_reach(0, ik.error(*targets[0]))
             return
+        if not refuse:
+            self._fall_behind(q)
+            return
         clock, spent = placed.clock, []
         here = ik.position.copy(), ik.quaternion.copy()
         for k in range(1, len(placed)):
             began = perf_counter()
             h = clock[k] - clock[k - 1]
-            solved = ik.step(q, x, here, targets[k], clock[k], h)
+            settling = clock[-1] - clock[k] < SETTLING
+            solved = ik.step(q, x, here, targets[k], clock[k], h, settling=settling)
             spent.append(perf_counter() - began)
-            if solved is None or (refuse and self._lost(solved.error)):
+            if solved is None or self._lost(solved.error):
                 self.failure = self._why(k, q, x, here, targets[k], h)
                 return
-            if solved.distance < self.distance:
-                self.distance, self.pair = solved.distance, solved.pair
-            if k % 10 == 0:
-                self.able = min(self.able, ik.manipulability())
+            self._note(solved)
             q, x = solved.positions, solved.velocities
             self.joints[k], self.rates[k] = q, x
             here = ik.position.copy(), ik.quaternion.copy()
-        self.seconds = float(np.median(spent))
+        self.seconds, self.clock = float(np.median(spent)), clock
+
+    def _note(self, solved: Solved) -> None:
+        if solved.distance < self.distance:
+            self.distance, self.pair = solved.distance, solved.pair
+        self.able = min(self.able, self.ik.manipulability())
+
+    def _fall_behind(self, q: Floats) -> None:
+        """Track the motion at its own pace or, where that is too fast, slower."""
+        ik, placed = self.ik, self.commanded
+        end, h = float(placed.clock[-1]), placed.period
+        path = CubicSpline(placed.clock, placed.positions)
+        turns = Slerp(placed.clock, placed.rotations)
+        clock, x = 0.0, np.zeros(self.robot.size)
+        joints, rates, clocks, spent = [q], [x], [clock], []
+        here = ik.position.copy(), ik.quaternion.copy()
+        for k in range(1, int(LONGEST * len(placed))):
+            began = perf_counter()
+            ahead = min(clock + h, end)
+            poses = turns([clock, ahead])
+            target = path(ahead), poses[1].as_quat(scalar_first=True)
+            moved = path(ahead) - path(clock)
+            turned = (poses[1] * poses[0].inv()).as_rotvec()
+            pace = np.concatenate([moved, turned]) / h
+            settling = end - clock < SETTLING
+            solved = ik.step(q, x, here, target, k * h, h, pace=pace, settling=settling)
+            spent.append(perf_counter() - began)
+            if solved is None:
+                self.failure = self._why(k, q, x, here, target, h)
+                return
+            self._note(solved)
+            clock += (1 - solved.waited) * (ahead - clock)
+            q, x = solved.positions, solved.velocities
+            joints.append(q)
+            rates.append(x)
+            clocks.append(clock)
+            here = ik.position.copy(), ik.quaternion.copy()
+            if end - clock < h / 2 and np.abs(x).max() <= RESTING:
+                break
+        self.joints, self.rates = np.array(joints), np.array(rates)
+        self.clock, self.seconds = np.array(clocks), float(np.median(spent))
+        # At equal times: the motion as it was asked for waits at its end.
+        times: Floats = h * np.arange(float(len(joints)))
+        asked = np.minimum(times, end)
+        self.commanded = PoseTrajectory(times, path(asked), turns(asked), name=placed.name)
 
     @staticmethod
     def _lost(error: Floats) -> bool:
@@ -455,7 +512,7 @@ class _Run:
         """What is in the way of a step: kind, whose, sample, margin."""
         ik, robot = self.ik, self.robot
         bounds = ik.bounds(q, x, h)
-        free = ik.step(q, x, here, target, self.commanded.clock[k], h, bounded=False)
+        free = ik.step(q, x, here, target, k * h, h, bounded=False)
         if free is None:
             return self._of_reach(k, ik.error(*target))
         wanted = free.velocities
@@ -511,6 +568,7 @@ class _Run:
             joint_velocities=self.rates,
             margins=self.margins(),
             seconds_per_step=self.seconds,
+            clock=self.clock,
         )
 
     def margins(self) -> Margins:
@@ -546,7 +604,7 @@ def _refusal(
     assert run.failure is not None
     limit, joint, sample, margin = run.failure
     robot, system = run.robot, run.system
-    time = float(run.commanded.clock[sample])
+    time = float(run.commanded.clock[min(sample, len(run.commanded) - 1)])
     asked = motion.duration if duration is None else duration
     longer, place_found = None, None
     # More time helps exactly where the path can be tracked without limits of rates.
