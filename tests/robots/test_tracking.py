@@ -78,7 +78,7 @@ def test_whatever_is_asked_a_step_does_not_slip_and_keeps_the_limits(
     arm = robots.panda(table=None)
     arm = arm.with_limits(velocity=slow * arm.velocity_limits, acceleration=1e4)
     chord = Chord(as_system(BLADE), np.zeros(3), STANDING)
-    ik = InverseKinematics(arm, chord, arm.home, collisions=False)
+    ik = InverseKinematics(arm, chord, arm.home)
     q = arm.home + random.uniform(-0.5, 0.5, 7)
     position, rotation = arm.forward(q)
     # In any direction, sideways too.
@@ -127,7 +127,7 @@ def test_without_rows_and_bounds_a_step_is_minks(arm: robots.Robot) -> None:
     mink = pytest.importorskip("mink", reason="the extra robots is not installed")
     free = arm.with_limits(velocity=1e6, acceleration=1e9)
     chord = Chord(as_system([]), np.zeros(3), STANDING)
-    ik = InverseKinematics(free, chord, arm.home, collisions=False)
+    ik = InverseKinematics(free, chord, arm.home)
     step = 1e-3
     position, rotation = arm.forward(arm.home)
     moved = position + step * np.array([0.1, -0.05, 0.02])
@@ -317,28 +317,34 @@ def test_nowhere_near_is_refused_without_an_offer(arm: robots.Robot) -> None:
 
 
 def test_a_table_in_the_way_is_a_collision() -> None:
-    """The tip may touch the table, the handle above it not."""
     motion = line(np.array([0.1, 0.0, 0.0]))
     placement = robots.Placement(np.array([0.4, 0.0, 0.2]), Rotation.identity())
-    lower = robots.panda(table=0.2)
-    assert_kept(robots.track(lower, motion, BLADE, placement=placement))
-    higher = robots.panda(table=0.25)
-    with pytest.raises(robots.InfeasibleMotionError) as refused:
+    lower = robots.panda(table=0.19)
+    tracked = robots.track(lower, motion, BLADE, placement=placement)
+    assert_kept(tracked)
+    assert tracked.margins.distance == pytest.approx(0.01, abs=1e-4)
+    assert tracked.margins.pair == ("blade", "table")
+    higher = robots.panda(table=0.2)
+    with pytest.raises(robots.InfeasibleMotionError, match="0 mm") as refused:
         robots.track(higher, motion, BLADE, placement=placement)
     assert refused.value.limit == "collision"
-    assert "table" in refused.value.joint
+    assert refused.value.joint == "blade and table"
+    assert refused.value.placement is not None
+    assert_kept(robots.track(higher, motion, BLADE, placement=refused.value.placement))
 
 
-def test_a_table_that_the_path_sinks_into_stops_the_arm() -> None:
+def test_a_path_that_sinks_into_a_table_is_refused_or_stops_above_it() -> None:
     arm = robots.panda(table=0.2)
     down = line(np.array([0.01, 0.0, -0.15]))
     placement = robots.Placement(np.array([0.45, 0.0, 0.3]), Rotation.identity())
     with pytest.raises(robots.InfeasibleMotionError) as refused:
         robots.track(arm, down, placement=placement)
     assert refused.value.limit == "collision"
+    assert 0.5 < refused.value.time < 2.0
     tracked = robots.track(arm, down, placement=placement, start=arm.home, refuse=False)
-    assert tracked.margins.distance >= 0.004
-    assert tracked.errors.depth.max() > 0.01
+    assert 0.004 < tracked.margins.distance < 0.006
+    assert tracked.executed.positions[:, 2].min() > 0.204
+    assert_within_limits(arm, tracked.times, tracked.joint_positions)
 
 
 # -------------------------------------------------------------------- placements

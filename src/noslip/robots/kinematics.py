@@ -54,7 +54,7 @@ LINEAR = 1e-8
 PRIMAL_TOLERANCE = 1e-11
 APART = 0.005
 """Least distance that is left between a pair of bodies (m)."""
-APPROACH_RATE = 20.0
+APPROACH_RATE = 10.0
 """How fast what is left of a distance may shrink (1/s)."""
 BRAKE_SHARE = 0.9
 """Share of the acceleration that the bounds near a range's end count on."""
@@ -165,16 +165,16 @@ class InverseKinematics:
         rest: Floats,
         *,
         rates: bool = True,
-        collisions: bool = True,
+        apart: bool = True,
     ) -> None:
         """Take the arm, its rows and the posture that free joints return to.
 
-        ``rates`` and ``collisions`` say whether limits of velocity and acceleration, and distances
-        between bodies, take part.
+        ``rates`` and ``apart`` say whether limits of velocity and acceleration, and distances of
+        bodies, take part.
         """
         self.mujoco, self.daqp = required("mujoco"), required("daqp")
         self.robot, self.chord, self.rest = robot, chord, rest
-        self.collisions = collisions
+        self.apart = apart
         self.model = robot.near
         self.data = self.mujoco.MjData(self.model)
         n = robot.size
@@ -194,8 +194,7 @@ class InverseKinematics:
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        if self.collisions:
-            mujoco.mj_collision(model, data)
+        mujoco.mj_collision(model, data)
         self.position[:] = data.site_xpos[self.robot.site]
         mujoco.mju_mat2Quat(self.quaternion, data.site_xmat[self.robot.site])
         mujoco.mj_jacSite(model, data, self.jacobian[:3], self.jacobian[3:], self.robot.site)
@@ -222,7 +221,7 @@ class InverseKinematics:
     def nearest(self) -> tuple[float, tuple[str, str]]:
         """Distance of the nearest pair of bodies (m, ``NEAR`` at most), and their names."""
         contacts = self.data.contact
-        if not self.collisions or not self.data.ncon:
+        if not self.data.ncon:
             return NEAR, ("", "")
         distances = contacts.dist
         k = int(np.argmin(distances))
@@ -235,24 +234,22 @@ class InverseKinematics:
         ]
         return names[0], names[1]
 
-    def _near_rows(self) -> tuple[Floats, Floats]:
-        """Rows N and least values such that ``N x >= least`` keeps bodies apart."""
+    def _near_rows(self, x: Floats, h: float) -> tuple[Floats, Floats]:
+        """Rows N and least values such that ``N x >= least`` keeps bodies apart.
+
+        The distance may shrink by a share of what it was before the step.
+        """
         contacts, mujoco = self.data.contact, self.mujoco
         count, n = self.data.ncon, self.robot.size
-        N, least = np.zeros((count, n)), np.zeros(count)
-        geoms, frames, places, distances = (
-            contacts.geom,
-            contacts.frame,
-            contacts.pos,
-            contacts.dist,
-        )
+        N = np.zeros((count, n))
+        geoms, frames, places = contacts.geom, contacts.frame, contacts.pos
         for k in range(count):
             bodies = self.model.geom_bodyid[geoms[k]]
             mujoco.mj_jac(self.model, self.data, self._one, None, places[k], bodies[0])
             mujoco.mj_jac(self.model, self.data, self._other, None, places[k], bodies[1])
             N[k] = frames[k, :3] @ (self._other - self._one)
-            least[k] = -APPROACH_RATE * (distances[k] - APART)
-        return N, least
+        before = contacts.dist - h * (N @ x)
+        return N, -APPROACH_RATE * (before - APART)
 
     # ---------------------------------------------------------------- one step
 
@@ -339,8 +336,9 @@ class InverseKinematics:
             wanted = J @ x + error / h
             rows, values = self._independent(self.chord.rows @ J, -self.chord.residual)
             values = values + rows @ x
-            G, least = self._near_rows() if self.collisions and bounded else (rows[:0], values[:0])
-            least = least + G @ x
+            G, least = rows[:0], values[:0]
+            if self.apart and bounded and self.data.ncon:
+                G, least = self._near_rows(x, h)
             A = np.concatenate([rows, G])
             if pace is not None:
                 J = np.column_stack([J, pace])

@@ -415,18 +415,21 @@ class _Run:
         *,
         refuse: bool = True,
         rates: bool = True,
+        apart: bool = True,
     ) -> None:
         self.robot, self.system, self.placement = robot, system, candidate.placement
+        self.asked = commanded
         self.commanded = placed = candidate.placement.apply(commanded)
         turn = candidate.placement.rotation.as_quat(scalar_first=True)
         chord = Chord(system.equalities, candidate.placement.position, turn)
-        self.ik = ik = InverseKinematics(robot, chord, candidate.start, rates=rates)
+        self.ik = ik = InverseKinematics(robot, chord, candidate.start, rates=rates, apart=apart)
         targets = list(zip(placed.positions, placed.quaternions, strict=True))
         q = exact_start(robot, ik, candidate.start, *targets[0])
         self.joints = np.empty((len(placed), robot.size))
         self.rates = np.zeros_like(self.joints)
         self.distance, self.pair, self.able = *ik.nearest(), ik.manipulability()
         self.joints[0], x = q, self.rates[0]
+        self.touched = 0 if self.distance < APART else None
         self.failure: tuple[str, str, int, float] | None = None
         ik.move(q)
         if self._lost(ik.error(*targets[0])):
@@ -446,13 +449,15 @@ class _Run:
             if solved is None or self._lost(solved.error):
                 self.failure = self._why(k, q, x, here, targets[k], h)
                 return
-            self._note(solved)
+            self._note(solved, k)
             q, x = solved.positions, solved.velocities
             self.joints[k], self.rates[k] = q, x
             here = ik.position.copy(), ik.quaternion.copy()
         self.seconds, self.clock = float(np.median(spent)), clock
 
-    def _note(self, solved: Solved) -> None:
+    def _note(self, solved: Solved, k: int) -> None:
+        if solved.distance < APART and self.touched is None:
+            self.touched = k
         if solved.distance < self.distance:
             self.distance, self.pair = solved.distance, solved.pair
         self.able = min(self.able, self.ik.manipulability())
@@ -480,7 +485,7 @@ class _Run:
             if solved is None:
                 self.failure = self._why(k, q, x, here, target, h)
                 return
-            self._note(solved)
+            self._note(solved, k)
             clock += (1 - solved.waited) * (ahead - clock)
             q, x = solved.positions, solved.velocities
             joints.append(q)
@@ -529,10 +534,6 @@ class _Run:
                 "acceleration": ik.acceleration_limits[joint] * h,
             }
             return kind, robot.joint_names[joint], k, -float(over[joint] / scales[kind])
-        ik.move(q)
-        distance, pair = ik.nearest()
-        if distance < NEAR and not self._lost(free.error):
-            return "collision", " and ".join(pair), k, distance - APART
         return self._of_reach(k, free.error)
 
     def demand(self) -> tuple[float, str, str, int]:
@@ -624,6 +625,11 @@ def _refusal(
         if coarse is not None and _Run(robot, system, coarse, start).failure is None:
             longer = factor * asked
             break
+    if longer is None and run.distance < NEAR:
+        through = _Run(robot, system, run.asked, start, rates=False, apart=False)
+        if through.failure is None and through.touched is not None:
+            limit, joint = "collision", " and ".join(through.pair)
+            margin, time = through.distance - APART, float(run.asked.clock[through.touched])
     if longer is None:
         again = _coarse(motion, system, asked, ramp)
         if again is not None:
