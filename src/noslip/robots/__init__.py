@@ -1,6 +1,6 @@
 """Arms: motions tracked without slip, placements, closed-loop dynamics.  Extra ``robots``."""
 
-from noslip.robots.dynamics import Execution, execute, summary
+from noslip.robots.dynamics import Control, Execution, execute, summary
 from noslip.robots.model import Robot, load, named, panda
 from noslip.robots.placement import Candidate, Placement, place, postures
 from noslip.robots.tracking import (
@@ -22,6 +22,7 @@ __all__ = [
     "RAMP",
     "TIME_STEP",
     "Candidate",
+    "Control",
     "Execution",
     "InfeasibleMotionError",
     "Margins",

@@ -435,6 +435,9 @@ class _Run:
         if self._lost(ik.error(*targets[0])):
             self.failure = self._of_reach(0, ik.error(*targets[0]))
             return
+        if apart and self.distance < APART:
+            self.failure = "collision", " and ".join(self.pair), 0, self.distance - APART
+            return
         if not refuse:
             self._fall_behind(q)
             return
