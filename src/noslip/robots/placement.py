@@ -27,6 +27,8 @@ Level = Literal["recorded", "tool"]
 SAMPLES = 30
 CANDIDATES = 200
 """Placements or postures tried."""
+IMPROVED, IMPROVEMENTS = 3, 40
+"""Placements that are improved by small moves, and how many of these are tried with each."""
 POSTURES = 24
 """Postures tried for a placement that is given."""
 CLOSE = 1e-4
@@ -39,9 +41,11 @@ PULL = 0.05
 """Share of the way to the middle of their ranges that free joints go in an iteration."""
 SHARE_OF_RANGE = 0.35
 """Of each joint's range, on either side of its middle, that random postures are drawn from."""
-FRONT, CLEARANCE = np.radians(60), 0.3
+FRONT, CLEARANCE = np.radians(60), 0.8
 """Where work lies unless told: this far to either side of the tool at home, and from the base's
 axis at least this share of the tool's distance at home."""
+FIRST_MOVE = 0.15
+"""Of an improvement (m, and twice that in rad)."""
 DRAWS = 100
 """Postures drawn, at most, for one that reaches there."""
 
@@ -188,7 +192,10 @@ def place(
             found.append(tried)
             if near is not None and len(found) == 3:
                 return found
-    return found if near is not None else sorted(found, key=lambda one: -one.margin)
+    if near is not None or not found:
+        return found
+    found.sort(key=lambda one: -one.margin)
+    return search.improved(found[:IMPROVED], motion, random) + found[IMPROVED:]
 
 
 def postures(
@@ -248,6 +255,22 @@ class _Search:
         if far < CLEARANCE * usual:
             return False
         return bool(position[:2] @ home >= np.cos(FRONT) * far * usual)
+
+    def improved(
+        self, found: list[Candidate], motion: PoseTrajectory, random: np.random.Generator
+    ) -> list[Candidate]:
+        """Candidates moved to where more is left, by smaller and smaller steps; best first."""
+        better = []
+        for one in found:
+            for k in range(IMPROVEMENTS):
+                placement = _moved(one.placement, motion, random, FIRST_MOVE * 0.95**k)
+                if not self._in_front(placement.middle(motion)):
+                    continue
+                tried = self.attempt(placement, one.start)
+                if tried is not None and tried.margin > one.margin:
+                    one = tried
+            better.append(one)
+        return sorted(better, key=lambda one: -one.margin)
 
     def attempt(self, placement: Placement, posture: Floats) -> Candidate | None:
         """Follow the path from its middle both ways; None where the arm cannot."""
