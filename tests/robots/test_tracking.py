@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -299,7 +303,9 @@ def test_at_the_edge_of_reach_no_joint_jumps(arm: robots.Robot) -> None:
     """Made to try all the same, the arm stretches and stays there."""
     motion = line(np.array([0.5, 0.0, 0.0]))
     placement = at(arm, motion, 0.45, 0, 0.3)
-    tracked = robots.track(arm, motion, BLADE, placement=placement, start=arm.home, refuse=False)
+    tracked = robots.track(
+        arm, motion, BLADE, placement=placement, start=arm.home, refuse=False, time_step=4e-3
+    )
     assert tracked.errors.position[-1] > 0.05
     assert_within_limits(arm, tracked.times, tracked.joint_positions)
     executed = published_motion(tracked.times, tracked.joint_positions)
@@ -341,10 +347,47 @@ def test_a_path_that_sinks_into_a_table_is_refused_or_stops_above_it() -> None:
         robots.track(arm, down, placement=placement)
     assert refused.value.limit == "collision"
     assert 0.5 < refused.value.time < 2.0
-    tracked = robots.track(arm, down, placement=placement, start=arm.home, refuse=False)
+    tracked = robots.track(
+        arm, down, placement=placement, start=arm.home, refuse=False, time_step=2e-3
+    )
     assert 0.004 < tracked.margins.distance < 0.006
     assert tracked.executed.positions[:, 2].min() > 0.204
     assert_within_limits(arm, tracked.times, tracked.joint_positions)
+
+
+def test_the_arm_does_not_run_into_itself(arm: robots.Robot) -> None:
+    """Its own ranges would stop it before."""
+    wide = replace(arm, lower=np.full(7, -4.0), upper=np.full(7, 4.0))
+    inwards = line(np.array([-0.34, 0.0, 0.0]), duration=4.0, step=4e-3)
+    straight = ns.PoseTrajectory(
+        inwards.times, inwards.positions, Rotation.identity(len(inwards)), name="inwards"
+    )
+    placement = at(wide, straight, 0.4, 0, 0.2)
+    with pytest.raises(robots.InfeasibleMotionError, match="shoulder2 and holder") as refused:
+        robots.track(wide, straight, BLADE, placement=placement, start=arm.home)
+    assert refused.value.limit == "collision"
+    stopped = robots.track(
+        wide, straight, BLADE, placement=placement, start=arm.home, refuse=False, time_step=4e-3
+    )
+    assert stopped.margins.distance == pytest.approx(0.005, abs=1e-6)
+    assert stopped.margins.pair == ("shoulder2", "holder")
+    assert 0.02 < stopped.errors.position[-1] < 0.05
+    assert_within_limits(wide, stopped.times, stopped.joint_positions)
+
+
+def test_limits_that_nobody_gave_are_not_kept(tmp_path: Path) -> None:
+    text = Path(robots.__file__).with_name("panda.xml").read_text()
+    free = re.sub(r' (actuatorfrc)?range="[^"]*"', "", re.sub(r"<numeric [^>]*>", "", text))
+    (tmp_path / "free.xml").write_text(free)
+    arm = robots.load(tmp_path / "free.xml", tool="tool")
+    assert arm.unknown_limits == ("position", "velocity", "acceleration", "torque")
+    motion = arc(step=5e-3)
+    tracked = robots.track(arm, motion, BLADE, placement=at(arm, motion, 0.4, 0, 0.3))
+    assert (
+        np.abs(lateral_speeds(published_motion(tracked.times, tracked.joint_positions))).max()
+        <= SLIP
+    )
+    assert tracked.margins.position == tracked.margins.velocity == 1.0
 
 
 # -------------------------------------------------------------------- placements

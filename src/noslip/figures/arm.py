@@ -107,12 +107,14 @@ def executed_slip(
         for ax, curve in zip(panels[1:4], curves, strict=True):
             ax.plot(times, curve, **lines[name])
         panels[4].plot(times, np.degrees(off.rotation), **lines[name])
-        slipped = np.cumsum(slips[name] * np.diff(times))
+        sizes = np.abs(run.slip[:, tracked.system.equalities.row_is_velocity])
+        slipped = np.cumsum(sizes.max(axis=1, initial=0.0) * np.diff(times))
         panels[5].plot(times[1:], 1e3 * slipped, **lines[name])
     log_axis(panels[0], slips.values(), LEAST_SLIP)
     unit = ", ".join(dict.fromkeys(tracked.system.equalities.row_units)) or "m/s"
+    what = "slip" if unit == "m/s" else "residual"
     labels = (
-        f"slip ({unit})",
+        f"{what} ({unit})",
         "off along (mm)",
         "off sideways (mm)",
         "off in depth (mm)",
@@ -124,8 +126,8 @@ def executed_slip(
     name_lines(figure, runs)
     name, run = list(runs.items())[-1]
     found = (
-        f"{name}: the executed tool slips by at most {number(float(slips[name].max()))} {unit} and "
-        f"is at most {number(1e3 * float(run.errors.position.max()))} mm off its path"
+        f"{name}: {what} of the executed tool at most {number(float(slips[name].max()))} {unit}, "
+        f"at most {number(1e3 * float(run.errors.position.max()))} mm off its path"
     )
     write_title(figure, title or found[:1].upper() + found[1:])
     return figure

@@ -18,9 +18,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConvergenceError, InputError
-from noslip.robots.kinematics import Chord, InverseKinematics
+from noslip.robots.kinematics import InverseKinematics
 from noslip.robots.model import mujoco_warnings, required
 from noslip.robots.tracking import ToolErrors, TrackedMotion, slip, slip_distance, tool_errors
 from noslip.trajectory import Floats, PoseTrajectory
@@ -244,8 +243,7 @@ class _Loop:
         positions, rotations = tracked.robot.forward(self.positions)
         limits = tracked.robot.torque_limits
         # Pairs that are near, not touching: the simulation itself looks for contacts alone.
-        nothing = Chord(ConstraintSystem(), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-        near = InverseKinematics(tracked.robot, nothing, tracked.robot.home)
+        near = InverseKinematics(tracked.robot)
         return Execution(
             tracked=tracked,
             control=self.control,

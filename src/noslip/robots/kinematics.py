@@ -161,19 +161,20 @@ class InverseKinematics:
     def __init__(
         self,
         robot: Robot,
-        chord: Chord,
-        rest: Floats,
+        chord: Chord | None = None,
+        rest: Floats | None = None,
         *,
         rates: bool = True,
         apart: bool = True,
     ) -> None:
-        """Take the arm, its rows and the posture that free joints return to.
+        """Take the arm, its rows and the posture that free joints return to, by default home.
 
         ``rates`` and ``apart`` say whether limits of velocity and acceleration, and distances of
         bodies, take part.
         """
         self.mujoco, self.daqp = required("mujoco"), required("daqp")
-        self.robot, self.chord, self.rest = robot, chord, rest
+        self.robot, self.rest = robot, robot.home if rest is None else rest
+        self.chord = chord or Chord(ConstraintSystem(), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
         self.apart = apart
         self.model = robot.near
         self.data = self.mujoco.MjData(self.model)
@@ -262,8 +263,13 @@ class InverseKinematics:
         for sign, room in ((-1.0, q - robot.lower), (1.0, robot.upper - q)):
             room = np.maximum(room, 0.0)
             half = brake * h / 2
+            # Braking ends with a step of less than the full deceleration: an eighth of a step's
+            # change at most, and nothing where that one step suffices.
+            room_before = np.maximum(room - half * h / 4, 0.0)
             with np.errstate(invalid="ignore"):
-                stopping = np.where(brake > 0, np.sqrt(half**2 + 2 * brake * room) - half, np.inf)
+                steps = np.sqrt(half**2 + 2 * brake * room_before) - half
+                one_step = np.minimum(room / h, brake * h)
+                stopping = np.where(brake > 0, np.maximum(steps, one_step), np.inf)
             ranges.append(sign * np.minimum(room / h, stopping))
         by_kind = {
             "position": (ranges[0], ranges[1]),

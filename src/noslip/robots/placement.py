@@ -17,9 +17,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.robots.kinematics import APART, WEIGHTS, Chord, InverseKinematics
+from noslip.robots.kinematics import APART, WEIGHTS, InverseKinematics
 from noslip.robots.model import NEAR, Robot
 from noslip.trajectory import Floats, PoseTrajectory
 
@@ -223,8 +222,7 @@ class _Search:
         self.times = motion.times[picked]
         self.positions = motion.positions[picked]
         self.rotations = motion.rotations[picked]
-        nothing = Chord(ConstraintSystem(), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-        self.ik = InverseKinematics(robot, nothing, robot.home)
+        self.ik = InverseKinematics(robot)
         ranged = np.isfinite(robot.upper - robot.lower)
         half = np.where(ranged, robot.upper - robot.lower, 2 * np.pi) / 2
         self.half, self.ranged = half, ranged

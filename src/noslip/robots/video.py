@@ -56,17 +56,17 @@ def render(
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / path.name
         with (
-            _renderer(robot) as draw,
+            _Stage(robot) as stage,
             writer.get_writer(
                 file, fps=FRAMES_PER_SECOND, codec="libx264", macro_block_size=16
             ) as film,
         ):
             for q in shown:
-                film.append_data(draw.frame(q, beads))
+                film.append_data(stage.frame(q, beads))
         return write_beside(path, file.read_bytes())
 
 
-class _renderer:  # noqa: N801 - used as a function
+class _Stage:
     """MuJoCo's renderer, with the tool's path."""
 
     def __init__(self, robot: Robot) -> None:
@@ -76,7 +76,7 @@ class _renderer:  # noqa: N801 - used as a function
         self.camera.lookat[:] = [0.2, 0.0, 0.35]
         self.camera.distance, self.camera.azimuth, self.camera.elevation = 1.9, 130, -22
 
-    def __enter__(self) -> _renderer:
+    def __enter__(self) -> _Stage:
         self._warned = mujoco_warnings()
         self._warned.__enter__()
         try:
