@@ -99,6 +99,35 @@ def test_whatever_is_asked_a_step_does_not_slip_and_keeps_the_limits(
     assert np.all((solved.positions >= arm.lower) & (solved.positions <= arm.upper))
 
 
+@settings(max_examples=60)
+@given(
+    seed=st.integers(0, 2**31),
+    step=st.sampled_from([1e-3, 7e-3, 3e-2]),
+    fast=st.floats(0.01, 100.0),
+)
+def test_bounds_leave_room_to_brake(seed: int, step: float, fast: float) -> None:
+    """Whatever is chosen within them, ranges are kept and no step is without a choice."""
+    random = np.random.default_rng(seed)
+    arm = robots.panda(table=None)
+    arm = arm.with_limits(
+        velocity=fast * arm.velocity_limits, acceleration=fast * arm.acceleration_limits
+    )
+    ik = InverseKinematics(arm)
+    q, x = random.uniform(arm.lower, arm.upper), np.zeros(7)
+    side = random.choice([0.0, 1.0], size=7)
+    gain = arm.acceleration_limits * step
+    for _ in range(300):
+        bounds = ik.bounds(q, x, step)
+        assert np.all(bounds.lower <= bounds.upper)
+        assert np.all((bounds.lower >= x - gain * 1.000001) & (bounds.upper <= x + gain * 1.000001))
+        # To one end as fast as can be, now and then the other way.
+        side = np.where(random.random(7) < 0.01, 1 - side, side)
+        x = bounds.lower + side * (bounds.upper - bounds.lower)
+        q = q + step * x
+        assert np.all((q >= arm.lower - 1e-9) & (q <= arm.upper + 1e-9))
+        assert np.all(np.abs(x) <= arm.velocity_limits * (1 + 1e-9))
+
+
 def unit(random: np.random.Generator) -> Floats:
     direction = random.normal(size=3)
     return np.asarray(direction / np.linalg.norm(direction))
@@ -190,6 +219,7 @@ def test_the_placement_may_be_turned_and_tilted(arm: robots.Robot) -> None:
     assert np.allclose(back.positions, motion.positions, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_coarse_motion_is_executed_finely_without_slip(arm: robots.Robot) -> None:
     motion = arc(step=0.02)
     tracked = robots.track(arm, motion, BLADE, placement=at(arm, motion, 0.4, 0, 0.3))
@@ -339,6 +369,7 @@ def test_a_table_in_the_way_is_a_collision() -> None:
     assert_kept(robots.track(higher, motion, BLADE, placement=refused.value.placement))
 
 
+@pytest.mark.slow
 def test_a_path_that_sinks_into_a_table_is_refused_or_stops_above_it() -> None:
     arm = robots.panda(table=0.2)
     down = line(np.array([0.01, 0.0, -0.15]))
@@ -355,6 +386,7 @@ def test_a_path_that_sinks_into_a_table_is_refused_or_stops_above_it() -> None:
     assert_within_limits(arm, tracked.times, tracked.joint_positions)
 
 
+@pytest.mark.slow
 def test_the_arm_does_not_run_into_itself(arm: robots.Robot) -> None:
     """Its own ranges would stop it before."""
     wide = replace(arm, lower=np.full(7, -4.0), upper=np.full(7, 4.0))
@@ -403,6 +435,7 @@ def test_a_placement_is_found_where_the_arm_has_room(arm: robots.Robot) -> None:
     assert np.array_equal(again[0].start, found[0].start)
 
 
+@pytest.mark.slow
 def test_a_motion_larger_than_the_arm_has_no_placement(arm: robots.Robot) -> None:
     motion = line(np.array([3.0, 0.0, 0.0]), duration=20.0, step=0.02)
     assert robots.place(arm, motion, candidates=30) == []

@@ -65,7 +65,7 @@ class InfeasibleMotionError(NoslipError, RuntimeError):
     limit : str
         "position", "velocity", "acceleration", "reach" or "collision".
     joint : str
-        The joint, or the pair of bodies.
+        The joint (out of reach, the one nearest to its range's end), or the pair of bodies.
     time : float
         When (s).
     margin : float
@@ -425,15 +425,15 @@ class _Run:
         self.ik = ik = InverseKinematics(robot, chord, candidate.start, rates=rates, apart=apart)
         targets = list(zip(placed.positions, placed.quaternions, strict=True))
         q = exact_start(robot, ik, candidate.start, *targets[0])
+        ik.move(q)
         self.joints = np.empty((len(placed), robot.size))
         self.rates = np.zeros_like(self.joints)
         self.distance, self.pair, self.able = *ik.nearest(), ik.manipulability()
         self.joints[0], x = q, self.rates[0]
         self.touched = 0 if self.distance < APART else None
         self.failure: tuple[str, str, int, float] | None = None
-        ik.move(q)
         if self._lost(ik.error(*targets[0])):
-            self.failure = self._of_reach(0, ik.error(*targets[0]))
+            self.failure = self._of_reach(0, q, ik.error(*targets[0]))
             return
         if apart and self.distance < APART:
             self.failure = "collision", " and ".join(self.pair), 0, self.distance - APART
@@ -511,8 +511,18 @@ class _Run:
             or np.linalg.norm(error[3:]) > ROTATION_TOLERANCE
         )
 
-    def _of_reach(self, k: int, error: Floats) -> tuple[str, str, int, float]:
-        return "reach", self.robot.joint_names[-1], k, -float(np.linalg.norm(error[:3]))
+    def _of_reach(self, k: int, q: Floats, error: Floats) -> tuple[str, str, int, float]:
+        """Out of reach; the joint is the one that is nearest to its range's end."""
+        joint = self.robot.joint_names[int(np.argmin(self._room(q)))]
+        return "reach", joint, k, -float(np.linalg.norm(error[:3]))
+
+    def _room(self, joints: Floats) -> Floats:
+        """What is left of the joints' ranges: 1 in the middle, 0 at an end; 1 without a range."""
+        lower, upper = self.robot.lower, self.robot.upper
+        with np.errstate(invalid="ignore"):
+            half = (upper - lower) / 2
+            room = np.minimum(joints - lower, upper - joints) / half
+        return np.asarray(np.where(np.isfinite(half), room, 1.0))
 
     def _why(
         self, k: int, q: Floats, x: Floats, here: Any, target: Any, h: float
@@ -522,7 +532,7 @@ class _Run:
         bounds = ik.bounds(q, x, h)
         free = ik.step(q, x, here, target, k * h, h, bounded=False)
         if free is None:
-            return self._of_reach(k, ik.error(*target))
+            return self._of_reach(k, q, ik.error(*target))
         wanted = free.velocities
         over = np.maximum(wanted - bounds.upper, bounds.lower - wanted)
         scale = np.where(np.isfinite(robot.velocity_limits), robot.velocity_limits, 1.0)
@@ -537,7 +547,7 @@ class _Run:
                 "acceleration": ik.acceleration_limits[joint] * h,
             }
             return kind, robot.joint_names[joint], k, -float(over[joint] / scales[kind])
-        return self._of_reach(k, free.error)
+        return self._of_reach(k, q, free.error)
 
     def demand(self) -> tuple[float, str, str, int]:
         """By how much limits of velocity and acceleration are exceeded, and who, most, when.
@@ -579,11 +589,8 @@ class _Run:
         """What is left of each limit."""
         robot = self.robot
         h = np.diff(self.commanded.times)[:, None]
-        with np.errstate(invalid="ignore"):
-            half = (robot.upper - robot.lower) / 2
-            room = np.minimum(self.joints - robot.lower, robot.upper - self.joints) / half
         shares = {
-            "position": np.where(np.isfinite(half), room, 1.0),
+            "position": self._room(self.joints),
             "velocity": 1 - np.abs(self.rates) / robot.velocity_limits,
             "acceleration": 1 - np.abs(np.diff(self.rates, axis=0)) / h / robot.acceleration_limits,
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -70,8 +71,11 @@ class _Stage:
     """MuJoCo's renderer, with the tool's path."""
 
     def __init__(self, robot: Robot) -> None:
-        self.robot, self.mujoco = robot, required("mujoco")
-        self.data = self.mujoco.MjData(robot.model)
+        self.mujoco = required("mujoco")
+        # Drawn by the processor, shadows and smooth edges take most of the time.
+        self.model = copy.copy(robot.model)
+        self.model.vis.quality.offsamples, self.model.vis.quality.shadowsize = 1, 1024
+        self.data = self.mujoco.MjData(self.model)
         self.camera = self.mujoco.MjvCamera()
         self.camera.lookat[:] = [0.2, 0.0, 0.35]
         self.camera.distance, self.camera.azimuth, self.camera.elevation = 1.9, 130, -22
@@ -80,7 +84,7 @@ class _Stage:
         self._warned = mujoco_warnings()
         self._warned.__enter__()
         try:
-            self.renderer: Any = self.mujoco.Renderer(self.robot.model, *SIZE)
+            self.renderer: Any = self.mujoco.Renderer(self.model, *SIZE)
         except Exception as error:
             self._warned.__exit__(None, None, None)
             raise MissingDependencyError(
@@ -96,7 +100,7 @@ class _Stage:
     def frame(self, q: Floats, beads: Floats) -> Any:
         """Picture of a posture."""
         self.data.qpos[:] = q
-        self.mujoco.mj_forward(self.robot.model, self.data)
+        self.mujoco.mj_forward(self.model, self.data)
         self.renderer.update_scene(self.data, self.camera)
         scene = self.renderer.scene
         for bead in beads[: scene.maxgeom - scene.ngeom]:
