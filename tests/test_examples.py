@@ -28,6 +28,8 @@ ARRIVE = {"keep_out": ("motion", "hand"), "travel": ("wide", "cart")}
 FAR = 0.01
 # These read recordings that lie beside the repository.
 RECORDED = {"other_placement"}
+# These need the extra robots.
+ROBOTS = {"arm"}
 RECORDINGS = ROOT.parent / "shared" / "data"
 
 
@@ -50,6 +52,8 @@ def test_an_example_draws_its_picture_and_holds_its_constraints(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "picture.png"
+    if name in ROBOTS:
+        pytest.importorskip("daqp", reason="the extra robots is not installed")
     if name in RECORDED and not RECORDINGS.is_dir():
         pytest.skip("the recordings (../shared/data, seen from the repository) are absent")
     monkeypatch.chdir(ROOT)

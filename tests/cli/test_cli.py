@@ -62,7 +62,7 @@ def primitive(noslip, slipping, tmp_path) -> Path:
 
 def test_version_and_help_are_short_and_exit_with_zero(noslip):
     assert noslip("--version") == (0, f"noslip {ns.__version__}\n", "")
-    for command in ("demo", "check", "learn", "rollout", "plot"):
+    for command in ("demo", "check", "learn", "rollout", "plot", "simulate"):
         result = noslip(command, "--help")
         assert result.code == 0
         assert f"noslip {command}" in result.out

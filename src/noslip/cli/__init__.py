@@ -20,6 +20,7 @@ from noslip.cli import (
     report,
     rollout,
     segment,
+    simulate,
     topics,
 )
 from noslip.errors import ConvergenceError, NoslipError
@@ -46,6 +47,7 @@ for command in (
     adapt,
     plot,
     report,
+    simulate,
     export,
     doctor,
 ):

@@ -4,6 +4,7 @@ Figure-level functions return a :class:`matplotlib.figure.Figure`; :func:`save_f
 The others draw into axes and return what they drew.
 """
 
+from noslip.figures.arm import executed_slip, joint_limits
 from noslip.figures.family import adapted_family
 from noslip.figures.history import constraint_history, plot_constraint
 from noslip.figures.learned_spread import learned_spread, plot_ellipses, plot_learned_spread
@@ -28,6 +29,8 @@ __all__ = [
     "compare_motions",
     "constraint_history",
     "demonstration_spread",
+    "executed_slip",
+    "joint_limits",
     "learned_spread",
     "orientation_adjustments",
     "plot_blades",

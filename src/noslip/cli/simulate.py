@@ -1,0 +1,223 @@
+"""``noslip simulate``: a primitive in, an arm's joints out."""
+
+from __future__ import annotations
+
+import enum
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from noslip import robots
+from noslip._files import write_beside
+from noslip.cli import options, output
+from noslip.demonstrations.loading import load_demonstrations
+from noslip.errors import InputError
+from noslip.figures import executed_slip, joint_limits, save_figure
+from noslip.saving import load_primitive
+from noslip.trajectory import PoseTrajectory
+
+NAME = "simulate"
+EXAMPLES = """
+Examples:
+
+  noslip simulate excision.json --robot panda --out arm/
+
+  noslip simulate excision.json --dynamics impedance --noise --delay 0.002 --out arm/
+
+  noslip simulate excision.json --placement 0.45,0.1,0.3,1.57 --duration 8 --out arm/
+
+  noslip simulate excision.json --model my_arm.xml --tool scalpel_tip --video --out arm/
+"""
+
+
+class Dynamics(enum.StrEnum):
+    """How the arm is controlled."""
+
+    TORQUE = "torque"
+    IMPEDANCE = "impedance"
+    NONE = "none"
+
+
+class Level(enum.StrEnum):
+    """What is upright."""
+
+    RECORDED = "recorded"
+    TOOL = "tool"
+
+
+def run(
+    primitive: Annotated[
+        Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Where results go.", show_default=False)
+    ],
+    robot: Annotated[str, typer.Option(help="An arm by name: panda.")] = "panda",
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Another arm's MJCF or URDF; needs --tool.", show_default=False
+        ),
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Site or body of the model that is the tool's frame: x along the edge's travel, "
+            "y lateral, z out of the work.",
+            show_default=False,
+        ),
+    ] = None,
+    dynamics: Annotated[
+        Dynamics, typer.Option(help="Controller of the simulated arm; none: kinematics alone.")
+    ] = Dynamics.TORQUE,
+    noise: Annotated[bool, typer.Option("--noise", help="Noise of the joints' sensors.")] = False,
+    delay: Annotated[float, typer.Option(metavar="S", help="Of the measurements.")] = 0.0,
+    model_error: Annotated[
+        float, typer.Option(help="Share by which the arm is heavier than its controller believes.")
+    ] = 0.0,
+    placement: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|X,Y,Z,YAW",
+            help="Where the middle of the path lies before the base (m), and the turn about the "
+            "vertical (rad); auto searches.",
+        ),
+    ] = "auto",
+    level: Annotated[
+        Level,
+        typer.Option(
+            help="recorded: the primitive's z axis is vertical.  tool: it is turned first such "
+            "that the tool is upright on average."
+        ),
+    ] = Level.RECORDED,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Of the motion, without the ramps; by default the primitive's.",
+            show_default=False,
+        ),
+    ] = None,
+    ramp: Annotated[
+        float, typer.Option(metavar="S", help="Over which the motion starts and stops.")
+    ] = robots.RAMP,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="A person's own recording, whose slip is shown beside the arm's.",
+            show_default=False,
+        ),
+    ] = None,
+    video: Annotated[bool, typer.Option("--video", help="Draw arm.mp4 too.")] = False,
+    seed: Annotated[int, typer.Option(help="Of the search and the noise.")] = 0,
+    as_json: options.AsJson = False,
+) -> None:
+    """Execute a primitive with a robot arm that keeps the constraint, or say why it cannot.
+
+    Writes joints.csv (t, q1.., dq1..), tool.csv (the executed tool, in the base's frame), figures
+    and summary.json.  A motion that the arm cannot execute is refused: the message names the joint,
+    the time and what is missing, and offers a duration or a placement.
+    """
+    if out.is_file():
+        raise InputError(f"--out: {out} is a file; give a folder")
+    if model is not None and tool is None:
+        raise InputError("--model needs --tool: the site or body that is the tool's frame")
+    if model is None and tool is not None:
+        raise InputError("--tool needs --model: the arm by name has its own tool")
+    dmp = load_primitive(primitive)
+    arm = robots.named(robot, model=model, tool=tool)
+    motion = dmp.rollout(duration=duration, time_step=robots.TIME_STEP)
+    tracked = robots.track(
+        arm,
+        motion,
+        dmp.system,
+        placement=_placement(placement, motion, level),
+        level=level.value,
+        ramp=ramp,
+        seed=seed,
+    )
+    execution = None
+    if dynamics is not Dynamics.NONE:
+        execution = robots.execute(
+            tracked,
+            control="impedance" if dynamics is Dynamics.IMPEDANCE else "torque",
+            noise=float(noise),
+            delay=delay,
+            model_error=model_error,
+            seed=seed,
+        )
+    found = robots.summary(tracked, execution)
+    if recording is not None:
+        [person] = load_demonstrations(str(recording))
+        found["recording_slip_distance"] = robots.slip_distance(person, dmp.system).tolist()
+    written = _write(tracked, execution, out, video, found)
+    if as_json:
+        output.print_json(found | {"written": [str(path) for path in written]})
+        return
+    _tell(found)
+    for path in written:
+        typer.echo(f"wrote {path}")
+
+
+def _placement(text: str, motion: PoseTrajectory, level: Level) -> robots.Placement | None:
+    if text == "auto":
+        return None
+    x, y, z, yaw = options.numbers("--placement", text, (4,))
+    return robots.Placement.of(motion, [x, y, z], yaw=yaw, level=level.value)
+
+
+def _write(
+    tracked: robots.TrackedMotion,
+    execution: robots.Execution | None,
+    out: Path,
+    video: bool,
+    found: dict[str, Any],
+) -> list[Path]:
+    """Write all results of a run, whatever their format; return their paths."""
+    done = execution or tracked
+    written = [
+        tracked.to_csv(out / "joints.csv"),
+        done.executed.to_csv(out / "tool.csv"),
+        *save_figure(joint_limits(tracked), out / "joints.png"),
+        *save_figure(executed_slip(tracked, execution), out / "slip.png"),
+        write_beside(
+            out / "summary.json", f"{json.dumps(found, indent=2, allow_nan=False)}\n".encode()
+        ),
+    ]
+    if video:
+        written.append(
+            robots.render(tracked.robot, tracked.times, done.joint_positions, out / "arm.mp4")
+        )
+    return written
+
+
+def _tell(found: dict[str, Any]) -> None:
+    place = ", ".join(f"{x:.3f}" for x in found["placement"]["position"])
+    margins = found["margins"]
+    typer.echo(f"{found['robot']}: {found['duration']:.3g} s; the motion's origin at {place} m")
+    typer.echo(
+        f"least is left of {margins['smallest_of']}: {margins['smallest']:.0%}; bodies stay "
+        f"{1e3 * margins['distance']:.3g} mm apart or more"
+    )
+    if found["unknown_limits"]:
+        typer.echo(f"the model gives no limits of {', '.join(found['unknown_limits'])}: not kept")
+    for kind in ("kinematic", "dynamic"):
+        if kind in found:
+            run = found[kind]
+            slips = ", ".join(f"{name} {peak:.2g}" for name, peak in run["slip"].items())
+            typer.echo(
+                f"{kind}: residual at most {slips or 'none'}; off the path by at most "
+                f"{1e3 * run['position_error']:.3g} mm ({1e3 * run['lateral_error']:.3g} mm "
+                f"sideways) and {np.degrees(run['rotation_error']):.3g}°"
+            )
+    if "dynamic" in found:
+        slipped = ", ".join(f"{1e3 * way:.3g}" for way in found["dynamic"]["slip_distance"])
+        typer.echo(f"slipped in all: {slipped or 'nothing'} mm")
+    if "recording_slip_distance" in found:
+        person = ", ".join(f"{1e3 * way:.3g}" for way in found["recording_slip_distance"])
+        typer.echo(f"the person: {person} mm")

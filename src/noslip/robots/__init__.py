@@ -1,0 +1,46 @@
+"""Arms: motions tracked without slip, placements, closed-loop dynamics.  Extra ``robots``."""
+
+from noslip.robots.dynamics import Control, Execution, execute, summary
+from noslip.robots.model import Robot, load, named, panda
+from noslip.robots.placement import Candidate, Placement, place, postures
+from noslip.robots.tracking import (
+    RAMP,
+    TIME_STEP,
+    InfeasibleMotionError,
+    Margins,
+    ToolErrors,
+    TrackedMotion,
+    slip,
+    slip_distance,
+    timed,
+    tool_errors,
+    track,
+)
+from noslip.robots.video import render
+
+__all__ = [
+    "RAMP",
+    "TIME_STEP",
+    "Candidate",
+    "Control",
+    "Execution",
+    "InfeasibleMotionError",
+    "Margins",
+    "Placement",
+    "Robot",
+    "ToolErrors",
+    "TrackedMotion",
+    "execute",
+    "load",
+    "named",
+    "panda",
+    "place",
+    "postures",
+    "render",
+    "slip",
+    "slip_distance",
+    "summary",
+    "timed",
+    "tool_errors",
+    "track",
+]

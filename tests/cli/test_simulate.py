@@ -1,0 +1,169 @@
+"""``noslip simulate``: what it writes, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+pytest.importorskip("mujoco", reason="the extra robots is not installed")
+pytest.importorskip("daqp", reason="the extra robots is not installed")
+
+import noslip as ns
+from noslip import robots
+from noslip.cli import main
+
+
+class Result(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def noslip(monkeypatch, capsys):
+    """Run the command in this process, as main() would from a shell."""
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["noslip", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+            raise SystemExit(0)
+        captured = capsys.readouterr()
+        return Result(int(stop.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+def demonstration() -> ns.PoseTrajectory:
+    """A curved cut of 10 cm in 1.5 s, the blade turned only roughly into it."""
+    s = np.linspace(0, 1, 151)
+    u = s**3 * (10 - 15 * s + 6 * s**2)
+    path = np.column_stack([0.1 * u, 0.02 * np.sin(np.pi * u), 0 * u])
+    yaw = 0.4 * np.cos(np.pi * s)
+    return ns.PoseTrajectory(1.5 * s, path, Rotation.from_euler("z", yaw), name="cut")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("simulate")
+    cut = demonstration()
+    cut.to_csv(folder / "cut.csv")
+    ns.learn(cut, ns.Blade()).save(folder / "cut.json")
+    return folder
+
+
+PLACED = ("--placement", "0.45,0,0.25,0")
+
+
+def test_joints_figures_and_a_summary_are_written(noslip, folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "arm"
+    cut = folder / "cut.csv"
+    result = noslip("simulate", folder / "cut.json", *PLACED, "--recording", cut, "--out", out)
+    assert result.code == 0, result.err
+    files = {path.name for path in out.iterdir()}
+    assert files == {"joints.csv", "tool.csv", "joints.png", "slip.png", "summary.json"}
+    for name in files:
+        assert f"wrote {out / name}" in result.out
+    joints = np.genfromtxt(out / "joints.csv", delimiter=",", names=True)
+    assert joints["t"][-1] == pytest.approx(1.5 + robots.RAMP, abs=2e-3)
+    # The joints lead the tool where the arm's own kinematics say.
+    tool = ns.PoseTrajectory.from_csv(out / "tool.csv")
+    q = np.column_stack([joints[f"q{k}"] for k in range(1, 8)])
+    positions, _ = robots.panda().forward(q)
+    assert np.abs(positions - tool.positions).max() <= 1e-4
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["kinematic"]["slip"]["blade"] <= 1e-6
+    [slipped], [person] = summary["dynamic"]["slip_distance"], summary["recording_slip_distance"]
+    assert person == pytest.approx(robots.slip_distance(demonstration(), ns.Blade())[0], rel=1e-3)
+    assert 10 * slipped < person
+    assert f"the person: {1e3 * person:.3g} mm" in result.out
+
+
+def test_as_json_nothing_else_is_printed(noslip, folder: Path, tmp_path: Path) -> None:
+    result = noslip(
+        "simulate", folder / "cut.json", *PLACED, "--dynamics", "none", "--json", "--out", tmp_path
+    )
+    found = json.loads(result.out)
+    assert "dynamic" not in found
+    assert found["robot"] == "panda"
+    assert all(Path(path).is_file() for path in found["written"])
+
+
+def test_another_controller_noise_and_duration_do_something(
+    noslip, folder: Path, tmp_path: Path
+) -> None:
+    noisy = ("--dynamics", "impedance", "--noise", "--delay", 0.002, "--duration", 2)
+    result = noslip("simulate", folder / "cut.json", *PLACED, *noisy, "--out", tmp_path)
+    assert result.code == 0, result.err
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["duration"] == pytest.approx(2 + robots.RAMP, abs=2e-3)
+    assert summary["dynamic"]["control"] == "impedance"
+    assert summary["dynamic"]["position_error"] > 1e-5
+
+
+def test_a_model_of_ones_own_is_taken(noslip, folder: Path, tmp_path: Path) -> None:
+    model = tmp_path / "arm.xml"
+    model.write_text(Path(robots.__file__).with_name("panda.xml").read_text())
+    options = ("--model", model, "--tool", "tool", "--dynamics", "none", *PLACED)
+    result = noslip("simulate", folder / "cut.json", *options, "--out", tmp_path / "own")
+    assert result.code == 0, result.err
+    assert result.out.startswith("arm.xml: ")
+
+
+@pytest.mark.slow
+def test_a_video_is_drawn_where_that_can_be(folder: Path, tmp_path: Path) -> None:
+    """In a process of its own: MuJoCo chooses how to draw when it is first imported."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra video is not installed")
+    arguments = ["simulate", folder / "cut.json", "--dynamics", "none", "--video", *PLACED]
+    command = [sys.executable, "-m", "noslip", *map(str, arguments), "--out", str(tmp_path)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    if result.returncode:
+        assert "no OpenGL without a window here: set MUJOCO_GL" in result.stderr
+        pytest.skip(result.stderr)
+    film = [ffmpeg.get_ffmpeg_exe(), "-i", str(tmp_path / "arm.mp4")]
+    decoded = subprocess.run(
+        [*film, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, check=True
+    )
+    frames = np.frombuffer(decoded.stdout, np.uint8).reshape(-1, 480, 640, 3).astype(float)
+    assert len(frames) == pytest.approx(30 * (1.5 + robots.RAMP), abs=2)
+    assert frames[0].std() > 10
+    assert np.abs(frames[0] - frames[-1]).max() > 50
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--placement", "0.4,0,0.2"), "--placement: expected 4 numbers"),
+        (("--placement", "0.4,0,nan,0"), "placement must be"),
+        (("--robot", "ur5"), "there is panda"),
+        (("--model", "none.xml"), "--model needs --tool"),
+        (("--tool", "tip"), "--tool needs --model"),
+        (("--model", "none.xml", "--tool", "tip"), "none.xml: no such file"),
+        ((*PLACED, "--delay", "0.5"), "delay must be"),
+        ((*PLACED, "--duration", "0.05"), "exceeds its limit"),
+        (("--placement", "1.2,0,0.2,0"), "out of reach"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(
+    noslip, folder: Path, tmp_path: Path, options: tuple[str, ...], message: str
+) -> None:
+    out = tmp_path / "arm"
+    result = noslip("simulate", folder / "cut.json", *options, "--out", out)
+    assert result.code == 2
+    assert message in result.err
+    assert result.err.startswith("noslip: error: ")
+    assert result.err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused(noslip, folder: Path) -> None:
+    result = noslip("simulate", folder / "cut.json", "--out", folder / "cut.csv")
+    assert result.code == 2
+    assert "is a file; give a folder" in result.err

@@ -1,0 +1,80 @@
+"""What tests of arms share: motions to follow, and kinematics of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip import PoseTrajectory
+
+Floats = NDArray[np.float64]
+
+# Modified Denavit-Hartenberg rows of the arm as its manufacturer publishes them: a, d, alpha.
+PUBLISHED = (
+    (0.0, 0.333, 0.0),
+    (0.0, 0.0, -np.pi / 2),
+    (0.0, 0.316, np.pi / 2),
+    (0.0825, 0.0, np.pi / 2),
+    (-0.0825, 0.384, -np.pi / 2),
+    (0.0, 0.0, np.pi / 2),
+    (0.088, 0.0, np.pi / 2),
+)
+FLANGE = 0.107
+SCALPEL = 0.18
+
+
+def transform(rotation: Floats, translation: tuple[float, float, float]) -> Floats:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation, translation
+    return T
+
+
+def published_forward(q: Floats) -> Floats:
+    """Pose of the scalpel's tip, 4 x 4, by the textbook's product of link transforms."""
+    T = np.eye(4)
+    for angle, (a, d, alpha) in zip(q, PUBLISHED, strict=True):
+        twist = Rotation.from_euler("x", alpha).as_matrix()
+        turn = Rotation.from_euler("z", angle).as_matrix()
+        T = T @ transform(twist, (a, 0, 0)) @ transform(turn, (0, 0, d))
+    mounted = Rotation.from_euler("ZX", [-np.pi / 4, np.pi]).as_matrix()
+    return np.asarray(T @ transform(mounted, (0, 0, FLANGE + SCALPEL)))
+
+
+def published_motion(times: Floats, joints: Floats) -> PoseTrajectory:
+    poses = np.array([published_forward(q) for q in joints])
+    return PoseTrajectory(times, poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]))
+
+
+def lateral_speeds(motion: PoseTrajectory) -> Floats:
+    """Speed along the tool's y axis in each step, by NumPy and SciPy alone."""
+    velocities = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
+    return np.asarray(np.einsum("ki,ki->k", motion.rotations[1:].apply([0, 1, 0]), velocities))
+
+
+def smooth(count: int) -> Floats:
+    """Rise from 0 to 1 that begins and ends at rest."""
+    s = np.linspace(0, 1, count)
+    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+
+
+def arc(
+    *, duration: float = 2.0, step: float = 1e-3, radius: float = 0.12, angle: float = 1.0
+) -> PoseTrajectory:
+    """A blade along an arc from the origin, z up, without slip in any step."""
+    count = round(duration / step) + 1
+    heading = angle * smooth(count)
+    # Each step goes along the edge as it stands at the step's end.
+    ahead = Rotation.from_euler("z", heading[:, None])
+    ways = ahead[1:].apply([1.0, 0, 0]) * (radius * np.diff(heading))[:, None]
+    positions = np.vstack([np.zeros(3), np.cumsum(ways, axis=0)])
+    return PoseTrajectory(step * np.arange(count), positions, ahead, name="arc")
+
+
+def line(toward: Floats, *, duration: float = 2.0, step: float = 2e-3) -> PoseTrajectory:
+    """Straight from the origin, without turning; x ahead in the direction of the way."""
+    count = round(duration / step) + 1
+    positions = smooth(count)[:, None] * np.asarray(toward, dtype=float)
+    heading = np.arctan2(toward[1], toward[0])
+    turns = Rotation.from_euler("z", np.full((count, 1), heading))
+    return PoseTrajectory(step * np.arange(count), positions, turns, name="line")
