@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from noslip._version import __version__
-from noslip.cli import adapt, check, demo, export, learn, plot, rollout
+from noslip.cli import adapt, check, demo, export, learn, plot, rollout, view
 from noslip.errors import ConvergenceError, NoslipError
 
 EXIT_VIOLATED = 1
@@ -22,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-for command in (demo, check, learn, rollout, adapt, plot, export):
+for command in (demo, check, learn, rollout, adapt, plot, view, export):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.run)
 
 

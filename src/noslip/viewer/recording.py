@@ -1,0 +1,71 @@
+"""One HTML file that plays a scene without Python, from disk and with the network off."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from noslip._files import write_beside
+from noslip.constraints.declaration import Constraint
+from noslip.learning import ConstrainedDMP
+from noslip.trajectory import PoseTrajectory
+from noslip.viewer.drawing import Follower, legend, quiet_server
+from noslip.viewer.page import drawn, entries, worst
+from noslip.viewer.tool import Part
+
+FRAMES_PER_SECOND = 30.0
+MOST_FRAMES = 600
+"""Of a long motion; it then has fewer frames per second."""
+_BOX = (
+    '<div style="position:fixed;left:12px;top:12px;z-index:5;max-width:30em;padding:8px 12px;'
+    "background:rgba(255,255,255,.88);border:1px solid #ddd;border-radius:6px;"
+    'font:13px/1.4 system-ui,sans-serif;color:#222">{}</div>'
+)
+
+
+def save_page(
+    path: str | Path,
+    shown: Mapping[str, PoseTrajectory | ConstrainedDMP],
+    *,
+    constraints: Sequence[Constraint] = (),
+    tool: Sequence[Part] | None = None,
+    followers: Sequence[Follower] = (),
+) -> Path:
+    """Write a scene and its motion as one HTML file; return its path.
+
+    The parameters are those of :class:`noslip.viewer.Page`.  The file has a time slider, play and
+    speed, and the verdicts; nothing in it can be dragged, for nothing there computes.
+    """
+    prepared = entries(shown, constraints)
+    duration = max(entry.track.motion.duration for entry in prepared.values())
+    frames = min(max(round(duration * FRAMES_PER_SECOND), 2), MOST_FRAMES)
+    server = quiet_server("localhost", 0)
+    try:
+        drawing = drawn(server, prepared, tool, followers)
+        first, track = next((name, entry.track) for name, entry in prepared.items())
+        label = server.scene.add_label("/readout", "", font_screen_scale=0.8)
+        serializer = server.get_scene_serializer()
+        for frame in range(frames + 1):
+            time = duration * frame / frames
+            drawing.move(time)
+            told = track.readout(time)
+            label.position = track.points[track.sample(time)]
+            label.text = f"{first}, {told.pop('time')}: " + ", ".join(
+                f"{name} {text}" for name, text in told.items() if name != "position"
+            )
+            serializer.insert_sleep(duration / frames)
+        page = serializer.as_html()
+    finally:
+        server.stop()
+    lines = [f"<b>{html.escape(', '.join(prepared))}</b>"]
+    for entry in prepared.values():
+        if entry.track.report is not None:
+            lines.append(html.escape(str(entry.track.report)).replace("\n", "<br>&ensp;"))
+    largest = max(prepared.values(), key=lambda entry: entry.track.violation.max())
+    unit = largest.track.report.worst.unit if largest.track.report else ""
+    lines.append(legend(worst(prepared), unit, track.arrows(len(track.motion) // 2, 1.0)))
+    # The page's own script holds closing tags as text; the last one is the document's.
+    head, end, tail = page.rpartition("</body>")
+    page = f"{head}{_BOX.format('<br>'.join(lines))}{end}{tail}"
+    return write_beside(path, page.encode())
