@@ -61,7 +61,7 @@ def run(
     host: Annotated[
         str,
         typer.Option(help="Address to serve on; 0.0.0.0 lets everyone on the network in."),
-    ] = "localhost",
+    ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="If it is taken, the next free one.")
     ] = 8080,

@@ -188,6 +188,10 @@ class PushedRun:
         """Positions so far (m), shape (N, 3); a push is a jump."""
         return np.array([state.position for state in self.states])
 
+    def off(self, path: Floats) -> float:
+        """Distance from where the tool is to the nearest point (m) of a path, shape (N, 3)."""
+        return float(np.linalg.norm(path - self.states[-1].position, axis=1).min())
+
     @property
     def goal_error(self) -> float:
         """Distance from where the tool is to the goal (m)."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -37,12 +35,6 @@ class Follower(Protocol):
         """Move it to where the tool is at a sample of the motion."""
 
 
-def quiet_server(host: str, port: int) -> viser.ViserServer:
-    """Return a viser server that prints nothing; a port that is taken gives way to the next."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        return viser.ViserServer(host=host, port=port, label="noslip", verbose=False)
-
-
 class Drawing:
     """What a viser server's scene shows.
 
@@ -55,6 +47,8 @@ class Drawing:
         Of the scene (m).
     size : float
         Of the scene (m): of the arrows, the camera's distance, the grid.
+    floor : float
+        Height of the grid (m).  Its cells are 1 cm wide, or 1 mm, 10 cm, as suits the size.
     followers : sequence of Follower, optional
         One a motion at most, in the order in which motions are put.
     """
@@ -66,6 +60,7 @@ class Drawing:
         *,
         centre: Floats,
         size: float,
+        floor: float = 0.0,
         followers: Sequence[Follower] = (),
     ) -> None:
         self.server, self.tool, self.size = server, tool, size
@@ -75,9 +70,22 @@ class Drawing:
         self._nodes: dict[str, dict[str, Any]] = {}
         self._visible = {"ghost": True, "arrows": True, "shapes": True}
         self._shapes: list[Any] = []
+        cell = 10 ** float(np.floor(np.log10(size / 2)))
+        server.scene.add_grid(
+            "/grid",
+            width=4 * size,
+            height=4 * size,
+            cell_size=cell,
+            section_size=10 * cell,
+            cell_color=(225, 225, 225),
+            section_color=(205, 205, 205),
+            position=(centre[0], centre[1], floor),
+            infinite_grid=False,
+        )
         camera = server.initial_camera
-        camera.look_at = centre
-        camera.position = centre + size * np.array([-0.45, -0.95, 0.85])
+        # To the left of the middle, for on the right is the panel.
+        camera.look_at = centre + size * np.array([0.25, 0.0, 0.1])
+        camera.position = centre + size * np.array([0.1, -1.45, 1.15])
         camera.near, camera.far = 0.01 * size, 100 * size
         camera.fov = np.radians(50)
 
@@ -112,6 +120,7 @@ class Drawing:
         """
         self._tracks[name] = track
         points, colors = track.trail(worst)
+        colors = _linear(colors)
         if name in self._nodes:
             with self.server.atomic():
                 trail = self._nodes[name]["trail"]
@@ -143,9 +152,9 @@ class Drawing:
                 f"/motions/{name}/{arrow}",
                 np.zeros((1, 2, 3)),
                 rgb(PALETTE[ARROW_COLOURS[arrow]]),
-                shaft_radius=0.003 * self.size,
-                head_radius=0.008 * self.size,
-                head_length=0.02 * self.size,
+                shaft_radius=0.004 * self.size,
+                head_radius=0.01 * self.size,
+                head_length=0.03 * self.size,
                 visible=False,
             )
         self._nodes[name] = nodes
@@ -228,6 +237,13 @@ class Drawing:
                 receive_shadow=False,
             )
         return frame
+
+
+def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Colours of corners as viser's lines take them: they are not converted from sRGB there."""
+    share = colors / 255.0
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.round(255 * linear), dtype=np.uint8)
 
 
 def legend(worst: float, unit: str, arrows: Mapping[str, object]) -> str:

@@ -25,8 +25,9 @@ from noslip.errors import InputError, NoslipError
 from noslip.figures.style import PALETTE
 from noslip.learning import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
+from noslip.viewer import serving
 from noslip.viewer.changes import METRICS, Adapted, PushedRun, Wish, adapted
-from noslip.viewer.drawing import Drawing, Follower, legend, quiet_server
+from noslip.viewer.drawing import Drawing, Follower, legend
 from noslip.viewer.scene import Track, cursor, extent, node_name
 from noslip.viewer.shapes import shapes
 from noslip.viewer.tool import Part, scalpel
@@ -47,7 +48,7 @@ PUSH = 0.04
 """Length of the push that is offered first, over the scene's size."""
 CHART_HEIGHT = 150
 CHART_TITLES = {
-    "residual": "residual of the equalities",
+    "residual": "log₁₀ of the residual",
     "margin": "least margin of the limits",
     "force": "constraint force",
 }
@@ -115,7 +116,8 @@ def drawn(
     constraints = _unique([c for e in shown.values() for c in e.track.system.constraints])
     if tool is None:
         tool = suitable_scalpel(motions, constraints, size)
-    drawing = Drawing(server, tool, centre=centre, size=size, followers=followers)
+    low = min(float(motion.positions[:, 2].min()) for motion in motions)
+    drawing = Drawing(server, tool, centre=centre, size=size, floor=low, followers=followers)
     drawing.add_shapes(shapes(constraints, centre, size))
     for name, entry in shown.items():
         drawing.put(name, entry.track, worst(shown))
@@ -174,7 +176,7 @@ class Page:
         *,
         constraints: Sequence[Constraint] = (),
         tool: Sequence[Part] | None = None,
-        host: str = "localhost",
+        host: str = serving.LOOPBACK,
         port: int = 8080,
         followers: Sequence[Follower] = (),
     ) -> None:
@@ -187,10 +189,7 @@ class Page:
         self._pending: dict[str, Callable[[], None]] = {}
         self._lock, self._woken, self._stopped = threading.Lock(), threading.Event(), False
         self._charted = -np.inf
-        try:
-            self.server = quiet_server(host, port)
-        except OSError as error:
-            raise InputError(f"--host {host} --port {port}: cannot be served: {error}") from error
+        self.server = serving.serve(host, port)
         self.address = f"http://{host}:{self.server.get_port()}"
         self.server.gui.configure_theme(
             control_width="large", show_logo=False, show_share_button=False
@@ -219,7 +218,7 @@ class Page:
         self._stopped = True
         self._woken.set()
         self._thread.join(timeout=5)
-        self.server.stop()
+        serving.stop(self.server)
 
     # ---------------------------------------------------------------- the panel
 
@@ -286,7 +285,7 @@ class Page:
 
         for what, gizmo in self._gizmos.items():
 
-            @gizmo.on_update
+            @gizmo.on_update  # type: ignore[untyped-decorator]
             async def _(event: viser.TransformControlsEvent, what: str = what) -> None:
                 coarse = event.phase != "end"
                 self.post("wish", lambda: self._wish_from_gizmo(what, coarse))
@@ -396,7 +395,7 @@ class Page:
             self._change_note.content = _note("A recording cannot be changed; choose a primitive.")
         else:
             self._tell_wish(entry)
-            self._push_by.value = tuple(PUSH * self.drawing.size * self._sideways(entry))
+            self._push_by.value = _plain(PUSH * self.drawing.size * self._sideways(entry))
             self._push_note.content = ""
         self._tell(entry)
         self._show_time(self.time)
@@ -445,7 +444,7 @@ class Page:
                     height=CHART_HEIGHT,
                     scales={
                         "x": {"time": False},
-                        "y": {"range": (low, high), "distr": 3 if name == "residual" else 1},
+                        "y": {"range": (low, high)},
                     },
                     axes=({"size": 34}, {"size": 62}),
                     legend={"show": True, "live": False},
@@ -521,7 +520,7 @@ class Page:
             position = getattr(wish, f"{what}_position")
             position = getattr(own.position, what) if position is None else position
             rotation = getattr(wish, f"{what}_rotation") or getattr(own.orientation, what)
-            field_.value = tuple(position)
+            field_.value = _plain(position)
             gizmo = self._gizmos[what]
             gizmo.position, gizmo.wxyz = position, rotation.as_quat(scalar_first=True)
         self._duration.value = wish.duration or own.duration
@@ -583,8 +582,9 @@ class Page:
             step = max(1, len(run.states) // 500)
             self.drawing.draw_path(self.chosen, run.path[::-step][::-1])
         told = (
-            f"{what}: {run.clock:.2f} s, {1e3 * run.goal_error:.2g} mm from the goal, residual at "
-            f"most {run.residual:.1e}"
+            f"{what}: {run.clock:.2f} s, {1e3 * run.off(self.entry.track.motion.positions):.2g} mm off "
+            f"the path, {1e3 * run.goal_error:.2g} mm from the goal, residual at most "
+            f"{run.residual:.1e}"
         )
         self._push_note.content = _note(told)
 
@@ -626,6 +626,11 @@ def _changed(value: Sequence[float], known: Floats | None, own: Floats) -> Float
     return known if known is not None and np.abs(given - known).max() <= 1e-9 else given
 
 
+def _plain(vector: Floats) -> tuple[float, ...]:
+    """Return numbers without the noise that would be shown as a negative zero."""
+    return tuple(float(x) + 0.0 for x in np.round(vector, 7))
+
+
 def _unique(constraints: Sequence[Constraint]) -> list[Constraint]:
     found: list[Constraint] = []
     for constraint in constraints:
@@ -635,10 +640,10 @@ def _unique(constraints: Sequence[Constraint]) -> list[Constraint]:
 
 
 def _range(chart: str, curves: Sequence[Floats]) -> tuple[float, float]:
-    """Ends of a chart's axis; zero, or a decade, is always within."""
+    """Ends of a chart's axis: whole decades of a residual; else zero is always within."""
     low, high = min(c.min() for c in curves), max(c.max() for c in curves)
     if chart == "residual":
-        return float(10 ** np.floor(np.log10(low))), float(10 ** np.ceil(np.log10(high) + 1e-9))
+        return float(np.floor(low)), float(np.floor(high) + 1)
     low, high = min(low, 0.0), max(high, 0.0)
     room = 0.06 * (high - low) or 1.0
     return float(low - room), float(high + room)

@@ -10,8 +10,10 @@ from noslip._files import write_beside
 from noslip.constraints.declaration import Constraint
 from noslip.learning import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
-from noslip.viewer.drawing import Follower, legend, quiet_server
+from noslip.viewer import serving
+from noslip.viewer.drawing import Follower, legend
 from noslip.viewer.page import drawn, entries, worst
+from noslip.viewer.scene import Track
 from noslip.viewer.tool import Part
 
 FRAMES_PER_SECOND = 30.0
@@ -40,7 +42,7 @@ def save_page(
     prepared = entries(shown, constraints)
     duration = max(entry.track.motion.duration for entry in prepared.values())
     frames = min(max(round(duration * FRAMES_PER_SECOND), 2), MOST_FRAMES)
-    server = quiet_server("localhost", 0)
+    server = serving.serve(serving.LOOPBACK, 0)
     try:
         drawing = drawn(server, prepared, tool, followers)
         first, track = next((name, entry.track) for name, entry in prepared.items())
@@ -49,23 +51,29 @@ def save_page(
         for frame in range(frames + 1):
             time = duration * frame / frames
             drawing.move(time)
-            told = track.readout(time)
-            label.position = track.points[track.sample(time)]
-            label.text = f"{first}, {told.pop('time')}: " + ", ".join(
-                f"{name} {text}" for name, text in told.items() if name != "position"
-            )
+            k = track.sample(time)
+            label.position = track.points[k]
+            label.text = f"{first}: {time:.2f} s, violation {track.violation[k]:.1e}"
             serializer.insert_sleep(duration / frames)
         page = serializer.as_html()
     finally:
-        server.stop()
-    lines = [f"<b>{html.escape(', '.join(prepared))}</b>"]
-    for entry in prepared.values():
-        if entry.track.report is not None:
-            lines.append(html.escape(str(entry.track.report)).replace("\n", "<br>&ensp;"))
+        serving.stop(server)
     largest = max(prepared.values(), key=lambda entry: entry.track.violation.max())
     unit = largest.track.report.worst.unit if largest.track.report else ""
-    lines.append(legend(worst(prepared), unit, track.arrows(len(track.motion) // 2, 1.0)))
+    box = _BOX.format(
+        "".join(_verdict(name, entry.track) for name, entry in prepared.items())
+        + legend(worst(prepared), unit, track.arrows(len(track.motion) // 2, 1.0))
+    )
     # The page's own script holds closing tags as text; the last one is the document's.
     head, end, tail = page.rpartition("</body>")
-    page = f"{head}{_BOX.format('<br>'.join(lines))}{end}{tail}"
-    return write_beside(path, page.encode())
+    return write_beside(path, f"{head}{box}{end}{tail}".encode())
+
+
+def _verdict(name: str, track: Track) -> str:
+    """Return a line that unfolds into what each constraint does, as HTML."""
+    name = html.escape(name)
+    if track.report is None:
+        return f"<div>{name}</div>"
+    lines = "".join(f"<div>{html.escape(str(found))}</div>" for found in track.report.constraints)
+    verdict = html.escape(track.report.verdict)
+    return f"<details><summary><b>{name}</b>: {verdict}</summary>{lines}</details>"

@@ -98,7 +98,8 @@ class Track:
     def violation(self) -> Floats:
         """The largest violation of any constraint at each sample, in its own unit, shape (N,)."""
         limits = [np.maximum(-margin, 0.0) for margin in self.margins.values()]
-        return np.max([np.zeros(len(self.motion)), *self.sizes.values(), *limits], axis=0)
+        sizes = [np.zeros(len(self.motion)), *self.sizes.values(), *limits]
+        return np.asarray(np.max(sizes, axis=0))
 
     @cached_property
     def forces(self) -> Floats | None:
@@ -263,28 +264,25 @@ class Track:
     def charts(self) -> dict[str, dict[str, Floats]]:
         """Curves over time, at most ``CHART_POINTS`` long; each chart has its times as ``t``.
 
-        The peaks of what is thinned out stay: the largest residual and force, the least margin.
+        Residuals are decadic logarithms, the others in a unit in which they are not tiny.  The peaks
+        of what is thinned out stay: the largest residual and force, the least margin.
         """
         cuts = _cuts(len(self.clock), CHART_POINTS)
-        found: dict[str, dict[str, Floats]] = {}
-        if self.sizes:
-            found["residual"] = {
-                f"{name} ({unit})": np.maximum(np.maximum.reduceat(size, cuts), LEAST_RESIDUAL)
-                for (name, size), unit in zip(
-                    self.sizes.items(), self._units_of("zero"), strict=True
-                )
-            }
-        if self.margins:
-            found["margin"] = {
-                f"{name} ({unit})": np.minimum.reduceat(margin, cuts)
-                for (name, margin), unit in zip(
-                    self.margins.items(), self._units_of("nonnegative"), strict=True
-                )
-            }
+        units = dict(zip(self.system.names, self._units, strict=True))
+        found: dict[str, dict[str, Floats]] = {"residual": {}, "margin": {}, "force": {}}
+        for name, size in self.sizes.items():
+            largest = np.maximum(np.maximum.reduceat(size, cuts), LEAST_RESIDUAL)
+            found["residual"][f"{name} ({units[name]})"] = np.log10(largest)
+        for name, margin in self.margins.items():
+            scale, unit = _prefixed(units[name], float(np.abs(margin).max()))
+            found["margin"][f"{name} ({unit})"] = scale * np.minimum.reduceat(margin, cuts)
         if self.forces is not None:
             size = np.linalg.norm(self.forces, axis=1)
-            found["force"] = {"force (m/s²)": np.maximum.reduceat(size, cuts)}
-        return {chart: {"t": self.clock[cuts]} | curves for chart, curves in found.items()}
+            scale, unit = _prefixed("m/s²", float(size.max()))
+            found["force"][f"force ({unit})"] = scale * np.maximum.reduceat(size, cuts)
+        return {
+            chart: {"t": self.clock[cuts]} | curves for chart, curves in found.items() if curves
+        }
 
     # ---------------------------------------------------------------- inside
 
@@ -307,10 +305,6 @@ class Track:
         return [
             constraint.unit or UNITS[constraint.level] for constraint in self.system.constraints
         ]
-
-    def _units_of(self, relation: str) -> list[str]:
-        pairs = zip(self._units, self.system.constraints, strict=True)
-        return [unit for unit, constraint in pairs if constraint.relation == relation]
 
 
 def slip_colours(sizes: Floats, worst: float) -> Bytes:
@@ -352,6 +346,15 @@ def node_name(name: str, taken: Mapping[str, object]) -> str:
     short = re.sub(r"[^\w.+-]+", "_", re.split(r"[/\\]", name)[-1]) or "motion"
     numbered = (short if k == 1 else f"{short}_{k}" for k in range(1, len(taken) + 2))
     return next(candidate for candidate in numbered if candidate not in taken)
+
+
+def _prefixed(unit: str, peak: float) -> tuple[float, str]:
+    """Factor and unit in which a quantity whose largest size is ``peak`` is not tiny."""
+    if not unit.startswith("m") or peak >= 1:
+        return 1.0, unit
+    prefixes = ((1e3, "m"), (1e6, "µ"), (1e9, "n"))
+    scale, prefix = next((found for found in prefixes if found[0] * peak >= 1), prefixes[-1])
+    return scale, prefix + unit
 
 
 def _cuts(count: int, most: int) -> NDArray[np.intp]:
