@@ -83,55 +83,70 @@ class Adapted:
         return f"{told}; {self.message}" if self.message else told
 
 
-def adapted(dmp: ConstrainedDMP, wish: Wish, *, coarse: bool = False) -> Adapted:
-    """Adapt a primitive to a wish and roll it out; what fails is told, not raised.
+class Adapter:
+    """Adapts one primitive to wishes, one after the other, fast enough to follow a drag.
 
     Parameters
     ----------
-    dmp : ConstrainedDMP
+    primitive : ConstrainedDMP
         As it was learned.
-    wish : Wish
-    coarse : bool
-        With fewer samples, for every moment of a drag.  The constraints hold as exactly.
     """
-    began = time.perf_counter()
 
-    def passed() -> float:
-        return 1e3 * (time.perf_counter() - began)
+    def __init__(self, primitive: ConstrainedDMP) -> None:
+        self.primitive = primitive
+        self._by_metric: dict[str, ConstrainedDMP] = {METRICS[0]: primitive}
 
-    try:
-        if wish.metric != METRICS[0]:
-            length = dmp.regular.rollout().path_length
-            chosen = inverse_metric(dmp.system, wish.metric, None, length)  # type: ignore[arg-type]
-            dmp = replace(dmp, inverse_metric=chosen)
+    def __call__(self, wish: Wish, *, coarse: bool = False) -> Adapted:
+        """Adapt to a wish and roll out; what fails is told, not raised.
+
+        Parameters
+        ----------
+        wish : Wish
+        coarse : bool
+            With fewer samples, for every moment of a drag.  The constraints hold as exactly.
+        """
+        began = time.perf_counter()
+        try:
+            dmp = self._adapted(wish, coarse)
+            motion = dmp.rollout(time_step=dmp.duration / COARSE_STEPS if coarse else None)
+        except (NoslipError, ArithmeticError) as error:
+            passed = 1e3 * (time.perf_counter() - began)
+            return Adapted(None, None, np.nan, np.nan, passed, str(error) or type(error).__name__)
+        goal = self.primitive.position.goal if wish.goal_position is None else wish.goal_position
+        return Adapted(
+            dmp,
+            motion,
+            float(np.abs(motion.constraint_residuals).max(initial=0.0)),
+            float(np.linalg.norm(motion.positions[-1] - goal)),
+            1e3 * (time.perf_counter() - began),
+            "; ".join(
+                f"{limit.name} gives way by up to {limit.amount:.2g} at {limit.time:.2g} s"
+                for limit in motion.gave_way
+            ),
+        )
+
+    def _adapted(self, wish: Wish, coarse: bool) -> ConstrainedDMP:
+        dmp = self._with_metric(wish.metric)
         asked = {
-            name: getattr(wish, name)
-            for name in (
-                "goal_position",
-                "goal_rotation",
-                "start_position",
-                "start_rotation",
-                "duration",
-            )
-            if getattr(wish, name) is not None
+            name: value
+            for name, value in vars(wish).items()
+            if name != "metric" and value is not None
         }
-        if asked:
-            dmp = dmp.adapt(**asked, samples=COARSE_SAMPLES if coarse else None)
-        motion = dmp.rollout(time_step=dmp.duration / COARSE_STEPS if coarse else None)
-    except (NoslipError, ArithmeticError) as error:
-        return Adapted(None, None, np.nan, np.nan, passed(), str(error) or type(error).__name__)
-    goal = dmp.position.goal if wish.goal_position is None else wish.goal_position
-    return Adapted(
-        dmp,
-        motion,
-        float(np.abs(motion.constraint_residuals).max(initial=0.0)),
-        float(np.linalg.norm(motion.positions[-1] - goal)),
-        passed(),
-        "; ".join(
-            f"{limit.name} gives way by up to {limit.amount:.2g} at {limit.time:.2g} s"
-            for limit in motion.gave_way
-        ),
-    )
+        if not asked:
+            return dmp
+        found = dmp.adapt(**asked, samples=COARSE_SAMPLES if coarse else None)
+        # The graph of a step is that of the constraints and the metric, which stay; to build it
+        # again takes most of the time.
+        vars(found).update(system=dmp.system, _stepper=dmp._stepper)
+        return found
+
+    def _with_metric(self, metric: str) -> ConstrainedDMP:
+        if metric not in self._by_metric:
+            dmp = self.primitive
+            length = dmp.regular.rollout().path_length
+            chosen = inverse_metric(dmp.system, metric, None, length)  # type: ignore[arg-type]
+            self._by_metric[metric] = replace(dmp, inverse_metric=chosen)
+        return self._by_metric[metric]
 
 
 class PushedRun:

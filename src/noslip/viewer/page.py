@@ -26,7 +26,7 @@ from noslip.figures.style import PALETTE
 from noslip.learning import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer import serving
-from noslip.viewer.changes import METRICS, Adapted, PushedRun, Wish, adapted
+from noslip.viewer.changes import METRICS, Adapted, Adapter, PushedRun, Wish
 from noslip.viewer.drawing import Drawing, Follower, legend
 from noslip.viewer.scene import Track, cursor, extent, node_name
 from noslip.viewer.shapes import shapes
@@ -65,6 +65,8 @@ class Entry:
         As it is shown now.
     primitive : ConstrainedDMP or None
         As it was learned.
+    adapter : Adapter or None
+        Of the primitive.
     current : ConstrainedDMP or None
         As it was adapted last.
     wish : Wish
@@ -73,6 +75,7 @@ class Entry:
 
     track: Track
     primitive: ConstrainedDMP | None = None
+    adapter: Adapter | None = None
     current: ConstrainedDMP | None = None
     wish: Wish = field(default_factory=Wish)
     outcome: Adapted | None = None
@@ -97,7 +100,7 @@ def entries(
         if isinstance(what, ConstrainedDMP):
             held = ConstraintSystem(_unique([*what.constraints, *constraints]))
             track = Track(name, what.rollout(), held, what.regular.rollout())
-            entry = Entry(track, what, what)
+            entry = Entry(track, what, Adapter(what), what)
         else:
             entry = Entry(Track(name, what, ConstraintSystem(asked)))
         found[node_name(name, found)] = entry
@@ -285,7 +288,7 @@ class Page:
 
         for what, gizmo in self._gizmos.items():
 
-            @gizmo.on_update  # type: ignore[untyped-decorator]
+            @gizmo.on_update
             async def _(event: viser.TransformControlsEvent, what: str = what) -> None:
                 coarse = event.phase != "end"
                 self.post("wish", lambda: self._wish_from_gizmo(what, coarse))
@@ -309,7 +312,7 @@ class Page:
     def _on(self, handle: Any, key: str, action: Callable[[], None]) -> None:
         """Do something when a person, not the page itself, changes a value."""
 
-        @handle.on_update
+        @handle.on_update  # type: ignore[untyped-decorator]
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is not None:
                 self.post(key, action)
@@ -496,12 +499,12 @@ class Page:
     def _follow(self, wish: Wish, *, coarse: bool = False) -> None:
         """Adapt the chosen primitive; if it cannot be, its motion stays what it was."""
         entry = self.entry
-        if entry.primitive is None:
+        if entry.adapter is None:
             return
         if self._run is not None:
             self._end_run()
         entry.wish = wish
-        entry.outcome = adapted(entry.primitive, wish, coarse=coarse)
+        entry.outcome = entry.adapter(wish, coarse=coarse)
         if entry.outcome.motion is not None:
             entry.current = entry.outcome.primitive
             entry.track = replace(entry.track, motion=entry.outcome.motion)
@@ -581,10 +584,10 @@ class Page:
         if len(run.states) > 1:
             step = max(1, len(run.states) // 500)
             self.drawing.draw_path(self.chosen, run.path[::-step][::-1])
+        off = 1e3 * run.off(self.entry.track.motion.positions)
         told = (
-            f"{what}: {run.clock:.2f} s, {1e3 * run.off(self.entry.track.motion.positions):.2g} mm off "
-            f"the path, {1e3 * run.goal_error:.2g} mm from the goal, residual at most "
-            f"{run.residual:.1e}"
+            f"{what}: {run.clock:.2f} s, {off:.2g} mm off the path, "
+            f"{1e3 * run.goal_error:.2g} mm from the goal, residual at most {run.residual:.1e}"
         )
         self._push_note.content = _note(told)
 

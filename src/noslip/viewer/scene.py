@@ -253,19 +253,20 @@ class Track:
         worst : float
             Violation that has the last colour.
         """
-        cuts = _cuts(len(self.points), MOST_SEGMENTS + 1)
-        ends = self.points[np.append(cuts, len(self.points) - 1)]
+        last = len(self.points) - 1
+        cuts = _cuts(last, MOST_SEGMENTS)
+        ends = self.points[np.append(cuts, last)]
         segments = np.stack([ends[:-1], ends[1:]], axis=1)
         # A step belongs to the sample where it ends.
-        sizes = np.maximum.reduceat(np.append(self.violation[1:], self.violation[-1]), cuts)
+        sizes = np.maximum.reduceat(self.violation[1:], cuts)
         colours = slip_colours(sizes, worst)
         return segments, np.repeat(colours[:, None], 2, axis=1)
 
     def charts(self) -> dict[str, dict[str, Floats]]:
         """Curves over time, at most ``CHART_POINTS`` long; each chart has its times as ``t``.
 
-        Residuals are decadic logarithms, the others in a unit in which they are not tiny.  The peaks
-        of what is thinned out stay: the largest residual and force, the least margin.
+        Residuals are decadic logarithms, the others in a unit in which they are not tiny.  The
+        peaks of what is thinned out stay: the largest residual and force, the least margin.
         """
         cuts = _cuts(len(self.clock), CHART_POINTS)
         units = dict(zip(self.system.names, self._units, strict=True))
@@ -359,4 +360,5 @@ def _prefixed(unit: str, peak: float) -> tuple[float, str]:
 
 def _cuts(count: int, most: int) -> NDArray[np.intp]:
     """Where ``count`` samples begin anew when they are put into at most ``most`` groups."""
-    return np.unique(np.linspace(0, count - 1, min(count, most) + 1).astype(np.intp)[:-1])
+    groups = min(count, most)
+    return np.arange(groups) * count // groups

@@ -20,8 +20,8 @@ STEEL, HANDLE = (168, 176, 186), (62, 74, 90)
 _CUTTING = ((0.0, 0.0), (0.06, 0.025), (0.095, 0.08), (0.105, 0.15), (0.105, 0.30))
 """The edge, from the tip upwards: along its travel (x) and up (z), over the tool's length."""
 _BACK = ((0.02, 0.36), (0.0, 0.30), (-0.035, 0.12))
-_SPINE = 0.008
-"""Half the thickness of the blade's back, over the tool's length; the edge has none."""
+_SHARP, _SPINE = 0.0002, 0.008
+"""Half the thickness of the blade's edge and of its back, over the tool's length."""
 _SHAFT = ((0.02, 0.34), (0.098, 0.30), (0.085, 1.0), (0.03, 1.0))
 _SHAFT_HALF = 0.022
 
@@ -57,7 +57,7 @@ def scalpel(
     flip : bool
         Whether the handle points the other way along the third axis.
     """
-    blade = _wedge(np.array(_CUTTING + _BACK), [0.0] * len(_CUTTING) + [_SPINE] * len(_BACK))
+    blade = _wedge(np.array(_CUTTING + _BACK), [_SHARP] * len(_CUTTING) + [_SPINE] * len(_BACK))
     shaft = _wedge(np.array(_SHAFT), [_SHAFT_HALF] * len(_SHAFT))
     frame = np.zeros((3, 3))
     for row, axis in enumerate((edge, lateral)):
