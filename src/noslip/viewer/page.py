@@ -237,7 +237,7 @@ class Page:
         self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1x")
         self._notice = gui.add_html("", visible=False)
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Motion"):
+        with tabs.add_tab("Look"):
             self._readout = gui.add_html("")
             self._legend = gui.add_html("")
             self._charts: dict[str, Any] = {}
@@ -330,26 +330,28 @@ class Page:
         before = time.monotonic()
         while not self._stopped:
             moving = self.playing or self._run is not None
-            self._woken.wait(FRAME if moving else None)
+            self._woken.wait(max(0.0, before + FRAME - time.monotonic()) if moving else None)
             # What comes in from now on wakes the next turn.
             self._woken.clear()
             with self._lock:
                 actions, self._pending = list(self._pending.values()), {}
             now = time.monotonic()
-            try:
-                for action in actions:
-                    action()
-                if self.playing and moving:
-                    self._advance((now - before) * float(str(self._speed.value).rstrip("x")))
-            except NoslipError as error:
-                self._notify(str(error))
-            except Exception as error:
-                # The page must outlive any fault; the terminal tells what it was.
-                traceback.print_exc()
-                self._notify(f"{type(error).__name__}: {error}")
-            if moving and (rest := FRAME - (time.monotonic() - now)) > 0:
-                time.sleep(rest)
-            before = now if moving else time.monotonic()
+            for action in actions:
+                self._try(action)
+            if self.playing and moving:
+                passed = (now - before) * float(str(self._speed.value).rstrip("x"))
+                self._try(lambda passed=passed: self._advance(passed))
+            before = now
+
+    def _try(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except NoslipError as error:
+            self._notify(str(error))
+        except Exception as error:
+            # The page must outlive any fault; the terminal tells what it was.
+            traceback.print_exc()
+            self._notify(f"{type(error).__name__}: {error}")
 
     def _notify(self, message: str) -> None:
         self._notice.content = _note(message, "vermillion")

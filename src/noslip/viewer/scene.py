@@ -212,7 +212,11 @@ class Track:
         k = self.sample(time)
         told = {
             "time": f"{self.clock[k]:.3f} s",
-            "position": ", ".join(f"{1e3 * x:.2f}" for x in self.motion.positions[k]) + " mm",
+            # Rounded first, and not -0.
+            "position": ", ".join(
+                f"{x:.2f}" for x in np.round(1e3 * self.motion.positions[k], 2) + 0.0
+            )
+            + " mm",
             "speed": f"{1e3 * np.linalg.norm(self.velocities[k]):.3g} mm/s",
         }
         angle = self.slip_angle(k)
