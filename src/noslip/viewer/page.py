@@ -12,6 +12,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,8 @@ TOOL_LENGTH = 0.45
 """Of the scalpel, over the scene's size."""
 PUSH = 0.04
 """Length of the push that is offered first, over the scene's size."""
+GIZMO = 0.18
+"""Size of what the goal and the start are dragged by, over the scene's."""
 CHART_HEIGHT = 150
 CHART_TITLES = {
     "residual": "log₁₀ of the residual",
@@ -145,6 +148,13 @@ def suitable_scalpel(
 def worst(shown: Mapping[str, Entry]) -> float:
     """Violation that has the last colour: the largest of all motions."""
     return max(LEAST_WORST, *(float(entry.track.violation.max()) for entry in shown.values()))
+
+
+def key(shown: Mapping[str, Entry], track: Track) -> str:
+    """Return what the colours of the trails and of a motion's arrows mean, as HTML."""
+    largest = max((entry.track for entry in shown.values()), key=lambda t: t.violation.max())
+    unit = largest.report.worst.unit if largest.report else ""
+    return legend(worst(shown), unit, track.arrows(len(track.motion) // 2, 1.0))
 
 
 class Page:
@@ -267,7 +277,7 @@ class Page:
         size = self.drawing.size
         self._gizmos = {
             what: self.server.scene.add_transform_controls(
-                f"/{what}", scale=0.12 * size, line_width=3.0, depth_test=False, visible=False
+                f"/{what}", scale=GIZMO * size, line_width=3.0, depth_test=False, visible=False
             )
             for what in ("goal", "start")
         }
@@ -340,7 +350,7 @@ class Page:
                 self._try(action)
             if self.playing and moving:
                 passed = (now - before) * float(str(self._speed.value).rstrip("x"))
-                self._try(lambda passed=passed: self._advance(passed))
+                self._try(partial(self._advance, passed))
             before = now
 
     def _try(self, action: Callable[[], None]) -> None:
@@ -419,9 +429,7 @@ class Page:
         if merits := track.merits():
             told.append("<br>Against the demonstration" + _table(merits))
         self._verdict.content = _pad("".join(told))
-        units = {checked.unit for checked in track.report.constraints} if track.report else set()
-        arrows = track.arrows(len(track.motion) // 2, 1.0)
-        self._legend.content = _pad(legend(worst(self.entries), ", ".join(sorted(units)), arrows))
+        self._legend.content = _pad(key(self.entries, track))
         self._make_charts(track)
 
     def _make_charts(self, track: Track) -> None:

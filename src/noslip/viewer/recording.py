@@ -11,8 +11,8 @@ from noslip.constraints.declaration import Constraint
 from noslip.learning import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer import serving
-from noslip.viewer.drawing import Follower, legend
-from noslip.viewer.page import drawn, entries, worst
+from noslip.viewer.drawing import Follower
+from noslip.viewer.page import drawn, entries, key
 from noslip.viewer.scene import Track
 from noslip.viewer.tool import Part
 
@@ -58,12 +58,8 @@ def save_page(
         page = serializer.as_html()
     finally:
         serving.stop(server)
-    largest = max(prepared.values(), key=lambda entry: entry.track.violation.max())
-    unit = largest.track.report.worst.unit if largest.track.report else ""
-    box = _BOX.format(
-        "".join(_verdict(name, entry.track) for name, entry in prepared.items())
-        + legend(worst(prepared), unit, track.arrows(len(track.motion) // 2, 1.0))
-    )
+    verdicts = "".join(_verdict(name, entry.track) for name, entry in prepared.items())
+    box = _BOX.format(verdicts + key(prepared, track))
     # The page's own script holds closing tags as text; the last one is the document's.
     head, end, tail = page.rpartition("</body>")
     return write_beside(path, f"{head}{box}{end}{tail}".encode())
