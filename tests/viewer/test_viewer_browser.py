@@ -73,10 +73,19 @@ def page(primitive, slipping) -> Iterator[Page]:
 class Tab:
     """A browser's tab, and the errors it met."""
 
-    def __init__(self, browser, *, offline: bool = False) -> None:
+    def __init__(
+        self,
+        browser,
+        *,
+        width: int = WIDTH,
+        height: int = HEIGHT,
+        sharpness: float = SHARPNESS,
+        offline: bool = False,
+    ) -> None:
         self.context = browser.new_context(
-            viewport={"width": WIDTH, "height": HEIGHT}, offline=offline
+            viewport={"width": width, "height": height}, offline=offline
         )
+        self.sharpness = sharpness
         self.view = self.context.new_page()
         self.view.set_default_timeout(15_000)
         self.errors: list[str] = []
@@ -87,7 +96,7 @@ class Tab:
 
     def open(self, address: str) -> None:
         """Go there; the warning that drawing is slow without a graphics card is put away."""
-        self.view.goto(f"{address}?fixedDpr={SHARPNESS}")
+        self.view.goto(f"{address}?fixedDpr={self.sharpness}")
         self.view.locator(".mantine-Notification-closeButton").click()
 
     def _note(self, message) -> None:
@@ -134,7 +143,7 @@ def tool_position(page: Page, name: str = "cut.json") -> np.ndarray:
     return np.array(page.drawing._nodes[name]["tool"].position)
 
 
-# ---------------------------------------------------------------- saved; first, for alone it is faster
+# ---------------------------------------------------------------- saved (first: alone, it is fast)
 
 
 def test_a_saved_page_plays_from_disk_with_the_network_off(

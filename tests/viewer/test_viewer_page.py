@@ -19,6 +19,7 @@ pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 from conftest import demonstration
 
 from noslip.viewer import Page, save_page
+from noslip.viewer.drawing import _linear
 
 EXACT = 1e-10
 
@@ -124,7 +125,9 @@ def test_a_new_goal_changes_path_residual_and_duration(primitive):
         assert np.abs(motion.constraint_residuals).max() < EXACT
         assert page.duration == pytest.approx(6.0, rel=1e-3)
         assert "residual at most" in page._change_note.content
+        done(page, lambda: page._seek(5.9))
         done(page, page._as_learned)
+        assert page.time == page.duration == pytest.approx(4.0)
         assert page.entry.track.motion.positions == pytest.approx(primitive.rollout().positions)
 
 
@@ -148,11 +151,14 @@ def test_a_fault_is_told_and_the_page_lives(cut, capsys):
         def fail() -> None:
             raise RuntimeError("of our own making")
 
-        done(page, fail)
-        done(page)
+        page.post("fail", fail)
+        end = time.monotonic() + 20
+        while not page._notice.visible and time.monotonic() < end:
+            time.sleep(0.01)
         assert "RuntimeError: of our own making" in page._notice.content
         done(page, lambda: page._seek(1.0))
         assert page.time == 1.0
+        assert not page._notice.visible
     assert "of our own making" in capsys.readouterr().err
 
 
@@ -166,6 +172,42 @@ def test_of_what_is_asked_again_only_the_last_is_done(cut):
         held.set()
         done(page)
         assert seen == [19]
+
+
+def test_a_file_that_slips_more_changes_the_colours_of_all(primitive, slipping):
+    with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
+        before = page._legend.content
+        worse = demonstration(0.6, "worse.csv").csv_text().encode()
+        done(page, lambda: page._check("worse.csv", worse))
+        assert page.chosen == "worse.csv" and list(page.entries)[-1] == "worse.csv"
+        assert page._legend.content != before
+        colours = page.drawing._nodes["slipping.csv"]["trail"].colors
+        assert (
+            colours.tolist()
+            == _linear(page.entries["slipping.csv"].track.trail(page._worst)[1]).tolist()
+        )
+
+
+def test_a_broken_file_is_told_and_changes_nothing(primitive):
+    with opened({"cut.json": primitive}) as page:
+        done(page, lambda: page._check("broken.csv", b"t,x\n0,0\n"))
+        assert page._upload_note.content.count("broken.csv: ") == 1
+        assert list(page.entries) == ["cut.json"]
+
+
+def test_a_pushed_run_on_the_page_leaves_a_trail_until_something_changes(primitive):
+    with opened({"cut.json": primitive}) as page:
+        page._speed.value = "4x"
+        done(page, page._start_run)
+        done(page, page._push)
+        end = time.monotonic() + 20
+        while page._run is not None and time.monotonic() < end:
+            time.sleep(0.05)
+        done(page)
+        assert "arrived" in page._push_note.content and not page.playing
+        assert "pushed" in page.drawing._nodes["cut.json"]
+        done(page, page._as_learned)
+        assert "pushed" not in page.drawing._nodes["cut.json"]
 
 
 def test_a_name_cannot_bring_html_onto_the_page(cut):

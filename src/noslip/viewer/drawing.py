@@ -85,7 +85,7 @@ class Drawing:
         camera = server.initial_camera
         # To the left of the middle, for on the right is the panel.
         camera.look_at = centre + size * np.array([0.25, 0.0, 0.1])
-        camera.position = centre + size * np.array([0.1, -1.45, 1.15])
+        camera.position = centre + size * np.array([0.1, -1.2, 1.0])
         camera.near, camera.far = 0.01 * size, 100 * size
         camera.fov = np.radians(50)
 
@@ -176,6 +176,11 @@ class Drawing:
                 thickness=TRAIL_WIDTH,
                 thickness_units="screen",
             )
+
+    def clear_path(self, name: str) -> None:
+        """Remove that line, if there is one."""
+        if "pushed" in self._nodes[name]:
+            self._nodes[name].pop("pushed").remove()
 
     # ---------------------------------------------------------------- moving it
 

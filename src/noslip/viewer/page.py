@@ -208,6 +208,7 @@ class Page:
             control_width="large", show_logo=False, show_share_button=False
         )
         self.drawing = drawn(self.server, self.entries, tool, followers)
+        self._worst = worst(self.entries)
         self.chosen = next(
             (n for n, e in self.entries.items() if e.primitive), next(iter(self.entries))
         )
@@ -346,6 +347,8 @@ class Page:
             with self._lock:
                 actions, self._pending = list(self._pending.values()), {}
             now = time.monotonic()
+            if actions:
+                self._notify("")
             for action in actions:
                 self._try(action)
             if self.playing and moving:
@@ -399,8 +402,7 @@ class Page:
     # ---------------------------------------------------------------- what is told of a motion
 
     def _choose(self, name: str) -> None:
-        if self._run is not None:
-            self._end_run()
+        self._end_run()
         self.chosen = name
         entry = self.entry
         for gizmo in self._gizmos.values():
@@ -455,6 +457,7 @@ class Page:
                     tuple(series),
                     title=CHART_TITLES[name],
                     height=CHART_HEIGHT,
+                    padding=(10, 24, 0, 0),
                     scales={
                         "x": {"time": False},
                         "y": {"range": (low, high)},
@@ -503,6 +506,14 @@ class Page:
             asked[f"{what}_rotation"] = rotation
         self._follow(replace(self.entry.wish, **asked), coarse=coarse)
 
+    def _redraw(self, name: str) -> None:
+        """Draw a motion anew, and the others where the colours' scale changed."""
+        now = worst(self.entries)
+        for other, entry in self.entries.items():
+            if other == name or now != self._worst:
+                self.drawing.put(other, entry.track, now)
+        self._worst = now
+
     def _as_learned(self) -> None:
         self._follow(Wish())
 
@@ -511,14 +522,13 @@ class Page:
         entry = self.entry
         if entry.adapter is None:
             return
-        if self._run is not None:
-            self._end_run()
+        self._end_run()
         entry.wish = wish
         entry.outcome = entry.adapter(wish, coarse=coarse)
         if entry.outcome.motion is not None:
             entry.current = entry.outcome.primitive
             entry.track = replace(entry.track, motion=entry.outcome.motion)
-            self.drawing.put(self.chosen, entry.track, worst(self.entries))
+            self._redraw(self.chosen)
             self._slider.max = self.duration
             if not coarse:
                 self._tell(entry)
@@ -583,6 +593,7 @@ class Page:
     def _end_run(self) -> None:
         self._run = None
         self._push_note.content = ""
+        self.drawing.clear_path(self.chosen)
 
     def _show_run(self, what: str) -> None:
         run = self._run
@@ -614,7 +625,7 @@ class Page:
             return
         node = node_name(name, self.entries)
         self.entries[node] = entry
-        self.drawing.put(node, entry.track, worst(self.entries))
+        self._redraw(node)
         self._choice.options = tuple(self.entries)
         self._choice.value = node
         self._slider.max = self.duration
