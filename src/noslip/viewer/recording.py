@@ -6,13 +6,15 @@ import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from noslip._files import write_beside
 from noslip.constraints.declaration import Constraint
 from noslip.learning import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer import serving
 from noslip.viewer.drawing import Follower
-from noslip.viewer.page import drawn, entries, key
+from noslip.viewer.page import TOOL_LENGTH, drawn, entries, key
 from noslip.viewer.scene import Track
 from noslip.viewer.tool import Part
 
@@ -46,13 +48,17 @@ def save_page(
     try:
         drawing = drawn(server, prepared, tool, followers)
         first, track = next((name, entry.track) for name, entry in prepared.items())
-        label = server.scene.add_label("/readout", "", font_screen_scale=0.8)
+        # Above the tool, where it hides no arrow.
+        above = np.array([0.0, 0.0, 1.15 * TOOL_LENGTH * drawing.size])
+        label = server.scene.add_label(
+            "/readout", "", font_screen_scale=0.8, anchor="bottom-center"
+        )
         serializer = server.get_scene_serializer()
         for frame in range(frames + 1):
             time = duration * frame / frames
             drawing.move(time)
             k = track.sample(time)
-            label.position = track.points[k]
+            label.position = track.points[k] + above
             label.text = f"{first}: {time:.2f} s, violation {track.violation[k]:.1e}"
             serializer.insert_sleep(duration / frames)
         page = serializer.as_html()
