@@ -57,6 +57,19 @@ def test_where_the_constraint_holds_the_arrows_are_at_right_angles(primitive):
     assert np.abs(angles).max() < 1e-10
 
 
+def test_the_arrows_of_a_state_are_those_of_its_sample(primitive):
+    dmp = replace(primitive, constraints=(ns.Blade(reference_point=(0.01, 0.0, 0.0)),))
+    motion = dmp.rollout()
+    shown = track(motion, *dmp.constraints)
+    state = dmp.initial_state()
+    for _ in range(150):
+        state = dmp.step(state, motion.period)
+    drawn, known = shown.arrows_in(state, 1.0), shown.arrows(150, 1.0)
+    assert list(drawn) == list(known) == ["lateral", "velocity", "force"]
+    for name in drawn:
+        assert drawn[name] == pytest.approx(known[name], abs=1e-9)
+
+
 def test_a_reference_point_has_its_own_velocity(slipping):
     point = (0.03, 0.0, 0.01)
     shown = track(slipping, ns.Blade(reference_point=point))

@@ -10,6 +10,7 @@ import viser
 from numpy.typing import NDArray
 
 from noslip.figures.style import PALETTE
+from noslip.primitives.pose import State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.scene import Track, rgb
 from noslip.viewer.shapes import COLOURS, OPACITIES, Shape
@@ -190,14 +191,13 @@ class Drawing:
             for name, track in self._tracks.items():
                 self._move(name, track, time)
 
-    def place_tool(self, name: str, position: Floats, quaternion: Floats) -> None:
-        """Move one motion's tool elsewhere, without arrows, until the next :meth:`move`."""
+    def place_tool(self, name: str, state: State) -> None:
+        """Move one motion's tool to a state beside it, until the next :meth:`move`."""
+        nodes = self._nodes[name]
         with self.server.atomic():
-            nodes = self._nodes[name]
-            nodes["tool"].position, nodes["tool"].wxyz = position, quaternion
-            for arrow in ARROW_COLOURS:
-                if arrow in nodes:
-                    nodes[arrow].visible = False
+            nodes["tool"].position = state.position
+            nodes["tool"].wxyz = state.rotation.as_quat(scalar_first=True)
+            self._draw_arrows(nodes, self._tracks[name].arrows_in(state, self.size))
 
     def show(self, what: str, visible: bool) -> None:
         """Show or hide ``ghost``, ``arrows`` or ``shapes``."""
@@ -218,14 +218,17 @@ class Drawing:
             g = round(done * (len(track.reference) - 1))
             nodes["ghost"].position = track.reference.positions[g]
             nodes["ghost"].wxyz = track.reference.rotations[g].as_quat(scalar_first=True)
-        for arrow, ends in track.arrows(k, self.size).items():
+        self._draw_arrows(nodes, track.arrows(k, self.size))
+        if name in self._followers:
+            self._followers[name].show(track.motion, k)
+
+    def _draw_arrows(self, nodes: dict[str, Any], arrows: Mapping[str, Floats]) -> None:
+        for arrow, ends in arrows.items():
             # Shorter than its own head, an arrow shows nothing.
             seen = np.linalg.norm(ends[1] - ends[0]) > 1e-3 * self.size
             nodes[arrow].visible = bool(seen and self._visible["arrows"])
             if seen:
                 nodes[arrow].points = ends[None].astype(np.float32)
-        if name in self._followers:
-            self._followers[name].show(track.motion, k)
 
     def _add_tool(self, node: str, *, ghost: bool = False) -> Any:
         frame = self.server.scene.add_frame(node, show_axes=False)

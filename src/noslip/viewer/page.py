@@ -598,10 +598,7 @@ class Page:
     def _show_run(self, what: str) -> None:
         run = self._run
         assert run is not None
-        state = run.states[-1]
-        self.drawing.place_tool(
-            self.chosen, state.position, state.rotation.as_quat(scalar_first=True)
-        )
+        self.drawing.place_tool(self.chosen, run.states[-1])
         if len(run.states) > 1:
             step = max(1, len(run.states) // 500)
             self.drawing.draw_path(self.chosen, run.path[::-step][::-1])

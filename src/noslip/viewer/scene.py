@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from noslip.comparison import compare
 from noslip.constraints.check import CheckReport, amount, check, step_residuals
 from noslip.constraints.declaration import UNITS, Constraint, axis_index
+from noslip.constraints.fields import ORIGIN
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.system import ConstraintSystem
 from noslip.figures.style import PALETTE
-from noslip.primitives.pose import ConstrainedMotion
+from noslip.primitives.pose import ConstrainedMotion, State
 from noslip.trajectory import PoseTrajectory
 
 Floats = NDArray[np.float64]
@@ -194,17 +195,36 @@ class Track:
             ``lateral``, the axis; ``velocity``, relative to the peak speed; and ``force``, relative
             to the peak acceleration of the motion, so that a force that does nothing is not seen.
         """
-        at, length = self.points[sample], ARROW * size
-        found = {}
-        if self.lateral_axes is not None:
-            found["lateral"] = np.array([at, at + length * self.lateral_axes[sample]])
+        lateral = None if self.lateral_axes is None else self.lateral_axes[sample]
+        force = None if self.forces is None else self.forces[sample]
+        return self._arrows(self.points[sample], self.velocities[sample], lateral, force, size)
+
+    def arrows_in(self, state: State, size: float) -> dict[str, Floats]:
+        """Return the same arrows of a state beside the motion, such as a pushed tool's."""
+        arm = state.rotation.apply(self._reference_point)
+        velocity = state.linear_velocity + np.cross(state.angular_velocity, arm)
+        lateral = None
+        if self.slipping is not None and self.slipping.lateral is not None:
+            index, sign = axis_index(self.slipping.lateral)
+            lateral = sign * state.rotation.as_matrix()[:, index]
+        force = None if self.forces is None else state.constraint_forces[:3]
+        return self._arrows(state.position + arm, velocity, lateral, force, size)
+
+    def _arrows(
+        self,
+        at: Floats,
+        velocity: Floats,
+        lateral: Floats | None,
+        force: Floats | None,
+        size: float,
+    ) -> dict[str, Floats]:
+        length, found = ARROW * size, {}
+        if lateral is not None:
+            found["lateral"] = np.array([at, at + length * lateral])
         if self.peak_speed > 0:
-            found["velocity"] = np.array(
-                [at, at + length / self.peak_speed * self.velocities[sample]]
-            )
-        if self.forces is not None and self._peak_acceleration > 0:
-            force = self.forces[sample] / self._peak_acceleration
-            found["force"] = np.array([at, at + length * force])
+            found["velocity"] = np.array([at, at + length / self.peak_speed * velocity])
+        if force is not None and self._peak_acceleration > 0:
+            found["force"] = np.array([at, at + length / self._peak_acceleration * force])
         return found
 
     def readout(self, time: float) -> dict[str, str]:
@@ -294,8 +314,13 @@ class Track:
     @cached_property
     def _arms(self) -> Floats:
         """From the tool's origin to the point that must not slip, world frame."""
-        arm = np.array(getattr(self.slipping, "reference_point", (0.0, 0.0, 0.0)))
-        return np.asarray(self.motion.rotations.apply(arm))
+        return np.asarray(self.motion.rotations.apply(self._reference_point))
+
+    @property
+    def _reference_point(self) -> tuple[float, float, float]:
+        """The point that must not slip (m), body frame."""
+        found: tuple[float, float, float] = getattr(self.slipping, "reference_point", ORIGIN)
+        return found
 
     @cached_property
     def _peak_acceleration(self) -> float:
