@@ -11,7 +11,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -21,17 +21,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip.constraints.declaration import Constraint
-from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
 from noslip.figures.style import PALETTE
 from noslip.learning import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer import serving
-from noslip.viewer.changes import METRICS, Adapted, Adapter, PushedRun, Wish
-from noslip.viewer.drawing import Drawing, Follower, legend
-from noslip.viewer.scene import Track, cursor, extent, node_name
-from noslip.viewer.shapes import shapes
-from noslip.viewer.tool import Part, scalpel
+from noslip.viewer.changes import METRICS, PushedRun, Wish
+from noslip.viewer.drawing import Follower
+from noslip.viewer.entries import Entry, drawn, entries, key, unique, worst
+from noslip.viewer.scene import Track, cursor, node_name
+from noslip.viewer.tool import Part
 from noslip.viewer.uploads import read_upload
 
 Floats = NDArray[np.float64]
@@ -41,10 +40,6 @@ FRAME = 1 / 30
 CHART_PAUSE = 0.15
 """Seconds between two pictures of the charts, which are more to send."""
 SPEEDS = ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x")
-LEAST_WORST = 1e-3
-"""Violation that has the last colour, at least: what holds must not look as if it did not."""
-TOOL_LENGTH = 0.45
-"""Of the scalpel, over the scene's size."""
 PUSH = 0.04
 """Length of the push that is offered first, over the scene's size."""
 GIZMO = 0.18
@@ -56,105 +51,6 @@ CHART_TITLES = {
     "force": "constraint force",
 }
 LINES = ("blue", "vermillion", "green", "purple", "orange", "sky")
-
-
-@dataclass
-class Entry:
-    """A motion on the page, and the primitive that it came from, if it did.
-
-    Attributes
-    ----------
-    track : Track
-        As it is shown now.
-    primitive : ConstrainedDMP or None
-        As it was learned.
-    adapter : Adapter or None
-        Of the primitive.
-    current : ConstrainedDMP or None
-        As it was adapted last.
-    wish : Wish
-    outcome : Adapted or None
-    """
-
-    track: Track
-    primitive: ConstrainedDMP | None = None
-    adapter: Adapter | None = None
-    current: ConstrainedDMP | None = None
-    wish: Wish = field(default_factory=Wish)
-    outcome: Adapted | None = None
-
-
-def entries(
-    shown: Mapping[str, PoseTrajectory | ConstrainedDMP], constraints: Sequence[Constraint] = ()
-) -> dict[str, Entry]:
-    """Prepare recordings and primitives, by name; primitives are rolled out.
-
-    Parameters
-    ----------
-    shown : mapping
-    constraints : sequence of Constraint
-        What recordings are checked against; of primitives, besides their own.  Recordings beside
-        primitives are checked against theirs too.
-    """
-    primitives = [what for what in shown.values() if isinstance(what, ConstrainedDMP)]
-    asked = _unique([*constraints, *(c for primitive in primitives for c in primitive.constraints)])
-    found: dict[str, Entry] = {}
-    for name, what in shown.items():
-        if isinstance(what, ConstrainedDMP):
-            held = ConstraintSystem(_unique([*what.constraints, *constraints]))
-            track = Track(name, what.rollout(), held, what.regular.rollout())
-            entry = Entry(track, what, Adapter(what), what)
-        else:
-            entry = Entry(Track(name, what, ConstraintSystem(asked)))
-        found[node_name(name, found)] = entry
-    return found
-
-
-def drawn(
-    server: viser.ViserServer,
-    shown: Mapping[str, Entry],
-    tool: Sequence[Part] | None = None,
-    followers: Sequence[Follower] = (),
-) -> Drawing:
-    """Draw entries on a server, at the beginning of their motions."""
-    motions = [entry.track.motion for entry in shown.values()]
-    centre, size = extent(motions)
-    constraints = _unique([c for e in shown.values() for c in e.track.system.constraints])
-    if tool is None:
-        tool = suitable_scalpel(motions, constraints, size)
-    low = min(float(motion.positions[:, 2].min()) for motion in motions)
-    drawing = Drawing(server, tool, centre=centre, size=size, floor=low, followers=followers)
-    drawing.add_shapes(shapes(constraints, centre, size))
-    for name, entry in shown.items():
-        drawing.put(name, entry.track, worst(shown))
-    drawing.move(0.0)
-    return drawing
-
-
-def suitable_scalpel(
-    motions: Sequence[PoseTrajectory], constraints: Sequence[Constraint], size: float
-) -> list[Part]:
-    """Return a scalpel along the constraints' axes, its handle on the upper side."""
-    blade = next((c for c in constraints if c.lateral and c.edge), None)
-    edge, lateral = (blade.edge, blade.lateral) if blade else (None, None)
-    tool = scalpel(TOOL_LENGTH * size, edge=edge or "x", lateral=lateral or "y")
-    handle = tool[-1].vertices.mean(axis=0)
-    up = float(np.mean([motion.rotations.apply(handle)[:, 2].mean() for motion in motions]))
-    if up >= 0:
-        return tool
-    return scalpel(TOOL_LENGTH * size, edge=edge or "x", lateral=lateral or "y", flip=True)
-
-
-def worst(shown: Mapping[str, Entry]) -> float:
-    """Violation that has the last colour: the largest of all motions."""
-    return max(LEAST_WORST, *(float(entry.track.violation.max()) for entry in shown.values()))
-
-
-def key(shown: Mapping[str, Entry], track: Track) -> str:
-    """Return what the colours of the trails and of a motion's arrows mean, as HTML."""
-    largest = max((entry.track for entry in shown.values()), key=lambda t: t.violation.max())
-    unit = largest.report.worst.unit if largest.report else ""
-    return legend(worst(shown), unit, track.arrows(len(track.motion) // 2, 1.0))
 
 
 class Page:
@@ -302,7 +198,7 @@ class Page:
             @gizmo.on_update
             async def _(event: viser.TransformControlsEvent, what: str = what) -> None:
                 coarse = event.phase != "end"
-                self.post("wish", lambda: self._wish_from_gizmo(what, coarse))
+                self.post(f"wish {what}", lambda: self._wish_from_gizmo(what, coarse))
 
         for button, action in (
             (self._play, self._toggle),
@@ -616,7 +512,7 @@ class Page:
         try:
             found = read_upload(name, content)
             others = [c for e in self.entries.values() for c in e.track.system.constraints]
-            (entry,) = entries({name: found}, _unique([*self.constraints, *others])).values()
+            (entry,) = entries({name: found}, unique([*self.constraints, *others])).values()
         except NoslipError as error:
             self._upload_note.content = _note(str(error), "vermillion")
             return
@@ -650,14 +546,6 @@ def _changed(value: Sequence[float], known: Floats | None, own: Floats) -> Float
 def _plain(vector: Floats) -> tuple[float, ...]:
     """Return numbers without the noise that would be shown as a negative zero."""
     return tuple(float(x) + 0.0 for x in np.round(vector, 7))
-
-
-def _unique(constraints: Sequence[Constraint]) -> list[Constraint]:
-    found: list[Constraint] = []
-    for constraint in constraints:
-        if constraint not in found:
-            found.append(constraint)
-    return found
 
 
 def _range(chart: str, curves: Sequence[Floats]) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from noslip.learning import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer import serving
 from noslip.viewer.drawing import Follower
-from noslip.viewer.page import TOOL_LENGTH, drawn, entries, key
+from noslip.viewer.entries import TOOL_LENGTH, drawn, entries, key
 from noslip.viewer.scene import Track
 from noslip.viewer.tool import Part
 
