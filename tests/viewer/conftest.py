@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -18,6 +20,11 @@ def demonstration(rolled: float = 0.0, name: str = "cut.csv") -> ns.PoseTrajecto
     path = np.column_stack([0.1 * u, 0.02 * np.sin(2 * np.pi * u), 0 * u])
     yaw = np.arctan(0.4 * np.pi * np.cos(2 * np.pi * u)) + rolled
     return ns.PoseTrajectory(4 * s, path, Rotation.from_euler("z", yaw), name=name)
+
+
+@pytest.fixture(scope="session")
+def demonstrate() -> Callable[..., ns.PoseTrajectory]:
+    return demonstration
 
 
 @pytest.fixture(scope="session")

@@ -16,8 +16,6 @@ import noslip as ns
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
-from conftest import demonstration
-
 from noslip.viewer import Page, save_page
 from noslip.viewer.drawing import _linear
 
@@ -55,9 +53,9 @@ class Arm:
         self.shown.append((motion, sample))
 
 
-def test_ten_demonstrations_of_1000_samples_stay_fluid():
+def test_ten_demonstrations_of_1000_samples_stay_fluid(demonstrate):
     shown = {
-        f"cut_{k}.csv": demonstration(0.02 * k).resampled(times=np.linspace(0, 4, 1000))
+        f"cut_{k}.csv": demonstrate(0.02 * k).resampled(times=np.linspace(0, 4, 1000))
         for k in range(10)
     }
     began = time.perf_counter()
@@ -174,10 +172,10 @@ def test_of_what_is_asked_again_only_the_last_is_done(cut):
         assert seen == [19]
 
 
-def test_a_file_that_slips_more_changes_the_colours_of_all(primitive, slipping):
+def test_a_file_that_slips_more_changes_the_colours_of_all(demonstrate, primitive, slipping):
     with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
         before = page._legend.content
-        worse = demonstration(0.6, "worse.csv").csv_text().encode()
+        worse = demonstrate(0.6, "worse.csv").csv_text().encode()
         done(page, lambda: page._check("worse.csv", worse))
         assert page.chosen == "worse.csv" and list(page.entries)[-1] == "worse.csv"
         assert page._legend.content != before

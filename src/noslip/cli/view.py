@@ -112,10 +112,10 @@ def run(
         typer.echo(f"wrote {path}: {path.stat().st_size / 1e6:.1f} MB")
         return
     page = Page(shown, constraints=held, tool=parts, host=host, port=port)
-    typer.echo(f"{page.address}  (Ctrl-C ends)")
-    if open_browser:
-        webbrowser.open(page.address)
     try:
+        typer.echo(f"{page.address}  (Ctrl-C ends)")
+        if open_browser:
+            webbrowser.open(page.address)
         while True:
             time.sleep(3600)
     finally:
