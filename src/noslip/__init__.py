@@ -1,5 +1,6 @@
 """noslip: movement primitives for tools that must not slip sideways."""
 
+from noslip import robots
 from noslip._version import __version__
 from noslip.adaptation import Via
 from noslip.constraints import (
@@ -114,6 +115,7 @@ __all__ = [
     "prepare",
     "project_initial_velocity",
     "project_trajectory",
+    "robots",
     "segment",
     "velocity_constraint",
     "write_bag",

@@ -392,7 +392,7 @@ class ConstrainedDMP(PoseDMP):
             ).moved(orientation.start, orientation.goal),
             duration=duration,
         )
-        return replace(
+        found = replace(
             self,
             position=position,
             orientation=orientation,
@@ -405,6 +405,10 @@ class ConstrainedDMP(PoseDMP):
             projected_step=adapted.step,
             begin=begin,
         )
+        # The graph of a step is that of the constraints and the metric, which stay; to build it
+        # again would take most of the time.
+        vars(found).update({name: getattr(self, name) for name in ("system", "stepper")})
+        return found
 
     def save(self, path: str | Path) -> Path:
         """Write the primitive as JSON; :func:`noslip.load_primitive` reads it back.

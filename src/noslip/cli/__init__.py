@@ -22,6 +22,7 @@ from noslip.cli import (
     segment,
     simulate,
     topics,
+    view,
 )
 from noslip.errors import ConvergenceError, NoslipError
 
@@ -46,6 +47,7 @@ for command in (
     rollout,
     adapt,
     plot,
+    view,
     report,
     simulate,
     export,

@@ -1,0 +1,108 @@
+"""``noslip view``: a page in the browser on which motions are looked at, dragged and pushed."""
+
+from __future__ import annotations
+
+import time
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from noslip.cli import options
+from noslip.errors import InputError
+from noslip.learning import ConstrainedDMP
+from noslip.saving import load_primitive
+from noslip.trajectory import PoseTrajectory
+
+NAME = "view"
+EXAMPLES = """
+Examples:
+
+  noslip view excision.json
+
+  noslip view runs/*.csv --constraint blade --lowpass 4.8
+
+  noslip view demonstration.csv excision.json --save scene.html
+
+  ssh -L 8080:localhost:8080 robot noslip view excision.json --no-open
+"""
+
+
+@options.grouped
+def run(
+    motions: Annotated[
+        list[str],
+        typer.Argument(
+            help="Recordings (of any format), and primitives (JSON), which are rolled out.",
+            show_default=False,
+        ),
+    ],
+    constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
+    tool: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The tool's mesh, in its own frame: .stl, .obj or .glb; by default a scalpel.",
+            show_default=False,
+        ),
+    ] = None,
+    tool_scale: Annotated[
+        float,
+        typer.Option(metavar="M", help="Metres per unit of the mesh: 0.001 for millimetres."),
+    ] = 1.0,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write the scene as one HTML file that plays without Python; no page is served.",
+            show_default=False,
+        ),
+    ] = None,
+    host: Annotated[
+        str,
+        typer.Option(help="Address to serve on; 0.0.0.0 lets everyone on the network in."),
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="If it is taken, the next free one.")
+    ] = 8080,
+    open_browser: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
+    ] = True,
+    given: options.Loading = options.Loading(),  # noqa: B008 - immutable
+) -> None:
+    """Look at motions in the browser: tool, path, slip, forces, surfaces and keep-out zones.
+
+    A primitive's goal and start can be dragged; its adapted motion follows.  While it runs, the
+    tool can be pushed, and comes back.  Files dropped onto the page are checked.
+
+    Ends with Ctrl-C.
+    """
+    if save is not None and options.output(save, "--save") and save.suffix != ".html":
+        raise InputError(f"--save: {save} must end in .html")
+    held = options.constraints(constraint)
+    primitives = [name for name in motions if name.endswith(".json")]
+    recordings = [name for name in motions if name not in primitives]
+    shown: dict[str, PoseTrajectory | ConstrainedDMP] = {}
+    if recordings:
+        for trajectory in given.load(recordings):
+            shown[trajectory.name] = trajectory
+    shown |= {name: load_primitive(name) for name in primitives}
+
+    # Only now: without a page to show, nobody needs viser.
+    from noslip.viewer import Page, load_tool, save_page
+
+    parts = None if tool is None else load_tool(tool, scale=tool_scale)
+    if save is not None:
+        path = save_page(save, shown, constraints=held, tool=parts)
+        typer.echo(f"wrote {path}: {path.stat().st_size / 1e6:.1f} MB")
+        return
+    page = Page(shown, constraints=held, tool=parts, host=host, port=port)
+    try:
+        typer.echo(f"{page.address}  (Ctrl-C ends)")
+        if open_browser:
+            webbrowser.open(page.address)
+        while True:
+            time.sleep(3600)
+    finally:
+        page.stop()

@@ -1,0 +1,209 @@
+"""What a person does to a motion: asks for another goal, or pushes the tool while it runs."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip.errors import NoslipError
+from noslip.learning import ConstrainedDMP
+from noslip.primitives.pose import ConstrainedMotion, State
+from noslip.projection.metric import inverse_metric
+
+Floats = NDArray[np.float64]
+
+COARSE_SAMPLES, COARSE_STEPS = 61, 200
+"""Of an adaptation while a goal is dragged."""
+METRICS = ("as learned", "position", "rotation", "shared")
+MOST_STEPS_AT_ONCE = 200
+"""Of a pushed motion; one that falls behind runs slower than the clock."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What is asked of a primitive; what is None stays as it is.
+
+    Attributes
+    ----------
+    goal_position, start_position : array, shape (3,), or None
+        Metres.
+    goal_rotation, start_rotation : Rotation or None
+    duration : float or None
+        Seconds.
+    metric : str
+        Of ``METRICS``.
+    """
+
+    goal_position: Floats | None = None
+    goal_rotation: Rotation | None = None
+    start_position: Floats | None = None
+    start_rotation: Rotation | None = None
+    duration: float | None = None
+    metric: str = METRICS[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """What became of a wish.
+
+    Attributes
+    ----------
+    primitive : ConstrainedDMP or None
+        None if there is no such motion; ``message`` says why.
+    motion : ConstrainedMotion or None
+    residual : float
+        Largest of the motion, in the constraints' units; nan without one.
+    goal_error : float
+        From the goal to where the motion ends (m); nan without one.
+    milliseconds : float
+        That it took.
+    message : str
+        Why there is none, or what gives way.
+    """
+
+    primitive: ConstrainedDMP | None
+    motion: ConstrainedMotion | None
+    residual: float
+    goal_error: float
+    milliseconds: float
+    message: str = ""
+
+    def __str__(self) -> str:
+        if self.primitive is None:
+            return f"no such motion: {self.message}"
+        told = (
+            f"residual at most {self.residual:.1e}, ends {1e3 * self.goal_error:.2g} mm from the "
+            f"goal, {self.milliseconds:.0f} ms"
+        )
+        return f"{told}; {self.message}" if self.message else told
+
+
+class Adapter:
+    """Adapts one primitive to wishes, one after the other, fast enough to follow a drag.
+
+    Parameters
+    ----------
+    primitive : ConstrainedDMP
+        As it was learned.
+    """
+
+    def __init__(self, primitive: ConstrainedDMP) -> None:
+        self.primitive = primitive
+        self._by_metric: dict[str, ConstrainedDMP] = {METRICS[0]: primitive}
+
+    def __call__(self, wish: Wish, *, coarse: bool = False) -> Adapted:
+        """Adapt to a wish and roll out; what fails is told, not raised.
+
+        Parameters
+        ----------
+        wish : Wish
+        coarse : bool
+            With fewer samples, for every moment of a drag.  The constraints hold as exactly.
+        """
+        began = time.perf_counter()
+        try:
+            dmp = self._adapted(wish, coarse)
+            motion = dmp.rollout(time_step=dmp.duration / COARSE_STEPS if coarse else None)
+        except (NoslipError, ArithmeticError) as error:
+            passed = 1e3 * (time.perf_counter() - began)
+            return Adapted(None, None, np.nan, np.nan, passed, str(error) or type(error).__name__)
+        goal = self.primitive.position.goal if wish.goal_position is None else wish.goal_position
+        return Adapted(
+            dmp,
+            motion,
+            float(np.abs(motion.constraint_residuals).max(initial=0.0)),
+            float(np.linalg.norm(motion.positions[-1] - goal)),
+            1e3 * (time.perf_counter() - began),
+            "; ".join(
+                f"{limit.name} gives way by up to {limit.amount:.2g} at {limit.time:.2g} s"
+                for limit in motion.gave_way
+            ),
+        )
+
+    def _adapted(self, wish: Wish, coarse: bool) -> ConstrainedDMP:
+        dmp = self._with_metric(wish.metric)
+        asked = {
+            name: value
+            for name, value in vars(wish).items()
+            if name != "metric" and value is not None
+        }
+        if not asked:
+            return dmp
+        return dmp.adapt(**asked, samples=COARSE_SAMPLES if coarse else None)
+
+    def _with_metric(self, metric: str) -> ConstrainedDMP:
+        if metric not in self._by_metric:
+            dmp = self.primitive
+            length = dmp.regular.rollout().path_length
+            chosen = inverse_metric(dmp.system, metric, None, length)  # type: ignore[arg-type]
+            self._by_metric[metric] = replace(dmp, inverse_metric=chosen)
+        return self._by_metric[metric]
+
+
+class PushedRun:
+    """A primitive in its control loop, pushed off its path now and then.
+
+    Attributes
+    ----------
+    states : list of State
+        All so far; the first is where it begins.
+    """
+
+    def __init__(self, dmp: ConstrainedDMP) -> None:
+        self.dmp = dmp
+        self.controller = dmp.controller(time_step=dmp.duration / dmp.steps)
+        self.states: list[State] = [self.controller.reset()]
+        self._push = np.zeros(3)
+
+    @property
+    def done(self) -> bool:
+        """Whether the motion has come to its end."""
+        return bool(self.controller.done)
+
+    def push(self, by: ArrayLike) -> None:
+        """Displace the tool (m, world frame) before the next step."""
+        self._push = self._push + _arguments.vector("push", by)
+
+    def advance(self, until: float) -> None:
+        """Run the loop up to a time (s) since it began, or to its end.
+
+        What is measured is where the tool was sent, and where it was pushed to.
+        """
+        until += self.states[0].time
+        for _ in range(MOST_STEPS_AT_ONCE):
+            now = self.states[-1]
+            if self.done or now.time >= until:
+                return
+            measured = replace(now, position=now.position + self._push)
+            self._push = np.zeros(3)
+            self.states.append(self.controller.step(measured))
+
+    @property
+    def clock(self) -> float:
+        """Time (s) since it began."""
+        return self.states[-1].time - self.states[0].time
+
+    @property
+    def residual(self) -> float:
+        """Largest so far, in the constraints' units."""
+        sizes = [np.abs(state.constraint_residuals).max(initial=0.0) for state in self.states]
+        return float(max(sizes))
+
+    @property
+    def path(self) -> Floats:
+        """Positions so far (m), shape (N, 3); a push is a jump."""
+        return np.array([state.position for state in self.states])
+
+    def off(self, path: Floats) -> float:
+        """Distance from where the tool is to the nearest point (m) of a path, shape (N, 3)."""
+        return float(np.linalg.norm(path - self.states[-1].position, axis=1).min())
+
+    @property
+    def goal_error(self) -> float:
+        """Distance from where the tool is to the goal (m)."""
+        return float(np.linalg.norm(self.states[-1].position - self.dmp.position.goal))

@@ -1,0 +1,271 @@
+"""The scene on the page: tools, trails, arrows and shapes, moved to an instant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from noslip.figures.style import PALETTE
+from noslip.primitives.pose import State
+from noslip.trajectory import PoseTrajectory
+from noslip.viewer.scene import Track, rgb
+from noslip.viewer.shapes import COLOURS, OPACITIES, Shape
+from noslip.viewer.tool import Part
+
+Floats = NDArray[np.float64]
+
+ARROW_COLOURS = {"lateral": "purple", "velocity": "green", "force": "black"}
+"""Of :meth:`noslip.viewer.scene.Track.arrows`, by their names in the palette."""
+GHOST = rgb(PALETTE["grey"])
+GHOST_OPACITY = 0.3
+TRAIL_WIDTH, GHOST_WIDTH = 3.5, 1.5
+"""Pixels."""
+
+
+class Follower(Protocol):
+    """What moves along with a motion's tool, such as an arm that holds it."""
+
+    def add(self, scene: viser.SceneApi, node: str) -> None:
+        """Draw it once, under a node of its own; the node's frame is the world's."""
+
+    def show(self, motion: PoseTrajectory, sample: int) -> None:
+        """Move it to where the tool is at a sample of the motion."""
+
+
+class Drawing:
+    """What a viser server's scene shows.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    tool : sequence of Part
+        In the tool's frame; drawn once a motion.
+    centre : array, shape (3,)
+        Of the scene (m).
+    size : float
+        Of the scene (m): of the arrows, the camera's distance, the grid.
+    floor : float
+        Height of the grid (m).  Its cells are 1 cm wide, or 1 mm, 10 cm, as suits the size.
+    followers : sequence of Follower, optional
+        One a motion at most, in the order in which motions are put.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        tool: Sequence[Part],
+        *,
+        centre: Floats,
+        size: float,
+        floor: float = 0.0,
+        followers: Sequence[Follower] = (),
+    ) -> None:
+        self.server, self.tool, self.size = server, tool, size
+        self._waiting = list(followers)
+        self._followers: dict[str, Follower] = {}
+        self._tracks: dict[str, Track] = {}
+        self._nodes: dict[str, dict[str, Any]] = {}
+        self._visible = {"ghost": True, "arrows": True, "shapes": True}
+        self._shapes: list[Any] = []
+        cell = 10 ** float(np.floor(np.log10(size / 2)))
+        server.scene.add_grid(
+            "/grid",
+            width=4 * size,
+            height=4 * size,
+            cell_size=cell,
+            section_size=10 * cell,
+            cell_color=(225, 225, 225),
+            section_color=(205, 205, 205),
+            position=(centre[0], centre[1], floor),
+            infinite_grid=False,
+        )
+        camera = server.initial_camera
+        # To the left of the middle, for on the right is the panel.
+        camera.look_at = centre + size * np.array([0.25, 0.0, 0.1])
+        camera.position = centre + size * np.array([0.1, -1.2, 1.0])
+        camera.near, camera.far = 0.01 * size, 100 * size
+        camera.fov = np.radians(50)
+
+    # ---------------------------------------------------------------- what there is
+
+    def add_shapes(self, shapes: Iterable[Shape]) -> None:
+        """Draw constraints' surfaces and zones."""
+        for number, shape in enumerate(shapes):
+            self._shapes.append(
+                self.server.scene.add_mesh_simple(
+                    f"/constraints/{number}_{shape.name.replace('/', '_')}",
+                    shape.vertices,
+                    shape.faces,
+                    color=COLOURS[shape.kind],
+                    opacity=OPACITIES[shape.kind],
+                    side="double",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+            )
+
+    def put(self, name: str, track: Track, worst: float) -> None:
+        """Draw a motion, or draw it anew where there is one of that name.
+
+        Parameters
+        ----------
+        name : str
+            Of its nodes; see :func:`noslip.viewer.scene.node_name`.
+        track : Track
+        worst : float
+            Violation that has the last colour.
+        """
+        self._tracks[name] = track
+        points, colors = track.trail(worst)
+        colors = _linear(colors)
+        if name in self._nodes:
+            with self.server.atomic():
+                trail = self._nodes[name]["trail"]
+                trail.points, trail.colors = points.astype(np.float32), colors
+            return
+        scene = self.server.scene
+        nodes: dict[str, Any] = {
+            "trail": scene.add_line_segments(
+                f"/motions/{name}/trail",
+                points,
+                colors,
+                thickness=TRAIL_WIDTH,
+                thickness_units="screen",
+            ),
+            "tool": self._add_tool(f"/motions/{name}/tool"),
+        }
+        if track.reference is not None:
+            path = track.reference.positions[:: max(1, len(track.reference) // 500)]
+            nodes["ghost trail"] = scene.add_line_segments(
+                f"/motions/{name}/demonstration",
+                np.stack([path[:-1], path[1:]], axis=1),
+                GHOST,
+                thickness=GHOST_WIDTH,
+                thickness_units="screen",
+            )
+            nodes["ghost"] = self._add_tool(f"/motions/{name}/ghost", ghost=True)
+        for arrow in track.arrows(0, self.size):
+            nodes[arrow] = scene.add_arrows(
+                f"/motions/{name}/{arrow}",
+                np.zeros((1, 2, 3)),
+                rgb(PALETTE[ARROW_COLOURS[arrow]]),
+                shaft_radius=0.004 * self.size,
+                head_radius=0.01 * self.size,
+                head_length=0.03 * self.size,
+                visible=False,
+            )
+        self._nodes[name] = nodes
+        if self._waiting:
+            self._followers[name] = self._waiting.pop(0)
+            self._followers[name].add(scene, f"/motions/{name}/follower")
+
+    def draw_path(self, name: str, points: Floats) -> None:
+        """Draw a line beside a motion's own trail: where a pushed tool went."""
+        segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        nodes = self._nodes[name]
+        if "pushed" in nodes:
+            nodes["pushed"].points = segments
+        else:
+            nodes["pushed"] = self.server.scene.add_line_segments(
+                f"/motions/{name}/pushed",
+                segments,
+                rgb(PALETTE["green"]),
+                thickness=TRAIL_WIDTH,
+                thickness_units="screen",
+            )
+
+    def clear_path(self, name: str) -> None:
+        """Remove that line, if there is one."""
+        if "pushed" in self._nodes[name]:
+            self._nodes[name].pop("pushed").remove()
+
+    # ---------------------------------------------------------------- moving it
+
+    def move(self, time: float) -> None:
+        """Move everything to a time (s); a motion that is over stays at its end."""
+        with self.server.atomic():
+            for name, track in self._tracks.items():
+                self._move(name, track, time)
+
+    def place_tool(self, name: str, state: State) -> None:
+        """Move one motion's tool to a state beside it, until the next :meth:`move`."""
+        nodes = self._nodes[name]
+        with self.server.atomic():
+            nodes["tool"].position = state.position
+            nodes["tool"].wxyz = state.rotation.as_quat(scalar_first=True)
+            self._draw_arrows(nodes, self._tracks[name].arrows_in(state, self.size))
+
+    def show(self, what: str, visible: bool) -> None:
+        """Show or hide ``ghost``, ``arrows`` or ``shapes``."""
+        self._visible[what] = visible
+        for shape in self._shapes:
+            shape.visible = self._visible["shapes"]
+        for nodes in self._nodes.values():
+            for part in ("ghost", "ghost trail"):
+                if part in nodes:
+                    nodes[part].visible = self._visible["ghost"]
+
+    def _move(self, name: str, track: Track, time: float) -> None:
+        nodes, k = self._nodes[name], track.sample(time)
+        nodes["tool"].position = track.motion.positions[k]
+        nodes["tool"].wxyz = track.quaternions[k]
+        if track.reference is not None:
+            done = min(time / track.motion.duration, 1.0)
+            g = round(done * (len(track.reference) - 1))
+            nodes["ghost"].position = track.reference.positions[g]
+            nodes["ghost"].wxyz = track.reference.rotations[g].as_quat(scalar_first=True)
+        self._draw_arrows(nodes, track.arrows(k, self.size))
+        if name in self._followers:
+            self._followers[name].show(track.motion, k)
+
+    def _draw_arrows(self, nodes: dict[str, Any], arrows: Mapping[str, Floats]) -> None:
+        for arrow, ends in arrows.items():
+            # Shorter than its own head, an arrow shows nothing.
+            seen = np.linalg.norm(ends[1] - ends[0]) > 1e-3 * self.size
+            nodes[arrow].visible = bool(seen and self._visible["arrows"])
+            if seen:
+                nodes[arrow].points = ends[None].astype(np.float32)
+
+    def _add_tool(self, node: str, *, ghost: bool = False) -> Any:
+        frame = self.server.scene.add_frame(node, show_axes=False)
+        for number, part in enumerate(self.tool):
+            self.server.scene.add_mesh_simple(
+                f"{node}/{number}",
+                part.vertices,
+                part.faces,
+                color=GHOST if ghost else part.colour,
+                opacity=GHOST_OPACITY if ghost else None,
+                flat_shading=True,
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+        return frame
+
+
+def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Colours of corners as viser's lines take them: they are not converted from sRGB there."""
+    share = colors / 255.0
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.round(255 * linear), dtype=np.uint8)
+
+
+def legend(worst: float, unit: str, arrows: Mapping[str, object]) -> str:
+    """Return what the colours mean, as HTML."""
+    stops = ", ".join(PALETTE[name] for name in ("blue", "orange", "vermillion"))
+    told = [
+        f'<div style="height:8px;border-radius:4px;background:linear-gradient(to right,{stops})">'
+        f'</div><div style="display:flex;justify-content:space-between"><span>0</span>'
+        f"<span>violation along the trail</span><span>{worst:.2g} {unit}</span></div>"
+    ]
+    names = {"lateral": "lateral axis", "velocity": "velocity", "force": "constraint force"}
+    told += [
+        f'<span style="color:{PALETTE[colour]}">&#10142;</span> {names[arrow]}&ensp;'
+        for arrow, colour in ARROW_COLOURS.items()
+        if arrow in arrows
+    ]
+    return "".join(told)

@@ -1,0 +1,132 @@
+"""The motions that are shown, what belongs to each, and the scene that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.system import ConstraintSystem
+from noslip.learning import ConstrainedDMP
+from noslip.trajectory import PoseTrajectory
+from noslip.viewer.changes import Adapted, Adapter, Wish
+from noslip.viewer.drawing import Drawing, Follower, legend
+from noslip.viewer.scene import Track, extent, node_name
+from noslip.viewer.shapes import shapes
+from noslip.viewer.tool import Part, scalpel
+
+LEAST_WORST = 1e-3
+"""Violation that has the last colour, at least: what holds must not look as if it did not."""
+TOOL_LENGTH = 0.45
+"""Of the scalpel, over the scene's size."""
+
+
+@dataclass
+class Entry:
+    """A motion on the page, and the primitive that it came from, if it did.
+
+    Attributes
+    ----------
+    track : Track
+        As it is shown now.
+    primitive : ConstrainedDMP or None
+        As it was learned.
+    adapter : Adapter or None
+        Of the primitive.
+    current : ConstrainedDMP or None
+        As it was adapted last.
+    wish : Wish
+    outcome : Adapted or None
+    """
+
+    track: Track
+    primitive: ConstrainedDMP | None = None
+    adapter: Adapter | None = None
+    current: ConstrainedDMP | None = None
+    wish: Wish = field(default_factory=Wish)
+    outcome: Adapted | None = None
+
+
+def entries(
+    shown: Mapping[str, PoseTrajectory | ConstrainedDMP], constraints: Sequence[Constraint] = ()
+) -> dict[str, Entry]:
+    """Prepare recordings and primitives, by name; primitives are rolled out.
+
+    Parameters
+    ----------
+    shown : mapping
+    constraints : sequence of Constraint
+        What recordings are checked against; of primitives, besides their own.  Recordings beside
+        primitives are checked against theirs too.
+    """
+    primitives = [what for what in shown.values() if isinstance(what, ConstrainedDMP)]
+    asked = unique([*constraints, *(c for primitive in primitives for c in primitive.constraints)])
+    found: dict[str, Entry] = {}
+    for name, what in shown.items():
+        if isinstance(what, ConstrainedDMP):
+            held = ConstraintSystem(unique([*what.constraints, *constraints]))
+            track = Track(name, what.rollout(), held, what.regular.rollout())
+            entry = Entry(track, what, Adapter(what), what)
+        else:
+            entry = Entry(Track(name, what, ConstraintSystem(asked)))
+        found[node_name(name, found)] = entry
+    return found
+
+
+def drawn(
+    server: viser.ViserServer,
+    shown: Mapping[str, Entry],
+    tool: Sequence[Part] | None = None,
+    followers: Sequence[Follower] = (),
+) -> Drawing:
+    """Draw entries on a server, at the beginning of their motions."""
+    motions = [entry.track.motion for entry in shown.values()]
+    centre, size = extent(motions)
+    constraints = unique([c for e in shown.values() for c in e.track.system.constraints])
+    if tool is None:
+        tool = suitable_scalpel(motions, constraints, size)
+    low = min(float(motion.positions[:, 2].min()) for motion in motions)
+    drawing = Drawing(server, tool, centre=centre, size=size, floor=low, followers=followers)
+    drawing.add_shapes(shapes(constraints, centre, size))
+    for name, entry in shown.items():
+        drawing.put(name, entry.track, worst(shown))
+    drawing.move(0.0)
+    return drawing
+
+
+def suitable_scalpel(
+    motions: Sequence[PoseTrajectory], constraints: Sequence[Constraint], size: float
+) -> list[Part]:
+    """Return a scalpel along the constraints' axes, its handle on the upper side."""
+    blade = next((c for c in constraints if c.lateral and c.edge), None)
+    edge, lateral = (blade.edge, blade.lateral) if blade else (None, None)
+    tool = scalpel(TOOL_LENGTH * size, edge=edge or "x", lateral=lateral or "y")
+    handle = tool[-1].vertices.mean(axis=0)
+    up = float(np.mean([motion.rotations.apply(handle)[:, 2].mean() for motion in motions]))
+    if up >= 0:
+        return tool
+    return scalpel(TOOL_LENGTH * size, edge=edge or "x", lateral=lateral or "y", flip=True)
+
+
+def worst(shown: Mapping[str, Entry]) -> float:
+    """Violation that has the last colour: the largest of all motions."""
+    return max(LEAST_WORST, *(float(entry.track.violation.max()) for entry in shown.values()))
+
+
+def key(shown: Mapping[str, Entry], track: Track) -> str:
+    """Return what the colours of the trails and of a motion's arrows mean, as HTML."""
+    largest = max((entry.track for entry in shown.values()), key=lambda t: t.violation.max())
+    unit = largest.report.worst.unit if largest.report else ""
+    return legend(worst(shown), unit, track.arrows(len(track.motion) // 2, 1.0))
+
+
+def unique(constraints: Sequence[Constraint]) -> list[Constraint]:
+    """Return constraints without those that are there already."""
+    found: list[Constraint] = []
+    for constraint in constraints:
+        if constraint not in found:
+            found.append(constraint)
+    return found

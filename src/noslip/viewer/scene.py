@@ -1,0 +1,393 @@
+"""What the viewer draws, as numbers: nothing here knows of a browser.
+
+Velocities are those of the steps between samples, the residuals those that :func:`noslip.check`
+reports, so that the angle between the drawn velocity and the drawn lateral axis is a right one
+exactly where the constraint holds.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noslip.comparison import compare
+from noslip.constraints.check import CheckReport, amount, check, step_residuals
+from noslip.constraints.declaration import UNITS, Constraint, axis_index
+from noslip.constraints.fields import ORIGIN
+from noslip.constraints.moving_frame import InMovingFrame
+from noslip.constraints.system import ConstraintSystem
+from noslip.figures.style import PALETTE
+from noslip.primitives.pose import ConstrainedMotion, State
+from noslip.trajectory import PoseTrajectory
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+MOST_SEGMENTS = 1000
+"""Of a trail; what is longer is thinned out, its worst violations stay."""
+CHART_POINTS = 200
+"""Of a line in a chart."""
+LEAST_RESIDUAL = 1e-18
+"""Zero, on a logarithmic axis."""
+SLOW = 1e-3
+"""Of the peak speed: slower, a direction of travel means nothing."""
+ARROW = 0.15
+"""Length of the longest arrow, over the scene's size."""
+
+
+def rgb(color: str) -> tuple[int, int, int]:
+    """Return the three bytes of ``#rrggbb``."""
+    red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
+    return red, green, blue
+
+
+SLIP_COLOURS = tuple(rgb(PALETTE[name]) for name in ("blue", "orange", "vermillion"))
+"""Of no violation, half of the largest, and the largest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One motion, and what of it is drawn.
+
+    Attributes
+    ----------
+    name : str
+    motion : PoseTrajectory
+    system : ConstraintSystem
+        What it is checked against; may be empty.
+    reference : PoseTrajectory or None
+        The demonstration that it is compared with, drawn as a ghost.
+    """
+
+    name: str
+    motion: PoseTrajectory
+    system: ConstraintSystem
+    reference: PoseTrajectory | None = None
+
+    # ---------------------------------------------------------------- along the motion
+
+    @cached_property
+    def rows(self) -> Floats:
+        """Residuals and margins at each sample, shape (N, m); the first sample has the second's."""
+        found = step_residuals(self.motion, self.system)
+        return np.concatenate([found[:1], found])
+
+    @cached_property
+    def sizes(self) -> dict[str, Floats]:
+        """Size of each equality's residual, by name, each of shape (N,)."""
+        return {
+            name: np.linalg.norm(rows, axis=1)
+            for name, constraint, rows in self._parts
+            if constraint.relation == "zero"
+        }
+
+    @cached_property
+    def margins(self) -> dict[str, Floats]:
+        """Least margin over the rows of each limit, by name, each of shape (N,)."""
+        return {
+            name: rows.min(axis=1)
+            for name, constraint, rows in self._parts
+            if constraint.relation == "nonnegative"
+        }
+
+    @cached_property
+    def violation(self) -> Floats:
+        """The largest violation of any constraint at each sample, in its own unit, shape (N,)."""
+        limits = [np.maximum(-margin, 0.0) for margin in self.margins.values()]
+        sizes = [np.zeros(len(self.motion)), *self.sizes.values(), *limits]
+        return np.asarray(np.max(sizes, axis=0))
+
+    @cached_property
+    def forces(self) -> Floats | None:
+        """Linear part of the constraint force (m/s^2), shape (N, 3); None of a recording."""
+        if isinstance(self.motion, ConstrainedMotion) and self.motion.row_forces.size:
+            return self.motion.constraint_forces[:, :3]
+        return None
+
+    @cached_property
+    def report(self) -> CheckReport | None:
+        """The verdict of :func:`noslip.check`; None if there is nothing to check."""
+        return check(self.motion, self.system) if self.system.constraints else None
+
+    @property
+    def _parts(self) -> list[tuple[str, Constraint, Floats]]:
+        parts = np.split(self.rows, np.cumsum(self.system.rows)[:-1], axis=1)
+        return list(zip(self.system.names, self.system.constraints, parts, strict=False))
+
+    # ---------------------------------------------------------------- at one instant
+
+    def sample(self, time: float) -> int:
+        """Return the last sample at or before a time (s) since the motion began."""
+        k = int(np.searchsorted(self.clock, time + 1e-9, side="right")) - 1
+        return min(max(k, 0), len(self.motion) - 1)
+
+    @cached_property
+    def clock(self) -> Floats:
+        """Seconds since the motion began, shape (N,)."""
+        return np.asarray(self.motion.times - self.motion.times[0])
+
+    @cached_property
+    def quaternions(self) -> Floats:
+        """Unit quaternions ``(qw, qx, qy, qz)``, shape (N, 4)."""
+        return self.motion.quaternions
+
+    @cached_property
+    def slipping(self) -> Constraint | None:
+        """The first constraint that names a lateral axis of the tool in the world."""
+        for constraint in self.system.constraints:
+            # In a frame that moves, it is not the velocity in the world that must not be lateral.
+            if constraint.lateral and not isinstance(constraint, InMovingFrame):
+                return constraint
+        return None
+
+    @cached_property
+    def points(self) -> Floats:
+        """The tool's point that must not slip, or its origin, world frame (m), shape (N, 3)."""
+        return np.asarray(self.motion.positions + self._arms)
+
+    @cached_property
+    def velocities(self) -> Floats:
+        """Velocity of that point on the step to each sample (m/s), shape (N, 3)."""
+        linear, angular = self.motion.step_velocities()
+        found = linear + np.cross(angular, self._arms[1:])
+        return np.concatenate([found[:1], found])
+
+    @cached_property
+    def lateral_axes(self) -> Floats | None:
+        """The lateral axis in the world, shape (N, 3); None without one."""
+        if self.slipping is None or self.slipping.lateral is None:
+            return None
+        index, sign = axis_index(self.slipping.lateral)
+        return np.asarray(sign * self.motion.rotations.as_matrix()[:, :, index])
+
+    @cached_property
+    def peak_speed(self) -> float:
+        """Largest speed of the point (m/s)."""
+        return float(np.linalg.norm(self.velocities, axis=1).max())
+
+    def slip_angle(self, sample: int) -> float | None:
+        """Angle between the velocity and the blade's plane (rad); None where it hardly moves."""
+        if self.lateral_axes is None:
+            return None
+        velocity = self.velocities[sample]
+        speed = float(np.linalg.norm(velocity))
+        if speed <= SLOW * self.peak_speed:
+            return None
+        return float(np.arcsin(np.clip(velocity @ self.lateral_axes[sample] / speed, -1.0, 1.0)))
+
+    def arrows(self, sample: int, size: float) -> dict[str, Floats]:
+        """Start and end of each arrow at a sample, world frame (m), each of shape (2, 3).
+
+        Parameters
+        ----------
+        sample : int
+        size : float
+            Of the scene (m): the longest arrow has a fixed share of it.
+
+        Returns
+        -------
+        dict
+            ``lateral``, the axis; ``velocity``, relative to the peak speed; and ``force``, relative
+            to the peak acceleration of the motion, so that a force that does nothing is not seen.
+        """
+        lateral = None if self.lateral_axes is None else self.lateral_axes[sample]
+        force = None if self.forces is None else self.forces[sample]
+        return self._arrows(self.points[sample], self.velocities[sample], lateral, force, size)
+
+    def arrows_in(self, state: State, size: float) -> dict[str, Floats]:
+        """Return the same arrows of a state beside the motion, such as a pushed tool's."""
+        arm = state.rotation.apply(self._reference_point)
+        velocity = state.linear_velocity + np.cross(state.angular_velocity, arm)
+        lateral = None
+        if self.slipping is not None and self.slipping.lateral is not None:
+            index, sign = axis_index(self.slipping.lateral)
+            lateral = sign * state.rotation.as_matrix()[:, index]
+        force = None if self.forces is None else state.constraint_forces[:3]
+        return self._arrows(state.position + arm, velocity, lateral, force, size)
+
+    def _arrows(
+        self,
+        at: Floats,
+        velocity: Floats,
+        lateral: Floats | None,
+        force: Floats | None,
+        size: float,
+    ) -> dict[str, Floats]:
+        length, found = ARROW * size, {}
+        if lateral is not None:
+            found["lateral"] = np.array([at, at + length * lateral])
+        if self.peak_speed > 0:
+            found["velocity"] = np.array([at, at + length / self.peak_speed * velocity])
+        if force is not None and self._peak_acceleration > 0:
+            found["force"] = np.array([at, at + length / self._peak_acceleration * force])
+        return found
+
+    def readout(self, time: float) -> dict[str, str]:
+        """What is told of an instant, as label and text."""
+        k = self.sample(time)
+        told = {
+            "time": f"{self.clock[k]:.3f} s",
+            # Rounded first, and not -0.
+            "position": ", ".join(
+                f"{x:.2f}" for x in np.round(1e3 * self.motion.positions[k], 2) + 0.0
+            )
+            + " mm",
+            "speed": f"{1e3 * np.linalg.norm(self.velocities[k]):.3g} mm/s",
+        }
+        angle = self.slip_angle(k)
+        if self.lateral_axes is not None:
+            told["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
+        units = dict(zip(self.system.names, self._units, strict=True))
+        for name, sizes in self.sizes.items():
+            told[f"{name}: residual"] = amount(float(sizes[k]), units[name])
+        for name, margins in self.margins.items():
+            told[f"{name}: margin"] = amount(float(margins[k]), units[name])
+        if self.forces is not None:
+            told["constraint force"] = f"{np.linalg.norm(self.forces[k]):.3g} m/s²"
+        return told
+
+    # ---------------------------------------------------------------- as a whole
+
+    def merits(self) -> dict[str, str]:
+        """Figures of merit against the demonstration, as label and text; empty without one."""
+        if self.reference is None:
+            return {}
+        found = compare(self.motion, self.reference, self.system)
+        told = {
+            "position, rms": f"{1e3 * found.position_rms:.3g} mm",
+            "position, at the end": f"{1e3 * found.position_end:.3g} mm",
+            "rotation, rms": f"{np.degrees(found.rotation_rms):.3g}°",
+            "angular speed, peak": f"{found.angular_speed_peak:.3g} rad/s",
+            "angular acceleration, peak": f"{found.angular_acceleration_peak:.3g} rad/s²",
+        }
+        if found.slowest_edge_speed is not None:
+            told["speed along the edge, least"] = f"{1e3 * found.slowest_edge_speed:.3g} mm/s"
+        return told
+
+    def trail(self, worst: float) -> tuple[Floats, Bytes]:
+        """Segments of the path, shape (S, 2, 3), and their colours, shape (S, 2, 3) of bytes.
+
+        Parameters
+        ----------
+        worst : float
+            Violation that has the last colour.
+        """
+        last = len(self.points) - 1
+        cuts = _cuts(last, MOST_SEGMENTS)
+        ends = self.points[np.append(cuts, last)]
+        segments = np.stack([ends[:-1], ends[1:]], axis=1)
+        # A step belongs to the sample where it ends.
+        sizes = np.maximum.reduceat(self.violation[1:], cuts)
+        colours = slip_colours(sizes, worst)
+        return segments, np.repeat(colours[:, None], 2, axis=1)
+
+    def charts(self) -> dict[str, dict[str, Floats]]:
+        """Curves over time, at most ``CHART_POINTS`` long; each chart has its times as ``t``.
+
+        Residuals are decadic logarithms, the others in a unit in which they are not tiny.  The
+        peaks of what is thinned out stay: the largest residual and force, the least margin.
+        """
+        cuts = _cuts(len(self.clock), CHART_POINTS)
+        units = dict(zip(self.system.names, self._units, strict=True))
+        found: dict[str, dict[str, Floats]] = {"residual": {}, "margin": {}, "force": {}}
+        for name, size in self.sizes.items():
+            largest = np.maximum(np.maximum.reduceat(size, cuts), LEAST_RESIDUAL)
+            found["residual"][f"{name} ({units[name]})"] = np.log10(largest)
+        for name, margin in self.margins.items():
+            scale, unit = _prefixed(units[name], float(np.abs(margin).max()))
+            found["margin"][f"{name} ({unit})"] = scale * np.minimum.reduceat(margin, cuts)
+        if self.forces is not None:
+            size = np.linalg.norm(self.forces, axis=1)
+            scale, unit = _prefixed("m/s²", float(size.max()))
+            found["force"][f"force ({unit})"] = scale * np.maximum.reduceat(size, cuts)
+        return {
+            chart: {"t": self.clock[cuts]} | curves for chart, curves in found.items() if curves
+        }
+
+    # ---------------------------------------------------------------- inside
+
+    @cached_property
+    def _arms(self) -> Floats:
+        """From the tool's origin to the point that must not slip, world frame."""
+        return np.asarray(self.motion.rotations.apply(self._reference_point))
+
+    @property
+    def _reference_point(self) -> tuple[float, float, float]:
+        """The point that must not slip (m), body frame."""
+        found: tuple[float, float, float] = getattr(self.slipping, "reference_point", ORIGIN)
+        return found
+
+    @cached_property
+    def _peak_acceleration(self) -> float:
+        changes = (
+            np.diff(self.motion.linear_velocities, axis=0) / np.diff(self.motion.times)[:, None]
+        )
+        return float(np.linalg.norm(changes, axis=1).max())
+
+    @cached_property
+    def _units(self) -> list[str]:
+        """Of each constraint; where its rows differ, that of the first."""
+        return [
+            constraint.unit or UNITS[constraint.level] for constraint in self.system.constraints
+        ]
+
+
+def slip_colours(sizes: Floats, worst: float) -> Bytes:
+    """Colours of violations, shape (N, 3) of bytes: blue where there is none."""
+    share = np.clip(sizes / worst, 0.0, 1.0) if worst > 0 else np.zeros_like(sizes)
+    places = np.linspace(0.0, 1.0, len(SLIP_COLOURS))
+    channels = [np.interp(share, places, channel) for channel in zip(*SLIP_COLOURS, strict=True)]
+    return np.round(np.stack(channels, axis=1)).astype(np.uint8)
+
+
+def cursor(curves: Mapping[str, Floats], time: float, low: float, high: float) -> list[Floats]:
+    """Columns of a chart with a vertical line at a time as its last: times, curves, line.
+
+    The instant is inserted twice, so that the line is upright; everywhere else it is not a number.
+    """
+    times = curves["t"]
+    time = float(np.clip(time, times[0], times[-1]))
+    k = int(np.searchsorted(times, time))
+    line = np.full(len(times), np.nan)
+    columns = [np.insert(times, k, [time, time])]
+    columns += [
+        np.insert(curve, k, [np.interp(time, times, curve)] * 2)
+        for name, curve in curves.items()
+        if name != "t"
+    ]
+    return [*columns, np.insert(line, k, [low, high])]
+
+
+def extent(motions: list[PoseTrajectory]) -> tuple[Floats, float]:
+    """Centre (m), shape (3,), and size (m) of a scene: of the box about all paths."""
+    points = np.concatenate([motion.positions for motion in motions])
+    low, high = points.min(axis=0), points.max(axis=0)
+    # A tool that only turns has no path; it is looked at from 10 cm.
+    return (low + high) / 2, float(np.linalg.norm(high - low)) or 0.1
+
+
+def node_name(name: str, taken: Mapping[str, object]) -> str:
+    """Return a motion's name as a node of the scene: short, without slashes, and not yet taken."""
+    short = re.sub(r"[^\w.+-]+", "_", re.split(r"[/\\]", name)[-1]) or "motion"
+    numbered = (short if k == 1 else f"{short}_{k}" for k in range(1, len(taken) + 2))
+    return next(candidate for candidate in numbered if candidate not in taken)
+
+
+def _prefixed(unit: str, peak: float) -> tuple[float, str]:
+    """Factor and unit in which a quantity whose largest size is ``peak`` is not tiny."""
+    if not unit.startswith("m") or peak >= 1:
+        return 1.0, unit
+    prefixes = ((1e3, "m"), (1e6, "µ"), (1e9, "n"))
+    scale, prefix = next((found for found in prefixes if found[0] * peak >= 1), prefixes[-1])
+    return scale, prefix + unit
+
+
+def _cuts(count: int, most: int) -> NDArray[np.intp]:
+    """Where ``count`` samples begin anew when they are put into at most ``most`` groups."""
+    groups = min(count, most)
+    return np.arange(groups) * count // groups

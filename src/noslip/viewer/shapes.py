@@ -1,0 +1,228 @@
+"""What constraints look like: surfaces, depth limits and keep-out zones, as triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.formula import surface_value
+from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
+from noslip.constraints.region import Box, DepthLimit, HalfSpace
+from noslip.constraints.remote_centre import RemoteCentre
+from noslip.figures.style import PALETTE
+from noslip.viewer.scene import rgb
+
+Floats = NDArray[np.float64]
+
+REACH = 0.75
+"""Half the side of what has no end, such as a plane, over the scene's size."""
+MARK = 0.015
+"""Radius of a point, over the scene's size."""
+GRID = 41
+"""Points along a side of a surface that is given by a formula."""
+NEWTON_STEPS = 30
+_ON_SURFACE = 1e-9
+"""m, from the surface: the most at which a point counts as on it, over the scene's size."""
+COLOURS = {
+    "contact": rgb(PALETTE["sky"]),
+    "limit": rgb(PALETTE["orange"]),
+    "keep-out": rgb(PALETTE["vermillion"]),
+    "mark": rgb(PALETTE["green"]),
+}
+OPACITIES = {"contact": 0.25, "limit": 0.2, "keep-out": 0.35, "mark": 1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A triangle mesh in the world frame.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        Of ``COLOURS``.
+    vertices : array, shape (V, 3)
+        Metres.
+    faces : array, shape (F, 3)
+        Indices of vertices.
+    """
+
+    name: str
+    kind: str
+    vertices: Floats
+    faces: NDArray[np.int64]
+
+
+def shapes(constraints: Iterable[Constraint], centre: ArrayLike, size: float) -> list[Shape]:
+    """Return what constraints look like near a scene; those without a place are left out.
+
+    Parameters
+    ----------
+    constraints : iterable of Constraint
+        Of those in a moving frame, nothing is drawn: they are nowhere for long.
+    centre : array, shape (3,)
+        Of the scene (m): what has no end is drawn about the point nearest to it.
+    size : float
+        Of the scene (m).
+    """
+    found = []
+    for constraint in constraints:
+        drawn = _drawn(constraint, np.asarray(centre, dtype=np.float64), size)
+        if drawn is not None:
+            kind, vertices, faces = drawn
+            found.append(Shape(constraint.name, kind, vertices, faces))
+    return found
+
+
+_Drawn = tuple[str, Floats, NDArray[np.int64]]
+
+
+def _drawn(constraint: Constraint, centre: Floats, size: float) -> _Drawn | None:
+    match constraint:
+        case PlaneContact(point=point, normal=normal):
+            return "contact", *_patch(point, normal, 0.0, centre, size)
+        case SphereContact(centre=middle, radius=radius):
+            return "contact", *_ball(middle, radius)
+        case CylinderContact(point=point, axis=axis, radius=radius):
+            return "contact", *_tube(point, axis, radius, centre, size)
+        case SurfaceContact():
+            return _surface(constraint, centre, size)
+        case HalfSpace(point=point, normal=normal):
+            return "limit", *_patch(point, normal, 0.0, centre, size)
+        case DepthLimit(surface_point=point, normal=normal, depth=depth):
+            return "limit", *_patch(point, normal, depth, centre, size)
+        case Box():
+            return "limit", *_sides(constraint, centre, size)
+        case KeepOutSphere(centre=middle, radius=radius):
+            return "keep-out", *_ball(middle, radius)
+        case KeepOutCapsule(start=start, end=end, radius=radius):
+            return "keep-out", *_capsule(start, end, radius)
+        case RemoteCentre(point=point):
+            return "mark", *_ball(point, MARK * size)
+    return None
+
+
+_Mesh = tuple[Floats, NDArray[np.int64]]
+
+
+def _mesh(made: trimesh.Trimesh) -> _Mesh:
+    return np.array(made.vertices, dtype=np.float64), np.array(made.faces, dtype=np.int64)
+
+
+def _basis(normal: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Three perpendicular unit vectors; the last is the normal's direction."""
+    n = np.asarray(normal, dtype=np.float64)
+    n = n / np.linalg.norm(n)
+    u = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
+    u /= np.linalg.norm(u)
+    return u, np.cross(n, u), n
+
+
+def _patch(point: ArrayLike, normal: ArrayLike, below: float, centre: Floats, size: float) -> _Mesh:
+    """Return a square of the plane through a point, or that far below it."""
+    u, v, n = _basis(normal)
+    middle = centre - ((centre - np.asarray(point)) @ n + below) * n
+    corners = [
+        middle + REACH * size * (a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def _ball(centre: ArrayLike, radius: float) -> _Mesh:
+    vertices, faces = _mesh(trimesh.creation.icosphere(subdivisions=3, radius=radius))
+    return vertices + np.asarray(centre), faces
+
+
+def _tube(point: ArrayLike, axis: ArrayLike, radius: float, centre: Floats, size: float) -> _Mesh:
+    """Return the length of an endless cylinder that lies beside the scene; open at its ends."""
+    u, v, n = _basis(axis)
+    middle = np.asarray(point) + ((centre - np.asarray(point)) @ n) * n
+    turn = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
+    ring = radius * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v)
+    half = REACH * size * n
+    k = np.arange(48)
+    after = (k + 1) % 48
+    faces = np.concatenate(
+        [np.stack([k, after, after + 48], axis=1), np.stack([k, after + 48, k + 48], axis=1)]
+    )
+    return np.concatenate([middle + ring - half, middle + ring + half]), faces
+
+
+def _capsule(start: ArrayLike, end: ArrayLike, radius: float) -> _Mesh:
+    along = np.asarray(end, dtype=np.float64) - np.asarray(start)
+    length = float(np.linalg.norm(along))
+    if length == 0:
+        return _ball(start, radius)
+    vertices, faces = _mesh(trimesh.creation.capsule(height=length, radius=radius, count=(32, 32)))
+    # It is made along z; its first hemisphere is moved to the origin.
+    vertices[:, 2] -= vertices[:, 2].min() + radius
+    return np.asarray(start) + vertices @ np.stack(_basis(along)), faces
+
+
+def _sides(box: Box, centre: Floats, size: float) -> _Mesh:
+    """Return the sides of a box that there are; what is open ends where the scene does."""
+    reach = REACH * size
+    low = np.array([c - reach if s is None else s for s, c in zip(box.lower, centre, strict=True)])
+    high = np.array([c + reach if s is None else s for s, c in zip(box.upper, centre, strict=True)])
+    low, high = np.minimum(low, high), np.maximum(low, high)
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    faces = []
+    for axis in range(3):
+        for upper, sides in ((0, box.lower), (1, box.upper)):
+            if sides[axis] is None:
+                continue
+            a, b, c, d = np.flatnonzero(corners[:, axis] == upper)
+            faces += [[a, b, d], [a, d, c]]
+    return np.where(corners == 1, high, low), np.array(faces)
+
+
+def _surface(contact: SurfaceContact, centre: Floats, size: float) -> _Drawn | None:
+    """Points of a grid beside the scene, moved onto ``f = 0`` along the gradient at its middle.
+
+    Where no point of the surface is found, there is a hole.
+    """
+    p = ca.SX.sym("p", 3)
+    f = surface_value(contact.surface, p)
+    function = ca.Function("surface", [p], [f, ca.jacobian(f, p)])
+
+    middle, reach = centre[None], REACH * size
+    for _ in range(NEWTON_STEPS):
+        off, slope = _value_at(function, middle)
+        square = float(np.sum(slope**2))
+        if not square > 0:
+            return None
+        middle = middle - off[:, None] * slope / square
+    _, slope = _value_at(function, middle)
+    if not (np.isfinite(middle).all() and np.linalg.norm(slope) > 0):
+        return None
+    u, v, n = _basis(slope[0])
+    a, b = (g.ravel() for g in np.meshgrid(*[np.linspace(-reach, reach, GRID)] * 2, indexing="ij"))
+    points = middle + a[:, None] * u + b[:, None] * v
+    with np.errstate(all="ignore"):
+        for _ in range(NEWTON_STEPS):
+            off, slope = _value_at(function, points)
+            points = points - (off / (slope @ n))[:, None] * n
+        off, slope = _value_at(function, points)
+        apart = np.abs(off) / np.linalg.norm(slope, axis=1)
+    near = np.abs((points - middle) @ n) <= 2 * reach
+    good = np.isfinite(points).all(axis=1) & (apart <= _ON_SURFACE * size) & near
+    k = np.arange(GRID * GRID).reshape(GRID, GRID)
+    corners = np.stack([k[:-1, :-1], k[1:, :-1], k[1:, 1:], k[:-1, 1:]], axis=-1).reshape(-1, 4)
+    corners = corners[good[corners].all(axis=1)]
+    if not len(corners):
+        return None
+    points[~good] = middle
+    return "contact", points, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+
+
+def _value_at(function: ca.Function, points: Floats) -> tuple[Floats, Floats]:
+    """Value and gradient, shapes (N,) and (N, 3)."""
+    found, slopes = function.map(len(points))(points.T)
+    return np.array(found).ravel(), np.array(slopes).reshape(len(points), 3)

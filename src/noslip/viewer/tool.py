@@ -1,0 +1,125 @@
+"""The tool that is shown: a scalpel made here, or a mesh from a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from noslip import _arguments
+from noslip.constraints.declaration import axis_index
+from noslip.errors import InputError
+
+Floats = NDArray[np.float64]
+
+SUFFIXES = (".stl", ".obj", ".glb")
+STEEL, HANDLE = (168, 176, 186), (62, 74, 90)
+_CUTTING = ((0.0, 0.0), (0.06, 0.025), (0.095, 0.08), (0.105, 0.15), (0.105, 0.30))
+"""The edge, from the tip upwards: along its travel (x) and up (z), over the tool's length."""
+_BACK = ((0.02, 0.36), (0.0, 0.30), (-0.035, 0.12))
+_SHARP, _SPINE = 0.0002, 0.008
+"""Half the thickness of the blade's edge and of its back, over the tool's length."""
+_SHAFT = ((0.02, 0.34), (0.098, 0.30), (0.085, 1.0), (0.03, 1.0))
+_SHAFT_HALF = 0.022
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A triangle mesh of one colour, in the tool's frame.
+
+    Attributes
+    ----------
+    vertices : array, shape (V, 3)
+        Metres.
+    faces : array, shape (F, 3)
+    colour : 3 bytes
+    """
+
+    vertices: Floats
+    faces: NDArray[np.int64]
+    colour: tuple[int, int, int]
+
+
+def scalpel(
+    length: float, *, edge: str = "x", lateral: str = "y", flip: bool = False
+) -> list[Part]:
+    """Return a scalpel whose tip is the tool's origin.
+
+    Parameters
+    ----------
+    length : float
+        Metres.
+    edge, lateral : str
+        The body axes along which it cuts, and across which it is flat.
+    flip : bool
+        Whether the handle points the other way along the third axis.
+    """
+    blade = _wedge(np.array(_CUTTING + _BACK), [_SHARP] * len(_CUTTING) + [_SPINE] * len(_BACK))
+    shaft = _wedge(np.array(_SHAFT), [_SHAFT_HALF] * len(_SHAFT))
+    frame = np.zeros((3, 3))
+    for row, axis in enumerate((edge, lateral)):
+        index, sign = axis_index(axis)
+        frame[row, index] = sign
+    frame[2] = np.cross(frame[0], frame[1])
+    if flip:
+        # A half turn about the edge: the lateral axis changes its sign alone, and it has none.
+        frame[1:] *= -1
+    return [
+        Part(length * vertices @ frame, faces, colour)
+        for (vertices, faces), colour in ((blade, STEEL), (shaft, HANDLE))
+    ]
+
+
+def load_tool(path: str | Path, *, scale: float = 1.0) -> list[Part]:
+    """Read a tool's mesh, in the tool's frame.
+
+    Parameters
+    ----------
+    path : path
+        ``.stl``, ``.obj`` or ``.glb``.
+    scale : float
+        Metres per unit of the file; 0.001 for one drawn in millimetres.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or holds no triangles.
+    """
+    path = Path(path)
+    scale = _arguments.positive("tool scale", scale, "metres per unit")
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path}: a tool is a mesh in {', '.join(SUFFIXES)}")
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; check the path")
+    try:
+        mesh = trimesh.load(path, force="mesh")
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: cannot be read as a mesh: {reason[:120]}") from error
+    faces = np.array(getattr(mesh, "faces", ()), dtype=np.int64)
+    vertices = np.array(getattr(mesh, "vertices", ()), dtype=np.float64)
+    if not len(faces) or not np.isfinite(vertices).all():
+        raise InputError(f"{path}: holds no triangles with finite corners; export it as a mesh")
+    return [Part(scale * vertices, faces, STEEL)]
+
+
+def _wedge(outline: Floats, halves: list[float]) -> tuple[Floats, NDArray[np.int64]]:
+    """Return a convex outline in the x-z plane, given a thickness along y at each corner."""
+    count = len(outline)
+    sides = [
+        np.stack([outline[:, 0], sign * np.array(halves), outline[:, 1]], axis=1)
+        for sign in (-1, 1)
+    ]
+    k = np.arange(count)
+    after = (k + 1) % count
+    fan = np.stack([0 * k[1:-1], k[1:-1], k[2:]], axis=1)
+    rim = np.concatenate(
+        [
+            np.stack([k, k + count, after + count], axis=1),
+            np.stack([k, after + count, after], axis=1),
+        ]
+    )
+    return np.concatenate(sides), np.concatenate([fan, fan[:, ::-1] + count, rim])

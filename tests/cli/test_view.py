@@ -1,0 +1,111 @@
+"""``noslip view``: what it serves, what it saves, and what it refuses."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from noslip.cli import main
+
+pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
+
+
+class Result(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def noslip(monkeypatch, capsys):
+    """Run the command in this process, as main() would from a shell."""
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["noslip", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+            raise SystemExit(0)
+        captured = capsys.readouterr()
+        return Result(int(stop.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def recording(tmp_path) -> Path:
+    t = np.linspace(0.0, 2.0, 121)
+    heading = 0.5 * np.sin(np.pi * t / 2)
+    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
+    path = np.cumsum(steps, axis=0) * (t[1] - t[0])
+    return ns.PoseTrajectory(t, path, Rotation.from_euler("z", heading)).to_csv(
+        tmp_path / "cut.csv"
+    )
+
+
+def test_save_writes_one_file_and_serves_nothing(noslip, recording, tmp_path):
+    out = tmp_path / "scene.html"
+    result = noslip("view", recording, "--constraint", "blade", "--save", out)
+    assert result.code == 0 and result.out.startswith(f"wrote {out}: ")
+    assert result.err == "" and len(result.out.splitlines()) == 1
+    assert out.read_bytes().lstrip().lower().startswith(b"<!doctype html>")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["missing.csv"], "missing.csv: no such file"),
+        (["cut.csv", "--save", "scene.png"], "must end in .html"),
+        (["cut.csv", "--tool", "tool.step"], "a tool is a mesh in"),
+        (
+            ["cut.csv", "--tool", "tool.stl", "--tool-scale", "0"],
+            "tool scale must be a positive number",
+        ),
+        (["cut.csv", "--constraint", "sword"], "no constraint is called 'sword'"),
+        (["cut.csv", "--no-open", "--host", "203.0.113.7"], "nothing can be served at"),
+        (["cut.csv", "cut.json"], "cut.json: cannot be read"),
+    ],
+)
+def test_bad_input_gets_one_line_and_exit_code_2(
+    noslip, recording, monkeypatch, arguments, expected
+):
+    monkeypatch.chdir(recording.parent)
+    result = noslip("view", *arguments)
+    assert result.code == 2 and result.out == ""
+    assert expected in result.err and len(result.err.splitlines()) == 1
+
+
+def test_without_viser_the_extra_is_named(noslip, recording, monkeypatch):
+    for module in [name for name in sys.modules if name.startswith("noslip.viewer")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    result = noslip("view", recording)
+    assert result.code == 2
+    assert "pip install 'noslip[viewer]'" in result.err
+
+
+def test_it_serves_until_it_is_interrupted(recording):
+    command = [sys.executable, "-m", "noslip", "view", recording, "--no-open", "--port", "0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ
+    ) as process:
+        try:
+            line = process.stdout.readline()
+            assert line.startswith("http://127.0.0.1:") and "Ctrl-C" in line
+            with urllib.request.urlopen(line.split()[0], timeout=10) as answer:
+                assert b"<html" in answer.read()
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert out == "" and err.strip() in ("", "noslip: interrupted")

@@ -1,0 +1,223 @@
+"""The page without a browser: what the server does, how fast, and what it survives."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+import noslip as ns
+
+pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
+
+from noslip.viewer import Page, save_page
+from noslip.viewer.drawing import _linear
+
+EXACT = 1e-10
+
+
+@contextlib.contextmanager
+def opened(shown: dict[str, object], **options: object) -> Iterator[Page]:
+    page = Page(shown, port=0, **options)
+    try:
+        yield page
+    finally:
+        page.stop()
+
+
+def done(page: Page, action: Callable[[], None] = lambda: None) -> None:
+    """Have the page do something and wait until it did."""
+    over = threading.Event()
+    page.post("test", action)
+    page.post("over", over.set)
+    assert over.wait(20)
+
+
+class Arm:
+    """Stands for whatever follows a tool."""
+
+    def __init__(self) -> None:
+        self.node, self.shown = "", []
+
+    def add(self, scene, node):
+        self.node = node
+        scene.add_frame(f"{node}/hand", axes_length=0.01, axes_radius=0.001)
+
+    def show(self, motion, sample):
+        self.shown.append((motion, sample))
+
+
+def test_ten_demonstrations_of_1000_samples_stay_fluid(demonstrate):
+    shown = {
+        f"cut_{k}.csv": demonstrate(0.02 * k).resampled(times=np.linspace(0, 4, 1000))
+        for k in range(10)
+    }
+    began = time.perf_counter()
+    with opened(shown, constraints=[ns.Blade()]) as page:
+        assert time.perf_counter() - began < 3
+        taken = []
+        for instant in np.linspace(0, 4, 40):
+            began = time.perf_counter()
+            page._show_time(float(instant))
+            taken.append(time.perf_counter() - began)
+        assert np.median(taken) < 0.05
+
+
+def test_it_is_served_to_this_machine_alone(cut):
+    with opened({"cut.csv": cut}) as page:
+        assert page.address.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(page.address, timeout=10) as answer:
+            assert b"<html" in answer.read()
+        port = page.server.get_port()
+        others = {i[4][0] for i in socket.getaddrinfo(socket.gethostname(), port)} - {"127.0.0.1"}
+        for address in (a for a in others if not a.startswith(("127.", "::1"))):
+            with pytest.raises(OSError):
+                socket.create_connection((address, port), timeout=1).close()
+
+
+def test_an_address_that_is_not_ours_is_refused(cut):
+    with pytest.raises(ns.InputError, match=r"nothing can be served at 203\.0\.113\.7"):
+        Page({"cut.csv": cut}, host="203.0.113.7")
+
+
+def test_there_must_be_something_to_show():
+    with pytest.raises(ns.InputError, match="needs a recording or a primitive"):
+        Page({})
+
+
+def test_recordings_are_checked_against_what_the_primitives_hold(primitive, slipping):
+    with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
+        assert page.chosen == "cut.json"
+        reports = {name: entry.track.report for name, entry in page.entries.items()}
+        assert reports["cut.json"].satisfied
+        assert reports["slipping.csv"].verdict == "violated: blade"
+
+
+def test_a_follower_is_told_where_the_tool_is(primitive):
+    arm = Arm()
+    with opened({"cut.json": primitive}, followers=[arm]) as page:
+        done(page, lambda: page._seek(2.0))
+        motion, sample = arm.shown[-1]
+        assert motion is page.entry.track.motion
+        assert motion.times[sample] == pytest.approx(2.0, abs=motion.period)
+        assert arm.node == "/motions/cut.json/follower"
+
+
+def test_a_new_goal_changes_path_residual_and_duration(primitive):
+    with opened({"cut.json": primitive}) as page:
+        goal = primitive.position.goal + [0.01, 0.0, 0.0]
+
+        def ask() -> None:
+            page._goal.value, page._duration.value = tuple(goal), 6.0
+            page._wish_from_numbers()
+
+        done(page, ask)
+        motion = page.entry.track.motion
+        assert np.linalg.norm(motion.positions[-1] - goal) < 1e-4
+        assert np.abs(motion.constraint_residuals).max() < EXACT
+        assert page.duration == pytest.approx(6.0, rel=1e-3)
+        assert "residual at most" in page._change_note.content
+        done(page, lambda: page._seek(5.9))
+        done(page, page._as_learned)
+        assert page.time == page.duration == pytest.approx(4.0)
+        assert page.entry.track.motion.positions == pytest.approx(primitive.rollout().positions)
+
+
+def test_what_cannot_be_done_is_told_and_the_motion_stays(primitive):
+    with opened({"cut.json": primitive}) as page:
+        before = page.entry.track
+
+        def ask() -> None:
+            page._goal.value = tuple(primitive.position.goal + [0.0, 0.0, 0.01])
+            page._wish_from_numbers()
+
+        done(page, ask)
+        assert page.entry.track is before
+        assert "no such motion" in page._change_note.content
+        assert "plane-contact" in page._change_note.content
+
+
+def test_a_fault_is_told_and_the_page_lives(cut, capsys):
+    with opened({"cut.csv": cut}) as page:
+
+        def fail() -> None:
+            raise RuntimeError("of our own making")
+
+        page.post("fail", fail)
+        end = time.monotonic() + 20
+        while not page._notice.visible and time.monotonic() < end:
+            time.sleep(0.01)
+        assert "RuntimeError: of our own making" in page._notice.content
+        done(page, lambda: page._seek(1.0))
+        assert page.time == 1.0
+        assert not page._notice.visible
+    assert "of our own making" in capsys.readouterr().err
+
+
+def test_of_what_is_asked_again_only_the_last_is_done(cut):
+    with opened({"cut.csv": cut}) as page:
+        held, seen = threading.Event(), []
+        page.post("hold", lambda: held.wait(10))
+        time.sleep(0.1)
+        for k in range(20):
+            page.post("drag", lambda k=k: seen.append(k))
+        held.set()
+        done(page)
+        assert seen == [19]
+
+
+def test_a_file_that_slips_more_changes_the_colours_of_all(demonstrate, primitive, slipping):
+    with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
+        before = page._legend.content
+        worse = demonstrate(0.6, "worse.csv").csv_text().encode()
+        done(page, lambda: page._check("worse.csv", worse))
+        assert page.chosen == "worse.csv" and list(page.entries)[-1] == "worse.csv"
+        assert page._legend.content != before
+        colours = page.drawing._nodes["slipping.csv"]["trail"].colors
+        assert (
+            colours.tolist()
+            == _linear(page.entries["slipping.csv"].track.trail(page._worst)[1]).tolist()
+        )
+
+
+def test_a_broken_file_is_told_and_changes_nothing(primitive):
+    with opened({"cut.json": primitive}) as page:
+        done(page, lambda: page._check("broken.csv", b"t,x\n0,0\n"))
+        assert page._upload_note.content.count("broken.csv: ") == 1
+        assert list(page.entries) == ["cut.json"]
+
+
+def test_a_pushed_run_on_the_page_leaves_a_trail_until_something_changes(primitive):
+    with opened({"cut.json": primitive}) as page:
+        page._speed.value = "4x"
+        done(page, page._start_run)
+        done(page, page._push)
+        end = time.monotonic() + 20
+        while page._run is not None and time.monotonic() < end:
+            time.sleep(0.05)
+        done(page)
+        assert "arrived" in page._push_note.content and not page.playing
+        assert "pushed" in page.drawing._nodes["cut.json"]
+        done(page, page._as_learned)
+        assert "pushed" not in page.drawing._nodes["cut.json"]
+
+
+def test_a_name_cannot_bring_html_onto_the_page(cut):
+    with opened({"<img src=x onerror=alert(1)>.csv": cut}, constraints=[ns.Blade()]) as page:
+        told = page._verdict.content + page._readout.content + page._legend.content
+        assert "<img" not in told
+
+
+def test_a_saved_page_needs_nothing_but_itself(tmp_path, primitive, slipping):
+    file = save_page(tmp_path / "scene.html", {"cut.json": primitive, "<b>.csv": slipping})
+    text = file.read_text()
+    assert text.count("__VISER_EMBED_DATA__") >= 1
+    assert text.rstrip().endswith("</html>")
+    assert "<b>.csv" not in text
+    assert "violated: blade" in text and "cut.json</b>: holds" in text
