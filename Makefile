@@ -15,6 +15,12 @@ $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("noslip needs Python 3.11 or newer; choose one with: make PYTHON=python3.12 ...") if sys.version_info < (3, 11) else None'
 	@echo "Setting up $(VENV) (once, and again when pyproject.toml changes) ..."
 	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+# All extras, the linters and the test tools: about 1.5 GB.
+$(VENV)/.dev: $(STAMP)
+	@echo "Installing what the tests need ..."
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@
 
@@ -29,18 +35,18 @@ $(VENV)/.docs: $(STAMP)
 demo: $(STAMP) ## run the paper's experiments; results in noslip-demo/
 	$(BIN)/noslip demo --out noslip-demo
 
-test: $(STAMP) ## run all tests
+test: $(VENV)/.dev ## run all tests
 	$(BIN)/python -m pytest --numprocesses auto
 
-quick: $(STAMP) ## run the fast tests only
+quick: $(VENV)/.dev ## run the fast tests only
 	$(BIN)/python -m pytest --numprocesses auto -m "not slow"
 
-check: $(STAMP) ## lint, format and types
+check: $(VENV)/.dev ## lint, format and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-format: $(STAMP) ## put the code into the house's format
+format: $(VENV)/.dev ## put the code into the house's format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 

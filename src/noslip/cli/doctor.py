@@ -37,6 +37,7 @@ EXTRAS = {
     "cluster": ("distributed",),
     "viewer": ("viser",),
     "report": ("jinja2", "weasyprint"),
+    "interop": ("movement_primitives", "pytransform3d"),
 }
 """Packages that each extra brings."""
 
