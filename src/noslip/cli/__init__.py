@@ -37,23 +37,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-for command in (
-    demo,
-    topics,
-    convert,
-    segment,
-    check,
-    learn,
-    rollout,
-    adapt,
-    plot,
-    view,
-    report,
-    simulate,
-    export,
-    doctor,
-):
-    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.run)
+PANELS = {
+    "Start here": (demo, doctor),
+    "Recordings": (topics, convert, segment, check),
+    "Primitives": (learn, rollout, adapt),
+    "Look at them": (plot, view, report),
+    "To the robot": (simulate, export),
+}
+for panel, commands in PANELS.items():
+    for command in commands:
+        app.command(name=command.NAME, epilog=command.EXAMPLES, rich_help_panel=panel)(command.run)
 
 
 def _print_version(wanted: bool) -> None:
@@ -73,11 +66,23 @@ def _noslip(
 ) -> None:
     """Movement primitives for tools that must not slip sideways.
 
-    Learn a primitive from recordings, hold a constraint exactly while it runs, check and draw the
-    motion.  Start with [bold]noslip demo[/bold].
+    Learn a primitive from recordings, hold a constraint exactly while it
+    runs, check and draw the motion.  Start with [bold]noslip demo[/bold]; then, with a
+    recording of your own:
 
-    Exit codes: 0 fine, 1 a constraint is violated or a projection did not converge, 2 bad usage or
-    input.
+      noslip check cut.csv --constraint blade               does the hand slip?
+
+      noslip learn cut.csv --constraint blade --out cut.json
+
+      noslip view cut.csv cut.json                          drag its goal, push it
+
+      noslip simulate cut.json --out arm/                   on an arm
+
+    A recording is t,x,y,z,qw,qx,qy,qz (s, m, the tool in the world), a ROS
+    bag or a data set.
+
+    Exit codes: 0 fine, 1 a constraint is violated or a projection did not
+    converge, 2 bad usage or input.
     """
 
 
