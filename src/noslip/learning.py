@@ -42,9 +42,9 @@ from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 
 if TYPE_CHECKING:
+    from noslip.runtime.batch import Motions
     from noslip.runtime.controller import Controller
     from noslip.runtime.export import Exported
-    from noslip.runtime.many import Motions
 
 Floats = NDArray[np.float64]
 
@@ -352,8 +352,8 @@ class ConstrainedDMP(PoseDMP):
         return Controller(self, time_step=time_step, **options)
 
     def rollout_many(self, **options: Any) -> Motions:
-        """Roll out thousands of times; see :func:`noslip.runtime.many.rollout_many`."""
-        from noslip.runtime.many import rollout_many
+        """Roll out thousands of times; see :func:`noslip.runtime.batch.rollout_many`."""
+        from noslip.runtime.batch import rollout_many
 
         return rollout_many(self, **options)
 
