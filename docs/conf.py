@@ -1,15 +1,65 @@
 """Sphinx configuration."""
 
+import sys
+from pathlib import Path
+
 from noslip import __version__
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+from gallery import left_out
 
 project = "noslip"
 author = "the noslip authors"
 copyright = "2026, the noslip authors"
 release = version = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
-myst_enable_extensions = ["dollarmath", "deflist"]
-source_suffix = {".md": "markdown"}
-exclude_patterns = ["_build"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx_gallery.gen_gallery",
+    "matplotlib.sphinxext.plot_directive",
+    "gallery",
+    "links",
+]
+source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb", ".rst": "restructuredtext"}
+exclude_patterns = ["_build", "_ext", "plots"]
+
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
+myst_heading_anchors = 3
+myst_dmath_double_inline = True
+
+# Notebooks are kept without outputs, and so are executed by each build that reads them.
+nb_execution_mode = "auto"
+nb_execution_in_temp = True
+nb_execution_timeout = 120
+nb_execution_raise_on_error = True
+
+# The figures of the concepts: each is drawn by a script beside its page.
+plot_formats = [("png", 144)]
+plot_html_show_formats = False
+plot_html_show_source_link = True
+
+# The examples run by their own command; what they write is their picture (_ext/gallery.py).
+sphinx_gallery_conf = {
+    "examples_dirs": ["../examples"],
+    "gallery_dirs": ["_generated/gallery"],
+    "filename_pattern": r"\.py$",
+    "ignore_pattern": left_out,
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("gallery.written_picture",),
+    "reset_argv": "gallery.arguments",
+    "reset_modules": (),
+    "capture_repr": (),
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "notebook_extensions": set(),
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "write_computation_times": False,
+}
+
 html_theme = "furo"
 html_title = "noslip"
 autodoc_member_order = "bysource"

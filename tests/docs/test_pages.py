@@ -1,0 +1,192 @@
+"""Every block of code on every page runs as it stands: Python, and the command line.
+
+The blocks of a page run in order, in one folder, with the files (:mod:`workshop`) and names that a
+page takes for granted.  What cannot run here is listed with the reason.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from noslip.cli import main
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import workshop
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+LANGUAGES = {"python", "console", "text", "c"}
+"""Of these text is a file's content, and C is compiled by tests/runtime/test_export.py."""
+
+ELSEWHERE = {
+    "make": "sets up a virtual environment; CI runs these targets",
+    "python3 -m venv": "installs",
+    ".venv/bin/pip": "installs",
+    "pip install": "installs",
+    "source": "belongs to an interactive shell",
+    "cmake": "built and run by tests/runtime/test_export.py",
+    "dask": "needs a cluster; tests/test_many.py has one",
+    "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",
+}
+"""Commands that do not run here, by how they begin."""
+NEEDS_A_CLUSTER = "tcp://10.0.0.5"
+"""Python that does not run here."""
+SMALLER = {"jobs=8": "jobs=1", "--jobs 8": "--jobs 1"}
+"""A process takes a second to start, and the recordings are four."""
+
+
+def pages() -> list[Path]:
+    written = [page for page in DOCS.rglob("*.md") if page.relative_to(DOCS).parts[0][0] != "_"]
+    return [ROOT / "README.md", *sorted(written)]
+
+
+def blocks(page: Path) -> list[tuple[str, str]]:
+    return BLOCK.findall(page.read_text())
+
+
+def commands(block: str) -> list[str]:
+    """Commands of a console block, without what they print."""
+    joined = re.sub(r"\\\n\s*", "", block)
+    return [line[2:] for line in joined.splitlines() if line.startswith("$ ")]
+
+
+PAGES = [page for page in pages() if {"python", "console"} & {kind for kind, _ in blocks(page)}]
+
+
+def reason_not_to_run(command: str) -> str | None:
+    found = [why for begin, why in ELSEWHERE.items() if command.startswith(begin)]
+    return found[0] if found else None
+
+
+class Measured:
+    """Where the tool is: where the last step sent it, half a tenth of a millimetre aside."""
+
+    def __init__(self, names: dict[str, Any]) -> None:
+        self.names = names
+
+    def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
+        return self.names["state"].position + np.array([0.0, 5e-5, 0.0])
+
+
+@pytest.fixture(scope="session")
+def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what ``noslip demo`` writes, and what the pages take for granted."""
+    for extra in ("rosbags", "pyarrow", "h5py"):
+        pytest.importorskip(extra, reason="the pages' recordings need all extras")
+    folder = tmp_path_factory.mktemp("workshop")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["noslip", "demo", "--out", str(folder / "noslip-demo")])
+        with pytest.raises(SystemExit) as done:
+            main()
+        assert not done.value.code
+    own = dict(enumerate(text for kind, text in blocks(DOCS / "constraints" / "own_rule.md")))
+    workshop.furnish(folder, own[0])
+    return folder
+
+
+@pytest.fixture
+def folder(furnished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy, so that no page depends on what another wrote."""
+    here = tmp_path / "here"
+    shutil.copytree(furnished, here)
+    monkeypatch.chdir(here)
+    return here
+
+
+def names_of_a_page() -> dict[str, Any]:
+    """Names that pages take for granted."""
+    hand = workshop.cut()
+    dmp = ns.learn(hand, ns.Blade())
+    turn = Rotation.from_euler("z", 0.3)
+    names: dict[str, Any] = {
+        "__name__": "__main__",
+        "ns": ns,
+        "np": np,
+        "replace": replace,
+        "hand": hand,
+        "recording": hand,
+        "dmp": dmp,
+        "LEAD": 0.00125,
+        "normal": np.array([0.0, 0.0, 1.0]),
+        "wrench": np.outer(10 * (np.abs(workshop.S - 0.5) < 0.3), [0, 0, 1]),
+        "goals": dmp.position.goal + np.linspace(0, 0.01, 8)[:, None] * [0, 1, 0],
+        "durations": np.linspace(2.0, 4.0, 8),
+        "turned": turn * dmp.rollout().rotations[-1],
+        "R0": hand.rotations[0],
+        "R1": dmp.rollout().rotations[192],
+        "p0": np.array([0.2, 0.1, 0.0]),
+        "g": np.array([0.2, 0.2, 0.0]),
+        "Rg": Rotation.from_euler("z", np.pi / 2) * dmp.rollout().rotations[-1],
+        "where_the_goal_is": dmp.position.goal + np.array([0.0, 0.002, 0.0]),
+    }
+    names["where_the_tool_is"] = Measured(names)
+    return names
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_block_of_a_page_runs(
+    page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = names_of_a_page()
+    for kind, block in blocks(page):
+        for text, smaller in SMALLER.items():
+            block = block.replace(text, smaller)
+        if kind == "python" and NEEDS_A_CLUSTER not in block:
+            exec(compile(block, page.name, "exec"), names)
+        elif kind == "console":
+            for command in commands(block):
+                if reason_not_to_run(command) is None:
+                    run(command, monkeypatch, capsys)
+    # Matplotlib's state is everybody's.
+    assert mpl.get_backend().lower() == "agg"
+
+
+def run(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Run a command of noslip's as the shell would; only ``check`` may find a violation."""
+    words = shlex.split(command, comments=True)
+    assert words[0] == "noslip", f"{command}: not run, and not listed as such"
+    found = [sorted(map(str, Path().glob(word))) if "*" in word else [word] for word in words]
+    monkeypatch.setattr(sys, "argv", [word for several in found for word in several])
+    with pytest.raises(SystemExit) as done:
+        main()
+    told = capsys.readouterr()
+    fine = {0, None, 1} if words[1] == "check" else {0, None}
+    assert done.value.code in fine, f"{command}: exit code {done.value.code}\n{told.err}{told.out}"
+
+
+def test_every_block_names_its_language() -> None:
+    for page in pages():
+        fences = re.findall(r"^```(.*)$", page.read_text(), re.MULTILINE)
+        opened = fences[::2]
+        known = {fence for fence in opened if not fence.startswith("{")}
+        assert known <= LANGUAGES, f"{page.name}: {known - LANGUAGES}"
+        assert all(not closing for closing in fences[1::2]), f"{page.name}: a fence is not closed"
+
+
+def test_what_does_not_run_is_on_a_page() -> None:
+    told = [
+        command
+        for page in pages()
+        for kind, block in blocks(page)
+        if kind == "console"
+        for command in commands(block)
+    ]
+    assert len(told) > 60
+    for begin in ELSEWHERE:
+        assert any(command.startswith(begin) for command in told), f"{begin}: on no page any more"

@@ -1,0 +1,183 @@
+"""The files that the pages take for granted, beside what ``noslip demo`` writes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from noslip.demonstrations.excision import synthetic_excisions
+
+S = np.linspace(0, 1, 241)
+U = S**3 * (10 - 15 * S + 6 * S**2)
+
+
+def moved(
+    x: object, y: object, z: object, yaw: object, *, duration: float = 3.0
+) -> ns.PoseTrajectory:
+    """Return a motion along x, y, z (m), turned about z (rad)."""
+    path = np.column_stack([np.broadcast_to(axis, U.shape) for axis in (x, y, z)])
+    return ns.PoseTrajectory(
+        duration * S, path, Rotation.from_euler("z", np.broadcast_to(yaw, U.shape))
+    )
+
+
+def cut(depth: object = 0.0) -> ns.PoseTrajectory:
+    """A curved cut of 10 cm, whose blade lags behind its path."""
+    return moved(0.1 * U, 0.01 * np.sin(2 * np.pi * U), depth, 0.4 * np.cos(2 * np.pi * U))
+
+
+def session() -> ns.PoseTrajectory:
+    """Three synthetic recordings, each followed by a rest, then a fast way back and a rest."""
+    times, positions, turns = [], [], []
+    clock = 0.0
+    recordings = synthetic_excisions(seed=7)[:3]
+    for recording, following in zip(recordings, [*recordings[1:], None], strict=True):
+        times.append(clock + recording.times - recording.times[0])
+        positions.append(recording.positions)
+        turns.append(recording.rotations)
+        clock = times[-1][-1] + 1 / 120
+        if following is None:
+            break
+        share = np.concatenate([np.zeros(80), U[::4], np.ones(80)])
+        back = following.positions[0] - recording.positions[-1]
+        turn = (following.rotations[0] * recording.rotations[-1].inv()).as_rotvec()
+        times.append(clock + np.arange(len(share)) / 120)
+        positions.append(recording.positions[-1] + share[:, None] * back)
+        turns.append(Rotation.from_rotvec(share[:, None] * turn) * recording.rotations[-1])
+        clock = times[-1][-1] + 1 / 120
+    return ns.PoseTrajectory(
+        np.concatenate(times), np.concatenate(positions), Rotation.concatenate(turns)
+    )
+
+
+MOTIONS: dict[str, Callable[[], ns.PoseTrajectory]] = {
+    "cut": lambda: cut(-0.005 * np.sin(np.pi * U) ** 2),
+    "sweep": lambda: moved(0.1 * U, 0.02 * U, 0.1 * (0.1 * U) ** 2, 0.2),
+    "insertion": lambda: moved(0.1 * U, 0.005 * U**2, 0.0, 0.1 * U),
+    "turn": lambda: moved(0.0, 0.0, -0.004 * U, -6 * np.pi * U),
+    "arc": lambda: moved(0.1 * U, 0.02 * np.sin(np.pi * U), 0.0, 0.1),
+    "disc": lambda: moved(0.1 * U, 0.0, 0.02, 0.0),
+    "ball": lambda: moved(0.1 * U, 0.0, 0.02, 0.0),
+    "scope": lambda: moved(0.01 * U, 0.0, 0.02 * U, 0.0),
+    "carry": lambda: moved(0.1 * U, 0.05 * U, 0.05 * np.sin(np.pi * U), 0.2),
+    "saw": lambda: moved(0.1 * U, 0.0, 0.0, 0.0),
+    "corner": lambda: moved(0.3 * np.sin(U), 0.3 * (1 - np.cos(U)), 0.0, 0.8 * U),
+    "push": lambda: moved(0.3 * np.sin(U), 0.3 * (1 - np.cos(U)), 0.0, 0.8 * U),
+    "session": session,
+}
+
+GOALS = """\
+name,x,y,z,qw,qx,qy,qz,duration
+near,0.050,0.010,0,1,0,0,0,4
+far,0.055,0.012,0,0.995,0,0,0.0998,5
+"""
+
+RULES = '''\
+"""Rules of the page "Rules of your own"."""
+import numpy as np
+import noslip as ns
+
+LEAD = 0.00125
+
+'''
+
+
+def furnish(folder: Path, rules: str) -> None:
+    """Write everything; ``noslip-demo`` is there already."""
+    for name, make in MOTIONS.items():
+        ns.write_recording(make(), folder / f"{name}.csv")
+    excision = folder / "noslip-demo" / "excision"
+    for name, count in {"recordings": 4, "runs": 2, "cuts": 2}.items():
+        (folder / name).mkdir()
+        for i in range(1, count + 1):
+            shutil.copy(excision / f"demonstration_{i}.csv", folder / name / f"cut_{i}.csv")
+    shutil.copy(excision / "primitive_1.json", folder / "excision.json")
+    (folder / "goals.csv").write_text(GOALS)
+    (folder / "my_rules.py").write_text(RULES + rules)
+    write_bag(folder / "run.bag", cut())
+    write_lerobot(folder / "my_set", [cut()] * 4)
+    write_robomimic(folder / "can.hdf5", [cut()] * 8)
+
+
+def write_bag(path: Path, motion: ns.PoseTrajectory) -> None:
+    """Write a ROS 1 bag: a knife in its base's frame on tf, and as stamped poses."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    tf = "tf2_msgs/msg/TFMessage"
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", tf))
+    made = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+    made["Time"] = store.types["builtin_interfaces/msg/Time"]
+    pose_type = "geometry_msgs/msg/PoseStamped"
+    with Writer(path) as writer:
+        links = writer.add_connection("/tf", tf, typestore=store)
+        poses = writer.add_connection("/knife_pose", pose_type, typestore=store)
+        for i, (time, place) in enumerate(zip(motion.times, motion.positions, strict=True)):
+            stamp = 10**9 + round(time * 1e9)
+            header = made["Header"](i, made["Time"](*divmod(stamp, 10**9)), "base")
+            turn = made["Quaternion"](*motion.rotations[i].as_quat().tolist())
+            shift = made["Transform"](made["Vector3"](*place.tolist()), turn)
+            pose = made["Pose"](made["Point"](*place.tolist()), turn)
+            message = made["TFMessage"]([made["TransformStamped"](header, "knife", shift)])
+            writer.write(links, stamp, store.serialize_ros1(message, tf))
+            message = made["PoseStamped"](header, pose)
+            writer.write(poses, stamp, store.serialize_ros1(message, pose_type))
+
+
+def write_lerobot(root: Path, motions: list[ns.PoseTrajectory]) -> None:
+    """Write a LeRobot data set 2.1, an episode a file: position, then qx qy qz qw."""
+    import pyarrow as pa
+    import pyarrow.parquet as parquet
+
+    def feature(dtype: str, width: int) -> dict[str, object]:
+        return {"dtype": dtype, "shape": [width], "names": None}
+
+    info = {
+        "codebase_version": "v2.1",
+        "fps": 80,
+        "chunks_size": 1000,
+        "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "features": {
+            "observation.state": feature("float32", 7),
+            "timestamp": feature("float32", 1),
+            "frame_index": feature("int64", 1),
+            "episode_index": feature("int64", 1),
+        },
+    }
+    (root / "meta").mkdir(parents=True)
+    (root / "meta" / "info.json").write_text(json.dumps(info))
+    (root / "data" / "chunk-000").mkdir(parents=True)
+    lines = []
+    for number, motion in enumerate(motions):
+        state = np.hstack([motion.positions, motion.rotations.as_quat()]).astype(np.float32)
+        frames = np.arange(len(motion))
+        columns = {
+            "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 7),
+            "timestamp": pa.array((frames / 80).astype(np.float32)),
+            "frame_index": pa.array(frames),
+            "episode_index": pa.array(np.full(len(motion), number)),
+        }
+        file = root / f"data/chunk-000/episode_{number:06d}.parquet"
+        parquet.write_table(pa.table(columns), file)
+        lines.append(json.dumps({"episode_index": number, "length": len(motion)}))
+    (root / "meta" / "episodes.jsonl").write_text("\n".join(lines) + "\n")
+
+
+def write_robomimic(path: Path, motions: list[ns.PoseTrajectory]) -> None:
+    """Write a robomimic file."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        data = file.create_group("data")
+        data.attrs["env_args"] = json.dumps({"env_kwargs": {"control_freq": 80}})
+        for number, motion in enumerate(motions):
+            observations = data.create_group(f"demo_{number}/obs")
+            observations["robot0_eef_pos"] = motion.positions
+            observations["robot0_eef_quat"] = motion.rotations.as_quat()
