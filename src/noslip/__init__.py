@@ -44,6 +44,7 @@ from noslip.errors import (
     InputError,
     MissingDependencyError,
     NoslipError,
+    RecordingError,
 )
 from noslip.learning import ConstrainedDMP, learn
 from noslip.many import LearnedEach, learn_each
@@ -88,6 +89,7 @@ __all__ = [
     "PoseDMP",
     "PoseTrajectory",
     "PositionDMP",
+    "RecordingError",
     "RecordingResult",
     "RemoteCentre",
     "RollingDisc",

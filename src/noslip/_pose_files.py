@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from noslip.errors import InputError
+from noslip.errors import InputError, RecordingError
 
 Floats = NDArray[np.float64]
 
@@ -59,8 +59,8 @@ class _Source:
     def sample(self, index: int) -> str:
         return f"sample {index}" if self.lines is None else f"line {self.lines[index]}"
 
-    def error(self, index: int, part: str, problem: str) -> InputError:
-        return InputError(f"{self.path}: {self.sample(index)}, {part}: {problem}")
+    def error(self, index: int, part: str, problem: str) -> RecordingError:
+        return RecordingError(f"{self.path}: {self.sample(index)}, {part}: {problem}")
 
 
 # -------------------------------------------------------------------- CSV
@@ -73,7 +73,7 @@ def read_csv(path: str | Path, *, rate: float | None = None) -> dict[str, Any]:
     rows = _rows(path, text, delimiter=max(",;\t", key=first_line.count))
     line, header = next(rows, (0, []))
     if not header:
-        raise InputError(f"{path}: the file is empty")
+        raise RecordingError(f"{path}: the file is empty")
     names = [" ".join(cell.split()).lower() for cell in header]
     _check_header(path, line, names)
     time, layout = _layout(f"{path}: line {line}", names, rate)
@@ -81,7 +81,9 @@ def read_csv(path: str | Path, *, rate: float | None = None) -> dict[str, Any]:
 
     lines, table = _numbers(path, rows, names, columns)
     if not lines:
-        raise InputError(f"{path}: line {line}: a header and no samples; record something first")
+        raise RecordingError(
+            f"{path}: line {line}: a header and no samples; record something first"
+        )
 
     of = dict(zip(columns, table.T, strict=True))
     source = _Source(
@@ -119,13 +121,15 @@ def _decode(path: str | Path, content: bytes) -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise InputError(
+        raise RecordingError(
             f"{path}: line {line}: not UTF-8 text (byte 0x{content[error.start]:02x}); "
             "save it as CSV in UTF-8"
         ) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise InputError(f"{path}: line {line}: binary content, not a CSV; save it as UTF-8 text")
+        raise RecordingError(
+            f"{path}: line {line}: binary content, not a CSV; save it as UTF-8 text"
+        )
     return text
 
 
@@ -142,7 +146,7 @@ def _rows(path: str | Path, text: str, delimiter: str) -> Iterator[tuple[int, li
                 yield line, cells
             line = reader.line_num + 1
     except csv.Error as error:
-        raise InputError(
+        raise RecordingError(
             f"{path}: line {line}: cannot be split into cells ({error}); check its quotes"
         ) from error
 
@@ -154,7 +158,7 @@ def _check_header(path: str | Path, line: int, names: list[str]) -> None:
         float(first)
     except ValueError:
         return
-    raise InputError(
+    raise RecordingError(
         f"{path}: line {line}: found {_shown(first)} where a column name should be; "
         "put a header first, such as t,x,y,z,qw,qx,qy,qz"
     )
@@ -170,24 +174,28 @@ def _layout(where: str, names: list[str], rate: float | None) -> tuple[str, tupl
     if not times and "i" not in present:
         missing.insert(0, "t")
     if missing:
-        raise InputError(
+        raise RecordingError(
             f"{where}: {_plural('column', missing)} missing, found {_listed(names)}; "
             "needed are t (or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta"
         )
     if len(times) > 1:
-        raise InputError(f"{where}: columns t and time both give a time; keep one")
+        raise RecordingError(f"{where}: columns t and time both give a time; keep one")
     time = times[0] if times else "i"
     for name in (time, *layout):
         if names.count(name) > 1:
-            raise InputError(f"{where}: column {name} appears {names.count(name)} times; keep one")
+            raise RecordingError(
+                f"{where}: column {name} appears {names.count(name)} times; keep one"
+            )
     if time == "i":
         if rate is None:
-            raise InputError(
+            raise RecordingError(
                 f"{where}: column i counts samples and no column t gives their "
                 "time; pass rate=... (samples per second; on the command line --sample-rate)"
             )
         if not (np.isfinite(rate) and rate > 0):
-            raise InputError(f"{where}: rate must be positive (samples per second), got {rate:g}")
+            raise RecordingError(
+                f"{where}: rate must be positive (samples per second), got {rate:g}"
+            )
     return time, layout
 
 
@@ -225,12 +233,12 @@ def _row_numbers(
     # Separators at the end of a row or of the header hold nothing.
     width, found = _filled(names), len(cells)
     if found < width:
-        raise InputError(
+        raise RecordingError(
             f"{path}: line {line}, column {names[found] or found + 1}: the row ends after "
             f"{found} of {width} cells; complete or remove it"
         )
     if _filled(cells) > len(names):
-        raise InputError(
+        raise RecordingError(
             f"{path}: line {line}, column {names[-1] or len(names)}: the row goes on after it, "
             f"{found} cells under {len(names)} names; write numbers with a decimal point"
         )
@@ -242,7 +250,9 @@ def _row_numbers(
         except ValueError:
             problem = f"found {_shown(cell)}, not a number" if cell else "the cell is empty"
             advice = "write a decimal point" if "," in cell else "fill in or remove the row"
-            raise InputError(f"{path}: line {line}, column {name}: {problem}; {advice}") from None
+            raise RecordingError(
+                f"{path}: line {line}, column {name}: {problem}; {advice}"
+            ) from None
     return numbers
 
 
@@ -273,7 +283,7 @@ def _arrays(path: str | Path) -> dict[str, Floats]:
     stored, found = _stored(path)
     missing = [name for name in NPZ_REQUIRED if name not in stored]
     if missing:
-        raise InputError(
+        raise RecordingError(
             f"{path}: {_plural('array', missing)} missing, found {_listed(found)}; "
             "needed are times (N,), positions (N, 3) and quaternions (N, 4)"
         )
@@ -281,9 +291,11 @@ def _arrays(path: str | Path) -> dict[str, Floats]:
     for name, values in stored.items():
         expected = (samples, *NPZ_WIDTHS[name])
         if values.shape != expected:
-            raise InputError(f"{path}: array {name} has shape {values.shape}, expected {expected}")
+            raise RecordingError(
+                f"{path}: array {name} has shape {values.shape}, expected {expected}"
+            )
         if values.dtype.kind not in "iuf":
-            raise InputError(
+            raise RecordingError(
                 f"{path}: array {name} holds {values.dtype}, not real numbers; store it as float64"
             )
     return {name: values.astype(np.float64) for name, values in stored.items()}
@@ -293,7 +305,7 @@ def _stored(path: str | Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """Return the arrays we know and the names of all; nothing is ever unpickled."""
     content = io.BytesIO(_read(path))
     if not zipfile.is_zipfile(content):
-        raise InputError(f"{path}: not an npz file; write it with numpy.savez")
+        raise RecordingError(f"{path}: not an npz file; write it with numpy.savez")
     content.seek(0)
     stored: dict[str, NDArray[Any]] = {}
     part = "the archive"
@@ -304,7 +316,7 @@ def _stored(path: str | Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
                 stored[name] = np.asarray(archive[name])
             return stored, archive.files
     except (OSError, EOFError, RuntimeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(
+        raise RecordingError(
             f"{path}: {part} cannot be read ({' '.join(str(error).split())}); "
             "write plain arrays of numbers with numpy.savez"
         ) from error
@@ -377,7 +389,7 @@ def _poses(
     with np.errstate(over="ignore"):
         kept = _distinct(source, times, positions, rotations)
     if len(kept) < MIN_SAMPLES:
-        raise InputError(
+        raise RecordingError(
             f"{source.path}: {len(kept)} distinct samples, at least {MIN_SAMPLES} are needed; "
             "record more"
         )

@@ -91,7 +91,8 @@ def main() -> None:
     try:
         app()
     except NoslipError as error:
-        print(f"noslip: error: {error}", file=sys.stderr)
+        more = f" (see {error.page})" if error.page else ""
+        print(f"noslip: error: {error}{more}", file=sys.stderr)
         sys.exit(EXIT_VIOLATED if isinstance(error, ConvergenceError) else EXIT_USAGE)
     except (MemoryError, OverflowError, RecursionError, ArithmeticError) as error:
         what = str(error) or "too large to compute"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from noslip.errors import InputError
+from noslip.errors import InputError, RecordingError
 from noslip.recordings import bags, lerobot, robomimic, tables, tum
 from noslip.trajectory import PoseTrajectory
 
@@ -128,7 +128,7 @@ def load_demonstrations(
         for file in expand(path):
             files.setdefault(file.resolve(), file)
     if not files:
-        raise InputError("no demonstrations given; give at least one file, such as runs/*.csv")
+        raise RecordingError("no demonstrations given; give at least one file, such as runs/*.csv")
     readers = {file: _reader(file) for file in files.values()}
     options = {
         "rate": rate,
@@ -151,7 +151,7 @@ def expand(path: str | Path) -> list[Path]:
     try:
         literal = Path(path).expanduser()
     except RuntimeError as error:
-        raise InputError(f"{path}: the home folder is unknown; give the path itself") from error
+        raise RecordingError(f"{path}: the home folder is unknown; give the path itself") from error
     if literal.is_dir() and folder_reader(literal) is None:
         raise InputError(f"{path}: a folder, not a file; give {Path(path) / '*.csv'}")
     if literal.exists():
@@ -177,7 +177,7 @@ def folder_reader(folder: Path) -> _Reader | None:
 def _reader(file: Path) -> _Reader:
     reader = folder_reader(file) if file.is_dir() else _READERS.get(file.suffix.lower())
     if reader is None:
-        raise InputError(
+        raise RecordingError(
             f"{file}: {file.suffix or 'no suffix'} is not a known kind of recording; "
             f"known are {', '.join(_READERS)}, and the folders of ROS 2 bags and LeRobot data sets"
         )
@@ -189,6 +189,6 @@ def _check_options(options: dict[str, Any], readers: dict[Path, _Reader]) -> Non
     for name, wanted in _WHAT_TAKES.items():
         taken = any(name in reader.options for reader in readers.values())
         if options[name] is not None and not taken:
-            raise InputError(
+            raise RecordingError(
                 f"{next(iter(readers))}: {name}={options[name]!r} is for {wanted}; leave it out"
             )

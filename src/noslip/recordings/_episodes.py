@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from noslip.errors import InputError
+from noslip.errors import RecordingError
 
 
 def chosen_episodes(
@@ -18,7 +18,7 @@ def chosen_episodes(
     missing = [number for number in asked if number not in set(available)]
     if missing:
         held = f"{min(available)} to {max(available)}" if available else "none"
-        raise InputError(
+        raise RecordingError(
             f"{path}: no episode {missing[0]}; there are {len(available)} episodes, {held}"
         )
     return asked

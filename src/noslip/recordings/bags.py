@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from noslip import _pose_files as files
-from noslip.errors import InputError
+from noslip.errors import InputError, RecordingError
 from noslip.recordings._extras import need, reading
 from noslip.recordings.transforms import Key, Link, Series, resolve, told
 from noslip.trajectory import PoseTrajectory
@@ -120,7 +120,7 @@ def read_bag(
         where = f"{path}: {name}"
         series = _read(reader, name)
         if not series:
-            raise InputError(f"{where}: no poses in it; record something first")
+            raise RecordingError(f"{where}: no poses in it; record something first")
         if _pose_type(reader, name) in TF:
             static = _static_topic(name)
             links: dict[Key, Link] = {}
@@ -132,7 +132,7 @@ def read_bag(
             return [PoseTrajectory(**moved, name=str(path))]
         one = _one(where, series, frame, child_frame)
         if _pose_type(reader, name) == PATH and not any(one.stamps):
-            raise InputError(f"{where}: the poses of the path carry no stamps, so no times")
+            raise RecordingError(f"{where}: the poses of the path carry no stamps, so no times")
         source, times, positions, quaternions = one.checked_arrays(where)
         return [
             PoseTrajectory(
@@ -168,11 +168,11 @@ def _chosen_topic(path: Path, reader: Any, topic: str | None) -> str:
     )
     if topic is None:
         if not holding:
-            raise InputError(
+            raise RecordingError(
                 f"{path}: no topic of poses, found {files._listed(sorted(found))}; known are "
                 f"{', '.join(map(_short, TYPES))}"
             )
-        raise InputError(
+        raise RecordingError(
             f'{path}: several topics hold poses; choose one with topic="..." (--topic): {listed}'
         )
     for name in (topic, f"/{topic}"):
@@ -183,7 +183,7 @@ def _chosen_topic(path: Path, reader: Any, topic: str | None) -> str:
         if topic not in found
         else f"topic {topic} holds {_short(', '.join(_types(reader, topic)))}, no poses"
     )
-    raise InputError(f"{path}: {problem}; those with poses are {listed or 'none'}")
+    raise RecordingError(f"{path}: {problem}; those with poses are {listed or 'none'}")
 
 
 def _types(reader: Any, topic: str) -> list[str]:
@@ -278,8 +278,8 @@ def _one(
     found = told(series)
     if not matching:
         asked = " in ".join(name for name in (child_frame, frame) if name is not None)
-        raise InputError(f"{where}: no poses of frame {asked}; it holds {found}")
-    raise InputError(
+        raise RecordingError(f"{where}: no poses of frame {asked}; it holds {found}")
+    raise RecordingError(
         f'{where}: poses between several frames; choose with frame="..." and child_frame="..." '
         f"(--frame, --child-frame): {found}"
     )

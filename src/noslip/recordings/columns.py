@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip import _pose_files as files
-from noslip.errors import InputError
+from noslip.errors import RecordingError
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def pose_columns(
     entries = [entry.strip() for entry in _OUTSIDE_BRACKETS.split(columns)]
     chosen = [place for entry in entries for place in _places(where, entry, available)]
     if len(chosen) != len(POSE):
-        raise InputError(
+        raise RecordingError(
             f"{where}: columns {columns} hold {len(chosen)} numbers; a pose has {len(POSE)}: "
             f"{', '.join(POSE)}, in this order"
         )
@@ -79,7 +79,7 @@ def _by_name(where: str | object, available: Mapping[str, Column]) -> list[tuple
     if len(named) == 1:
         return [(named[0], available[named[0]].names.index(name)) for name in POSE]
     problem = f"{' and '.join(named)} both hold" if named else "none is called"
-    raise InputError(
+    raise RecordingError(
         f"{where}: which columns are the pose? {problem} {', '.join(POSE)}; say it with "
         f'columns="..." (--columns), such as state[0:3,6,3:6]; found {_described(available)}'
     )
@@ -92,12 +92,12 @@ def _places(
     if entry not in available and entry.endswith("]"):
         name, bracket, inside = entry[:-1].partition("[")
     if name not in available:
-        raise InputError(f"{where}: no column {name or entry}; found {_described(available)}")
+        raise RecordingError(f"{where}: no column {name or entry}; found {_described(available)}")
     column = available[name]
     for part in inside.split(",") if bracket else [":"]:
         inside_column = _inside(part.strip(), column)
         if not inside_column:
-            raise InputError(
+            raise RecordingError(
                 f"{where}: column {name} has nothing at [{part.strip()}]; it is "
                 f"{column.described(name)}, places count from 0"
             )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip import _pose_files as files
-from noslip.errors import InputError
+from noslip.errors import InputError, RecordingError
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._extras import need
 from noslip.recordings.columns import Column, pose_columns, stacked
@@ -83,10 +83,10 @@ def _episode(
     name: str, file: Path, of: dict[str, Floats], places: list[tuple[str, int]], fps: float
 ) -> PoseTrajectory:
     if not len(of["timestamp"]):
-        raise InputError(f"{name}: no frames in {file}; is the data set complete?")
+        raise RecordingError(f"{name}: no frames in {file}; is the data set complete?")
     for key, place in places:
         if of[key].shape[1] <= place:
-            raise InputError(
+            raise RecordingError(
                 f"{file}: column {key} holds {of[key].shape[1]} numbers, fewer than {INFO} says"
             )
     pose = stacked(places, of.__getitem__)
@@ -108,7 +108,7 @@ def _info(path: Path) -> dict[str, Any]:
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{file}: not JSON ({error})") from None
+        raise RecordingError(f"{file}: not JSON ({error})") from None
     needed: dict[str, Any] = {
         "codebase_version": str,
         "fps": (int, float),
@@ -117,13 +117,13 @@ def _info(path: Path) -> dict[str, Any]:
     }
     for key, kind in needed.items():
         if not isinstance(info, dict) or not isinstance(info.get(key), kind):
-            raise InputError(f"{file}: {key} is missing; LeRobot 2.x or 3.0 is needed")
+            raise RecordingError(f"{file}: {key} is missing; LeRobot 2.x or 3.0 is needed")
     if not info["codebase_version"].startswith(("v2.", "v3.")):
-        raise InputError(
+        raise RecordingError(
             f"{file}: codebase_version {info['codebase_version']} is not known; v2.x and v3.x are"
         )
     if not (np.isfinite(info["fps"]) and info["fps"] > 0):
-        raise InputError(f"{file}: fps must be positive, got {info['fps']}")
+        raise RecordingError(f"{file}: fps must be positive, got {info['fps']}")
     return info
 
 
@@ -134,7 +134,7 @@ def _features(path: Path, info: dict[str, Any]) -> dict[str, Column]:
         try:
             shape, dtype = list(feature["shape"]), str(feature["dtype"])
         except (KeyError, TypeError):
-            raise InputError(f"{path / INFO}: feature {key} lacks a shape or a dtype") from None
+            raise RecordingError(f"{path / INFO}: feature {key} lacks a shape or a dtype") from None
         if len(shape) > 1 or not dtype.startswith(("float", "int", "uint")):
             continue
         width = int(shape[0]) if shape else 1
@@ -164,7 +164,7 @@ def _where_episodes_are(path: Path, info: dict[str, Any]) -> dict[int, Path]:
     except (KeyError, IndexError, ValueError, ZeroDivisionError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(
+        raise RecordingError(
             f"{path / INFO}: data_path {template!r} is not a template this version knows"
         ) from None
 
@@ -177,7 +177,7 @@ def _episodes_of_v2(path: Path) -> list[int]:
             try:
                 episodes.append(int(json.loads(text)["episode_index"]))
             except (ValueError, KeyError, TypeError):
-                raise InputError(f"{file}: line {line}: no episode_index in it") from None
+                raise RecordingError(f"{file}: line {line}: no episode_index in it") from None
     return sorted(episodes)
 
 
@@ -186,7 +186,7 @@ def _episodes_of_v3(path: Path) -> list[tuple[int, int, int]]:
     keys = ("episode_index", "data/chunk_index", "data/file_index")
     found = sorted((path / "meta" / "episodes").glob("*/*.parquet"))
     if not found:
-        raise InputError(f"{path}: no tables in meta/episodes; is the data set complete?")
+        raise RecordingError(f"{path}: no tables in meta/episodes; is the data set complete?")
     rows: list[tuple[int, int, int]] = []
     for file in found:
         table = arrow_table(file, keys)

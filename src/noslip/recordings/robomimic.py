@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip import _pose_files as files
-from noslip.errors import InputError
+from noslip.errors import RecordingError
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._extras import need, reading
 from noslip.recordings.columns import Column, pose_columns, stacked
@@ -55,13 +55,13 @@ def read_robomimic(
         data = file.get("data")
         demos = {} if not isinstance(data, h5py.Group) else _demos(data)
         if not demos:
-            raise InputError(
+            raise RecordingError(
                 f"{path}: no groups data/demo_0 and so on, found "
                 f"{files._listed(file)}; robomimic's layout is needed"
             )
         frequency = _frequency(path, data) if rate is None else rate
         if not (np.isfinite(frequency) and frequency > 0):
-            raise InputError(f"{path}: rate must be positive, got {frequency:g}")
+            raise RecordingError(f"{path}: rate must be positive, got {frequency:g}")
         return [
             _read_demo(f"{path}/{demos[k]}", data[demos[k]], frequency, columns, h5py)
             for k in chosen_episodes(path, episode, list(demos))
@@ -80,7 +80,7 @@ def _frequency(path: Path, data: Any) -> float:
     try:
         return float(json.loads(data.attrs["env_args"])["env_kwargs"]["control_freq"])
     except (KeyError, TypeError, ValueError):
-        raise InputError(
+        raise RecordingError(
             f"{path}: no control_freq in the env_args; pass rate=... (samples per second; on the "
             "command line --sample-rate)"
         ) from None
@@ -89,7 +89,7 @@ def _frequency(path: Path, data: Any) -> float:
 def _read_demo(name: str, demo: Any, rate: float, columns: str | None, h5py: Any) -> PoseTrajectory:
     observations = demo.get("obs")
     if not isinstance(observations, h5py.Group):
-        raise InputError(
+        raise RecordingError(
             f"{name}: no observations (obs); extract them with robomimic's dataset_states_to_obs.py"
         )
     available = {
@@ -101,7 +101,7 @@ def _read_demo(name: str, demo: Any, rate: float, columns: str | None, h5py: Any
     lengths = {key: len(observations[key]) for key, _ in places}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{key} {length}" for key, length in lengths.items())
-        raise InputError(f"{name}: observations of different lengths: {told}")
+        raise RecordingError(f"{name}: observations of different lengths: {told}")
 
     def read(key: str) -> Floats:
         values = np.asarray(observations[key], dtype=np.float64)

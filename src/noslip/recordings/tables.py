@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip import _pose_files as files
-from noslip.errors import InputError
+from noslip.errors import RecordingError
 from noslip.recordings._extras import need, reading
 from noslip.recordings.columns import POSE, Column, pose_columns, stacked
 from noslip.trajectory import CSV_COLUMNS, PoseTrajectory
@@ -73,7 +73,7 @@ def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
     if wanted is not None:
         missing = [name for name in wanted if name not in names]
         if missing:
-            raise InputError(f"{path}: {files._plural('column', missing)} missing")
+            raise RecordingError(f"{path}: {files._plural('column', missing)} missing")
     return table
 
 
@@ -101,7 +101,7 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
     elif len(column):
         values = column.to_numpy()
     if width == 0 or values.dtype.kind not in "iuf":
-        raise InputError(
+        raise RecordingError(
             f"{path}: column {name} ({column.type}) does not hold the same count of numbers in "
             "every row; choose columns of numbers"
         )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from noslip import _pose_files as files
-from noslip.errors import InputError
+from noslip.errors import RecordingError
 
 Floats = NDArray[np.float64]
 Key = tuple[str, str]
@@ -96,13 +96,15 @@ def resolve(
     poses = {key: links[key].poses(key) for key, _ in way}
     moving = {key: poses[key][0] for key, _ in way if not links[key].static}
     if not moving:
-        raise InputError(f"{where}: {tip} does not move in {root}: all links between are static")
+        raise RecordingError(
+            f"{where}: {tip} does not move in {root}: all links between are static"
+        )
     start = max(times[0] for times in moving.values())
     end = min(times[-1] for times in moving.values())
     dense = max(moving.values(), key=lambda times: int(np.sum((times >= start) & (times <= end))))
     times = dense[(dense >= start) & (dense <= end)]
     if len(times) < files.MIN_SAMPLES:
-        raise InputError(
+        raise RecordingError(
             f"{where}: the links from {root} to {tip} have {len(times)} samples in the time they "
             f"share, at least {files.MIN_SAMPLES} are needed: "
             + ", ".join(f"{a} -> {b} {t[0]:.6f} to {t[-1]:.6f} s" for (a, b), t in moving.items())
@@ -125,7 +127,7 @@ def _parents(where: str, links: Mapping[Key, Link]) -> dict[str, str]:
     parents: dict[str, str] = {}
     for parent, child in links:
         if parents.setdefault(child, parent) != parent:
-            raise InputError(
+            raise RecordingError(
                 f"{where}: frame {child} has two parents, {parents[child]} and {parent}; record "
                 "it under one, or split the recording"
             )
@@ -143,7 +145,7 @@ def _ends(
     found = told(links)
     if child_frame is None:
         if len(links) > 1:
-            raise InputError(
+            raise RecordingError(
                 f'{where}: whose motion? choose with child_frame="..." and frame="..." '
                 f"(--child-frame, --frame): {found}"
             )
@@ -159,9 +161,9 @@ def _ends(
     known = {name for link in links for name in link}
     for name in (tip, root):
         if name not in known:
-            raise InputError(f"{where}: no frame {name}; it holds {found}")
+            raise RecordingError(f"{where}: no frame {name}; it holds {found}")
     if tip == root:
-        raise InputError(
+        raise RecordingError(
             f"{where}: {tip} does not move in itself; give two different frames: {found}"
         )
     return root, tip
@@ -182,7 +184,7 @@ def _way(where: str, links: Collection[Key], root: str, tip: str) -> list[tuple[
                 came[there] = (here, key, forwards)
                 waiting.append(there)
     if tip not in came:
-        raise InputError(
+        raise RecordingError(
             f"{where}: no links connect {root} and {tip}; it holds {told(links)}; perhaps a "
             "static transform was not recorded"
         )

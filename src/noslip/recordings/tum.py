@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from noslip import _pose_files as files
-from noslip.errors import InputError
+from noslip.errors import RecordingError
 from noslip.trajectory import PoseTrajectory
 
 SUFFIXES = (".tum", ".txt")
@@ -27,7 +27,7 @@ def read_tum(path: Path) -> list[PoseTrajectory]:
     stripped = (line.partition("#")[0].split() for line in text.splitlines())
     rows = [(number, cells) for number, cells in enumerate(stripped, start=1) if cells]
     if not rows:
-        raise InputError(f"{path}: the file holds no poses")
+        raise RecordingError(f"{path}: the file holds no poses")
     lines, table = files._numbers(path, rows, list(COLUMNS), COLUMNS)
     of = dict(zip(COLUMNS, table.T, strict=True))
     source = files._Source(path, "column t", "columns qx, qy, qz, qw", lines)

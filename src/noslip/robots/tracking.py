@@ -76,6 +76,8 @@ class InfeasibleMotionError(NoslipError, RuntimeError):
         The nearest one found at which it is feasible.
     """
 
+    page = "docs/arm.md"
+
     def __init__(
         self,
         message: str,
