@@ -58,9 +58,7 @@ def cut_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def simulate(
-    cut_file: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., Path]:
+def simulate(cut_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Run ``noslip simulate``; return the folder that it wrote."""
     pytest.importorskip("mujoco", reason="the extra robots is not installed")
     pytest.importorskip("daqp", reason="the extra robots is not installed")

@@ -222,7 +222,7 @@ def test_a_tool_that_is_held_waits_and_is_pushed_to_where_it_is_released(primiti
         end = time.monotonic() + 20
         while run.clock < 0.3 and time.monotonic() < end:
             time.sleep(0.02)
-        assert page._grip.visible
+        assert page._grip.visible and not page._gizmos["goal"].visible
         done(page, lambda: page._pull(False))
         held = len(run.states)
         tool = run.states[-1].position
@@ -243,7 +243,7 @@ def test_a_tool_that_is_held_waits_and_is_pushed_to_where_it_is_released(primiti
         jump = run.states[held].position - tool
         assert jump[1] == pytest.approx(0.006, abs=2e-3)
         assert run.goal_error < 2e-3 and run.residual < EXACT
-        assert not page._grip.visible
+        assert not page._grip.visible and page._gizmos["goal"].visible
 
 
 def test_a_tool_that_does_not_run_cannot_be_pulled(primitive):

@@ -314,8 +314,7 @@ class Page:
         self._end_run()
         self.chosen = name
         entry = self.entry
-        for gizmo in self._gizmos.values():
-            gizmo.visible = entry.primitive is not None
+        self._offer(running=False)
         self._change_folder.visible = self._push_folder.visible = entry.primitive is not None
         if entry.primitive is None:
             self._change_note.content = _note(
@@ -479,6 +478,7 @@ class Page:
             return
         self._run, self._held = PushedRun(self.entry.current), False
         self._show_run("runs")
+        self._offer(running=True)
         if not self.playing:
             self._toggle()
 
@@ -487,6 +487,12 @@ class Page:
             self._start_run()
         if self._run is not None:
             self._run.push(self._push_by.value)
+
+    def _offer(self, *, running: bool) -> None:
+        """Let a person drag the tool while it runs, else the goal and the start."""
+        self._grip.visible = running
+        for gizmo in self._gizmos.values():
+            gizmo.visible = not running and self.entry.primitive is not None
 
     def _pull(self, released: bool) -> None:
         """Let the run wait while a person holds the tool; push it to where it is released."""
@@ -512,10 +518,12 @@ class Page:
         self._show_run("arrived" if run.done else "runs")
         if run.done:
             self._toggle()
-            self._run, self._grip.visible = None, False
+            self._run = None
+            self._offer(running=False)
 
     def _end_run(self) -> None:
-        self._run, self._grip.visible = None, False
+        self._run = None
+        self._offer(running=False)
         self._push_note.content = ""
         self.drawing.clear_path(self.chosen)
 
@@ -526,7 +534,6 @@ class Page:
         self.drawing.place_tool(self.chosen, state)
         self._grip.position = state.position
         self._grip.wxyz = state.rotation.as_quat(scalar_first=True)
-        self._grip.visible = True
         if len(run.states) > 1:
             step = max(1, len(run.states) // 500)
             self.drawing.draw_path(self.chosen, run.path[::-step][::-1])
