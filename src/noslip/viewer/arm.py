@@ -96,6 +96,12 @@ class Arm:
         quaternions = Rotation.from_matrix(matrices).as_quat(scalar_first=True)
         return self._data.geom_xpos[self._geoms].copy(), quaternions
 
+    @property
+    def points(self) -> Floats:
+        """The base, and the middles of what moves at the beginning and at the end, world frame."""
+        middles = [self.poses(sample)[0][self.moving] for sample in (0, -1)]
+        return np.asarray(self.rotation.apply(np.vstack([np.zeros(3), *middles])) + self.position)
+
     # ---------------------------------------------------------------- on the page
 
     def add(self, scene: viser.SceneApi, node: str) -> None:

@@ -51,8 +51,8 @@ class Drawing:
         Of the scene (m): of the arrows, the camera's distance, the grid.
     floor : float
         Height of the grid (m).  Its cells are 1 cm wide, or 1 mm, 10 cm, as suits the size.
-    arm : array, shape (3,), optional
-        Where the base of an arm is (m): the camera stands across from it and sees it.
+    arm : array, shape (K, 3), optional
+        Points of an arm (m), its base first: the camera stands across from that and sees all.
     """
 
     def __init__(
@@ -89,7 +89,8 @@ class Drawing:
         camera.position = centre + size * np.array([0.1, -1.2, 1.0])
         if arm is not None:
             camera.look_at, camera.position = _across(centre, arm)
-        camera.near, camera.far = 0.01 * size, 100 * size
+        away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
+        camera.near, camera.far = 0.01 * size, max(100 * size, 10 * away)
         camera.fov = np.radians(50)
 
     # ---------------------------------------------------------------- what there is
@@ -262,18 +263,17 @@ class Drawing:
 
 def _across(centre: Floats, arm: Floats) -> tuple[Floats, Floats]:
     """Where a camera looks, and stands, that sees an arm behind its work."""
-    away = centre - arm
-    away[2] = 0.0
-    far = float(np.linalg.norm(away))
-    ahead = away / far if far > 0 else np.array([1.0, 0.0, 0.0])
-    side, up = np.array([ahead[1], -ahead[0], 0.0]), np.array([0.0, 0.0, 1.0])
-    # At least the height of an elbow above its hand.
-    far = max(far, 0.4)
-    place = centre + far * (1.5 * ahead + 1.2 * side + 0.9 * up)
+    points = np.vstack([arm, centre])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    up = np.array([0.0, 0.0, 1.0])
+    ahead = (centre - arm[0]) * (1 - up)
+    far = float(np.linalg.norm(ahead))
+    ahead = ahead / far if far > 0 else np.array([1.0, 0.0, 0.0])
+    place = middle + 1.3 * size * (0.75 * ahead + 0.6 * np.cross(ahead, up) + 0.35 * up)
+    right = np.cross(middle - place, up)
     # To the left of the middle, for on the right is the panel.
-    right = np.cross(centre - place, up)
-    right /= np.linalg.norm(right)
-    return centre + far * (0.25 * right + 0.05 * up - 0.2 * ahead), place
+    return middle + 0.2 * size * right / np.linalg.norm(right), place
 
 
 def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -109,8 +109,8 @@ def drawn(
         tool = suitable_scalpel(motions, constraints, size)
     low = min(float(motion.positions[:, 2].min()) for motion in motions)
     arms = (entry.follower for entry in shown.values())
-    base = next((arm.position for arm in arms if isinstance(arm, Arm)), None)
-    drawing = Drawing(server, tool, centre=centre, size=size, floor=low, arm=base)
+    points = next((arm.points for arm in arms if isinstance(arm, Arm)), None)
+    drawing = Drawing(server, tool, centre=centre, size=size, floor=low, arm=points)
     drawing.add_shapes(shapes(constraints, centre, size))
     for name, entry in shown.items():
         drawing.put(name, entry.track, worst(shown), entry.follower)
