@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -93,10 +94,12 @@ def test_a_simulated_arm_is_saved_beside_other_motions(noslip, recording, tmp_pa
     arm, out = tmp_path / "arm", tmp_path / "scene.html"
     placed = ("--placement", "0.45,0,0.25,0", "--dynamics", "none")
     assert noslip("simulate", primitive, *placed, "--out", arm).code == 0
-    result = noslip("view", arm, primitive, recording, "--save", out)
+    # Another of the same name, as of another run.
+    again = shutil.copytree(arm, tmp_path / "again" / "arm")
+    result = noslip("view", f"{arm}/", again, primitive, recording, "--save", out)
     assert result.code == 0 and result.out.startswith(f"wrote {out}: "), result.err
     text = out.read_text()
-    for name in ("arm", "c.json", "cut.csv"):
+    for name in ("arm", "arm_2", "c.json", "cut.csv"):
         assert f"<b>{name}</b>" in text
     (arm / "tool.csv").unlink()
     refused = noslip("view", arm, "--save", out)

@@ -94,7 +94,7 @@ def run(
     # Only now: without a page to show, nobody needs viser.
     from noslip.viewer import Page, load_tool, read_simulation, save_page
 
-    shown |= {Path(name).name: read_simulation(name) for name in simulated}
+    shown |= {str(Path(name)): read_simulation(name) for name in simulated}
     parts = None if tool is None else load_tool(tool, scale=tool_scale)
     if save is not None:
         path = save_page(save, shown, constraints=held, tool=parts)
