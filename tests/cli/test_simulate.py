@@ -18,6 +18,7 @@ pytest.importorskip("daqp", reason="the extra robots is not installed")
 import noslip as ns
 from noslip import robots
 from noslip.cli import main
+from noslip.constraints.catalogue import restore
 
 
 class Result(NamedTuple):
@@ -68,7 +69,8 @@ def test_joints_figures_and_a_summary_are_written(noslip, folder: Path, tmp_path
     result = noslip("simulate", folder / "cut.json", *PLACED, "--recording", cut, "--out", out)
     assert result.code == 0, result.err
     files = {path.name for path in out.iterdir()}
-    assert files == {"joints.csv", "tool.csv", "joints.png", "slip.png", "summary.json"}
+    tables = {"joints.csv", "executed.csv", "tool.csv"}
+    assert files == tables | {"joints.png", "slip.png", "summary.json"}
     for name in files:
         assert f"wrote {out / name}" in result.out
     joints = np.genfromtxt(out / "joints.csv", delimiter=",", names=True)
@@ -84,6 +86,68 @@ def test_joints_figures_and_a_summary_are_written(noslip, folder: Path, tmp_path
     assert person == pytest.approx(robots.slip_distance(demonstration(), ns.Blade())[0], rel=1e-3)
     assert 10 * slipped < person
     assert f"the person: {1e3 * person:.3g} mm" in result.out
+    # What noslip view needs to show the arm again.
+    assert summary["model"] is None and summary["tool"] is None
+    assert [restore(entry) for entry in summary["constraints"]] == [ns.Blade()]
+    executed = np.genfromtxt(out / "executed.csv", delimiter=",", names=True)
+    assert executed.dtype == joints.dtype and len(executed) == len(joints)
+    q = np.column_stack([executed[f"q{k}"] for k in range(1, 8)])
+    positions, _ = robots.panda().forward(q)
+    assert np.abs(positions - tool.positions).max() <= 1e-12
+
+
+def test_progress_is_shown_on_a_terminal_alone(noslip, folder: Path, tmp_path: Path, monkeypatch):
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    piped = noslip("simulate", folder / "cut.json", *PLACED, "--out", tmp_path)
+    assert piped.err == ""
+    # By which rich takes what it writes to for a terminal.
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    shown = noslip("simulate", folder / "cut.json", *PLACED, "--out", tmp_path)
+    assert [stage in shown.err for stage in ("tracking", "dynamics", "writing")] == 3 * [True]
+    assert shown.out == piped.out
+    searched = noslip(
+        "simulate", folder / "cut.json", "--dynamics", "none", "--out", tmp_path / "searched"
+    )
+    assert "searching a placement" in searched.err and "dynamics" not in searched.err
+
+
+@pytest.mark.parametrize("name", ["arm.mcap", "arm_bag"])
+def test_joints_and_tool_are_written_as_a_bag(noslip, folder: Path, tmp_path: Path, name: str):
+    rosbags = pytest.importorskip("rosbags.highlevel", reason="needs the extra bags")
+    typesys = pytest.importorskip("rosbags.typesys", reason="needs the extra bags")
+    out, bag = tmp_path / "arm", tmp_path / name
+    result = noslip("simulate", folder / "cut.json", *PLACED, "--bag", bag, "--out", out)
+    assert result.code == 0, result.err
+    assert f"wrote {bag}" in result.out
+    tool = ns.PoseTrajectory.from_csv(out / "tool.csv")
+    table = np.loadtxt(out / "executed.csv", delimiter=",", skiprows=1)
+    types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    found: dict[str, list] = {"/pose": [], "/joint_states": []}
+    with rosbags.AnyReader([bag], default_typestore=types) as reader:
+        for connection, _, raw in reader.messages():
+            found[connection.topic].append(reader.deserialize(raw, connection.msgtype))
+    poses, joints = found["/pose"], found["/joint_states"]
+    assert len(poses) == len(joints) == len(tool)
+    assert poses[0].header.frame_id == "base"
+    places = [[getattr(p.pose.position, axis) for axis in "xyz"] for p in poses]
+    assert np.array(places).tolist() == tool.positions.tolist()
+    assert joints[0].name == [f"joint{k}" for k in range(1, 8)]
+    assert np.array([j.position for j in joints]).tolist() == table[:, 1:8].tolist()
+    assert np.array([j.velocity for j in joints]).tolist() == table[:, 8:].tolist()
+    stamps = [j.header.stamp.sec + 1e-9 * j.header.stamp.nanosec for j in joints]
+    assert stamps == pytest.approx(table[:, 0], abs=1e-9)
+    again = noslip("simulate", folder / "cut.json", *PLACED, "--bag", bag, "--out", out)
+    assert again.code == (0 if name.endswith(".mcap") else 2)
+
+
+def test_without_rosbags_a_bag_is_refused_before_the_work(
+    noslip, folder: Path, tmp_path: Path, monkeypatch
+):
+    monkeypatch.setattr("noslip.cli.simulate.find_spec", lambda name: None)
+    bag, out = tmp_path / "arm.mcap", tmp_path / "arm"
+    result = noslip("simulate", folder / "cut.json", *PLACED, "--bag", bag, "--out", out)
+    assert result.code == 2 and "pip install 'noslip[bags]'" in result.err
+    assert not out.exists()
 
 
 def test_as_json_nothing_else_is_printed(noslip, folder: Path, tmp_path: Path) -> None:
@@ -147,6 +211,8 @@ def test_a_video_is_drawn_where_that_can_be(folder: Path, tmp_path: Path) -> Non
         (("--tool", "tip"), "--tool needs --model"),
         (("--model", "none.xml", "--tool", "tip"), "none.xml: no such file"),
         ((*PLACED, "--delay", "0.5"), "delay must be"),
+        ((*PLACED, "--bag", "arm.bag"), "--bag: arm.bag must end in .mcap"),
+        ((*PLACED, "--bag", str(Path(__file__).parent)), "exists already"),
         ((*PLACED, "--duration", "0.05"), "exceeds its limit"),
         (("--placement", "1.2,0,0.2,0"), "out of reach"),
     ],

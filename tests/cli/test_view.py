@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -82,6 +83,27 @@ def test_bad_input_gets_one_line_and_exit_code_2(
     result = noslip("view", *arguments)
     assert result.code == 2 and result.out == ""
     assert expected in result.err and len(result.err.splitlines()) == 1
+
+
+def test_a_simulated_arm_is_saved_beside_other_motions(noslip, recording, tmp_path):
+    pytest.importorskip("mujoco", reason="the extra robots is not installed")
+    pytest.importorskip("daqp", reason="the extra robots is not installed")
+    primitive = ns.learn(ns.PoseTrajectory.from_csv(recording), ns.Blade()).save(
+        tmp_path / "c.json"
+    )
+    arm, out = tmp_path / "arm", tmp_path / "scene.html"
+    placed = ("--placement", "0.45,0,0.25,0", "--dynamics", "none")
+    assert noslip("simulate", primitive, *placed, "--out", arm).code == 0
+    # Another of the same name, as of another run.
+    again = shutil.copytree(arm, tmp_path / "again" / "arm")
+    result = noslip("view", f"{arm}/", again, primitive, recording, "--save", out)
+    assert result.code == 0 and result.out.startswith(f"wrote {out}: "), result.err
+    text = out.read_text()
+    for name in ("arm", "arm_2", "c.json", "cut.csv"):
+        assert f"<b>{name}</b>" in text
+    (arm / "tool.csv").unlink()
+    refused = noslip("view", arm, "--save", out)
+    assert refused.code == 2 and "tool.csv" in refused.err and refused.err.count("\n") == 1
 
 
 def test_without_viser_the_extra_is_named(noslip, recording, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,3 +43,38 @@ def slipping() -> ns.PoseTrajectory:
 def primitive(cut: ns.PoseTrajectory) -> ns.ConstrainedDMP:
     rules = [ns.Blade(), ns.PlaneContact(), ns.KeepOutSphere(centre=CENTRE, radius=RADIUS)]
     return ns.learn(cut, rules, basis_functions=30)
+
+
+@pytest.fixture(scope="session")
+def cut_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A primitive of a gentle curve, which an arm can follow in 1.5 s."""
+    s = np.linspace(0, 1, 151)
+    u = s**3 * (10 - 15 * s + 6 * s**2)
+    path = np.column_stack([0.1 * u, 0.02 * np.sin(np.pi * u), 0 * u])
+    yaw = Rotation.from_euler("z", 0.4 * np.cos(np.pi * s))
+    gentle = ns.PoseTrajectory(1.5 * s, path, yaw, name="cut.csv")
+    dmp = ns.learn(gentle, [ns.Blade(), ns.PlaneContact()])
+    return dmp.save(tmp_path_factory.mktemp("primitive") / "cut.json")
+
+
+@pytest.fixture(scope="session")
+def simulate(cut_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Run ``noslip simulate``; return the folder that it wrote."""
+    pytest.importorskip("mujoco", reason="the extra robots is not installed")
+    pytest.importorskip("daqp", reason="the extra robots is not installed")
+    from noslip.cli.simulate import run
+
+    def simulated(**options: object) -> Path:
+        out = tmp_path_factory.mktemp("simulated") / "arm"
+        run(cut_file, out=out, placement="0.45,0,0.25,0.3", **options)
+        return out
+
+    return simulated
+
+
+@pytest.fixture(scope="session")
+def arm_folder(simulate: Callable[..., Path]) -> Path:
+    """An arm that is heavier than its controller believes: it sags beside its path."""
+    from noslip.cli.simulate import Dynamics
+
+    return simulate(dynamics=Dynamics.IMPEDANCE, model_error=0.1)

@@ -5,6 +5,7 @@ Pictures go to the folder that NOSLIP_ARTIFACTS names, else to the tests' tempor
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import time
@@ -17,9 +18,10 @@ import pytest
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 pytest.importorskip("playwright", reason="browser tests need playwright (extra: dev)")
 
+from matplotlib.image import imread
 from playwright.sync_api import sync_playwright
 
-from noslip.viewer import Page, save_page
+from noslip.viewer import Page, read_simulation, save_page
 from noslip.viewer.page import GIZMO
 
 CHROMIUM = os.environ.get("NOSLIP_CHROMIUM") or shutil.which("chromium")
@@ -135,6 +137,20 @@ def choose(tab: Tab, label: str, option: str) -> None:
     tab.view.get_by_role("option", name=option, exact=True).click()
 
 
+def pixel(page: Page, point: np.ndarray) -> tuple[float, float]:
+    """Where the browser's camera shows a point of the world."""
+    (client,) = page.server.get_clients().values()
+    camera = client.camera
+    ahead = np.asarray(camera.look_at) - camera.position
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, camera.up_direction)
+    right /= np.linalg.norm(right)
+    offset = np.asarray(point) - camera.position
+    half = np.tan(camera.fov / 2) * (offset @ ahead)
+    x, y = offset @ right, offset @ np.cross(right, ahead)
+    return WIDTH / 2 + x / half * HEIGHT / 2, HEIGHT / 2 - y / half * HEIGHT / 2
+
+
 def open_tab(tab: Tab, name: str) -> None:
     tab.view.get_by_role("tab", name=name).click()
 
@@ -168,6 +184,43 @@ def test_a_saved_page_plays_from_disk_with_the_network_off(
     assert tab.errors == []
     assert all(url.startswith(("file:", "blob:", "data:")) for url in tab.asked)
     tab.context.close()
+
+
+# ---------------------------------------------------------------- an arm (alone too)
+
+
+def darkness(tab: Tab, page: Page, point: np.ndarray) -> float:
+    """How dark the picture is where the camera shows a point: 0 is white."""
+    image = imread(io.BytesIO(tab.view.screenshot()))[..., :3]
+    x, y = pixel(page, point)
+    around = image[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3]
+    return float(1 - around.mean())
+
+
+def test_the_arm_of_a_simulation_is_drawn_where_it_is(chromium, arm_folder, artifacts):
+    simulation = read_simulation(arm_folder)
+    arm = simulation.arm
+    page = Page({"arm": simulation}, port=0)
+    tab = Tab(chromium)
+    try:
+        tab.open(f"{page.address}/")
+        tab.view.get_by_text("Against the commanded motion").wait_for()
+        # The tool's holder is the only dark thing in the scene.
+        (holder,) = (k for k, part in enumerate(arm.parts) if max(part.colour) < 100)
+        places = []
+        for instant in ("0.0", f"{page.duration:.3f}"):
+            fill(tab, "Time (s)", instant)
+            until(lambda instant=instant: page.time == float(instant), "the time that was typed")
+            sample = page.entry.track.sample(page.time)
+            middle = arm.poses(sample)[0][holder]
+            places.append(arm.rotation.apply(middle) + arm.position)
+            until(lambda: darkness(tab, page, places[-1]) > 0.6, "the holder to be drawn there")
+            tab.view.screenshot(path=artifacts / f"arm_{instant}.png")
+        assert darkness(tab, page, places[0]) < 0.6
+        assert tab.errors == []
+    finally:
+        tab.context.close()
+        page.stop()
 
 
 # ---------------------------------------------------------------- looking
@@ -246,20 +299,6 @@ def test_a_goal_off_the_plane_is_explained(tab, page, primitive):
     assert page.entry.track.motion.positions == pytest.approx(primitive.rollout().positions)
 
 
-def pixel(page: Page, point: np.ndarray) -> tuple[float, float]:
-    """Where the browser's camera shows a point of the world."""
-    (client,) = page.server.get_clients().values()
-    camera = client.camera
-    ahead = np.asarray(camera.look_at) - camera.position
-    ahead /= np.linalg.norm(ahead)
-    right = np.cross(ahead, camera.up_direction)
-    right /= np.linalg.norm(right)
-    offset = np.asarray(point) - camera.position
-    half = np.tan(camera.fov / 2) * (offset @ ahead)
-    x, y = offset @ right, offset @ np.cross(right, ahead)
-    return WIDTH / 2 + x / half * HEIGHT / 2, HEIGHT / 2 - y / half * HEIGHT / 2
-
-
 def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artifacts):
     # The gizmo's first arrow, which is the tool's x axis at the goal.
     axis = primitive.orientation.goal.apply([1.0, 0.0, 0.0])
@@ -301,6 +340,39 @@ def test_a_pushed_tool_comes_back(tab, page, artifacts):
     tab.view.get_by_text("arrived").wait_for()
     choose(tab, "Speed", "1x")
     assert run.goal_error < 2e-3 and run.residual < EXACT
+
+
+def test_a_tool_that_is_dragged_while_it_runs_is_pushed(tab, page, artifacts):
+    choose(tab, "Speed", "0.1x")
+    tab.view.get_by_role("button", name="Run in the control loop").click()
+    until(lambda: page._run is not None and page._run.clock > 0.2, "the tool to run")
+    run = page._run
+    # It hardly moves between two pictures; the grip's first arrow lies along the tool's x axis.
+    tool = run.states[-1]
+    axis = tool.rotation.apply([1.0, 0.0, 0.0])
+    grip = tool.position + 0.95 * GIZMO * page.drawing.size * axis
+    mouse = tab.view.mouse
+    mouse.move(*pixel(page, grip))
+    time.sleep(1.0)
+    mouse.down()
+    until(lambda: page._held, "the tool to be held")
+    held = len(run.states)
+    there = grip + 0.015 * axis
+    mouse.move(*pixel(page, 0.5 * (grip + there)), steps=3)
+    time.sleep(0.5)
+    mouse.move(*pixel(page, there), steps=3)
+    time.sleep(0.5)
+    tab.view.screenshot(path=artifacts / "held.png")
+    assert len(run.states) == held
+    mouse.up()
+    until(lambda: len(run.states) > held, "the tool to go on")
+    moved = run.states[held].position - run.states[held - 1].position
+    assert np.linalg.norm(moved) > 5e-3
+    assert moved @ axis == pytest.approx(np.linalg.norm(moved), rel=0.1)
+    choose(tab, "Speed", "4x")
+    tab.view.get_by_text("arrived").wait_for()
+    choose(tab, "Speed", "1x")
+    assert run.residual < EXACT
 
 
 # ---------------------------------------------------------------- files

@@ -101,12 +101,17 @@ def test_recordings_are_checked_against_what_the_primitives_hold(primitive, slip
 
 def test_a_follower_is_told_where_the_tool_is(primitive):
     arm = Arm()
-    with opened({"cut.json": primitive}, followers=[arm]) as page:
+    with opened({"cut.json": primitive}, followers={"cut.json": arm}) as page:
         done(page, lambda: page._seek(2.0))
         motion, sample = arm.shown[-1]
         assert motion is page.entry.track.motion
         assert motion.times[sample] == pytest.approx(2.0, abs=motion.period)
         assert arm.node == "/motions/cut.json/follower"
+
+
+def test_a_follower_of_nothing_is_refused(cut):
+    with pytest.raises(ns.InputError, match=r"no motion 'cut'; there are cut\.csv"):
+        Page({"cut.csv": cut}, followers={"cut": Arm()})
 
 
 def test_a_new_goal_changes_path_residual_and_duration(primitive):
@@ -206,6 +211,56 @@ def test_a_pushed_run_on_the_page_leaves_a_trail_until_something_changes(primiti
         assert "pushed" in page.drawing._nodes["cut.json"]
         done(page, page._as_learned)
         assert "pushed" not in page.drawing._nodes["cut.json"]
+
+
+def test_a_tool_that_is_held_waits_and_is_pushed_to_where_it_is_released(primitive):
+    with opened({"cut.json": primitive}) as page:
+        assert not page._grip.visible
+        page._speed.value = "0.25x"
+        done(page, page._start_run)
+        run = page._run
+        end = time.monotonic() + 20
+        while run.clock < 0.3 and time.monotonic() < end:
+            time.sleep(0.02)
+        assert page._grip.visible and not page._gizmos["goal"].visible
+        done(page, lambda: page._pull(False))
+        held = len(run.states)
+        tool = run.states[-1].position
+        time.sleep(0.3)
+        assert len(run.states) == held
+        assert page._grip.position == pytest.approx(tool)
+
+        def release() -> None:
+            page._grip.position = tool + [0.0, 0.006, 0.0]
+            page._pull(True)
+
+        done(page, release)
+        assert page._push_by.value == pytest.approx((0.0, 0.006, 0.0), abs=1e-7)
+        page._speed.value = "4x"
+        while page._run is not None and time.monotonic() < end:
+            time.sleep(0.05)
+        done(page)
+        jump = run.states[held].position - tool
+        assert jump[1] == pytest.approx(0.006, abs=2e-3)
+        assert run.goal_error < 2e-3 and run.residual < EXACT
+        assert not page._grip.visible and page._gizmos["goal"].visible
+
+
+def test_a_tool_that_does_not_run_cannot_be_pulled(primitive):
+    with opened({"cut.json": primitive}) as page:
+        done(page, lambda: page._pull(True))
+        assert page._run is None and not page._notice.visible
+
+
+def test_what_moves_is_drawn_where_it_is(cut):
+    moving = ns.InMovingFrame(ns.PlaneContact(), amplitude=(0.0, 0.0, 0.01), period=4.0)
+    with opened({"cut.csv": cut}, constraints=[moving]) as page:
+        nodes = [node for node, _ in page.drawing._shapes]
+        assert len(nodes) == 2
+        for instant, height in ((1.0, 0.01), (3.0, -0.01)):
+            done(page, lambda instant=instant: page._seek(instant))
+            for node in nodes:
+                assert node.position == pytest.approx((0.0, 0.0, height), abs=1e-9)
 
 
 def test_a_name_cannot_bring_html_onto_the_page(cut):

@@ -17,6 +17,7 @@ from noslip.constraints.declaration import Motion
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
+from noslip.viewer.frames import Frame
 from noslip.viewer.scene import (
     CHART_POINTS,
     MOST_SEGMENTS,
@@ -183,10 +184,10 @@ FLAT = [
 ]
 
 
-def residual_at(constraint: ns.Constraint, points: np.ndarray) -> np.ndarray:
+def residual_at(constraint: ns.Constraint, points: np.ndarray, time: float = 0.0) -> np.ndarray:
     """The constraint's own residual with the tool's origin at a point: what the shape must show."""
     p = ca.SX.sym("p", 3)
-    motion = Motion(ca.SX(0), p, ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3))
+    motion = Motion(ca.SX(time), p, ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3))
     function = ca.Function("residual", [p], [ca.vertcat(ca.SX(constraint.residual(motion)))])
     return np.array(function(points.T)).T
 
@@ -228,9 +229,105 @@ def test_a_box_shows_the_sides_that_it_has():
 
 
 def test_what_has_no_place_is_not_drawn():
-    constraints = [ns.Blade(), ns.SpeedLimit(), ns.InMovingFrame(ns.PlaneContact())]
+    constraints = [ns.Blade(), ns.SpeedLimit()]
     assert shapes(constraints, np.zeros(3), 0.1) == []
     assert shapes([ns.SurfaceContact(surface="1 + x**2")], np.zeros(3), 0.1) == []
+
+
+# ---------------------------------------------------------------- what moves
+
+BREATH = {
+    "amplitude": (0.002, 0.0, 0.01),
+    "period": 3.0,
+    "phase": 0.4,
+    "rotation_amplitude": (0.2, 0.0, 0.1),
+    "velocity": (0.0, 0.01, 0.0),
+}
+CONVEYOR = {"amplitude": (0.0, 0.0, 0.0), "velocity": (0.03, 0.0, 0.0)}
+
+
+def test_the_frame_sways_as_it_is_declared():
+    origin, turn = Frame(ns.InMovingFrame(ns.Blade(), **BREATH)).pose(1.1)
+    sway = np.sin(2 * np.pi / 3.0 * 1.1 + 0.4)
+    assert origin == pytest.approx([0.002 * sway, 0.01 * 1.1, 0.01 * sway])
+    assert turn.as_rotvec() == pytest.approx([0.2 * sway, 0.0, 0.1 * sway])
+
+
+def test_frames_nest_and_carry_points_along():
+    nested = ns.InMovingFrame(ns.InMovingFrame(ns.Blade(), **BREATH), **CONVEYOR)
+    frame = Frame(nested)
+    assert isinstance(frame.inner, ns.Blade)
+    alone, _ = Frame(ns.InMovingFrame(ns.Blade(), **BREATH)).pose(2.0)
+    origin, turn = frame.pose(2.0)
+    assert origin == pytest.approx(alone + [0.06, 0.0, 0.0])
+    point, h = np.array([0.3, -0.1, 0.2]), 1e-5
+    own = turn.inv().apply(point - origin)
+    before, after = (np.add(f[0], f[1].apply(own)) for f in (frame.pose(2 - h), frame.pose(2 + h)))
+    assert frame.carried([2.0], [point])[0] == pytest.approx((after - before) / (2 * h), abs=1e-8)
+
+
+def carried(motion: ns.PoseTrajectory, frame: Frame) -> ns.PoseTrajectory:
+    """The motion as it is seen from the world when its own world moves."""
+    poses = [frame.pose(t) for t in motion.times]
+    turns = Rotation.concatenate([turn for _, turn in poses])
+    places = np.array([origin for origin, _ in poses]) + turns.apply(motion.positions)
+    return ns.PoseTrajectory(motion.times, places, turns * motion.rotations)
+
+
+@pytest.mark.parametrize("point", [(0.0, 0.0, 0.0), (0.02, 0.0, 0.01)])
+def test_slip_in_a_moving_frame_is_slip_relative_to_it(slipping, point):
+    blade = ns.Blade(reference_point=point)
+    rule = ns.InMovingFrame(blade, **BREATH)
+    still = track(slipping, blade)
+    shown = track(carried(slipping, Frame(rule)), rule)
+    for sample in (50, 200, 333):
+        lateral, velocity = (
+            np.diff(shown.arrows(sample, 1.0)[a], axis=0)[0] for a in ("lateral", "velocity")
+        )
+        cosine = lateral @ velocity / np.linalg.norm(lateral) / np.linalg.norm(velocity)
+        assert np.arcsin(cosine) == pytest.approx(shown.slip_angle(sample), abs=1e-12)
+        # Chords of the sum are not sums of the chords.
+        assert shown.slip_angle(sample) == pytest.approx(still.slip_angle(sample), abs=0.01)
+        speed = np.linalg.norm(shown.velocities[sample])
+        assert abs(cosine) * speed == pytest.approx(shown.violation[sample], rel=1e-9)
+    assert "speed in the moving frame" in shown.readout(1.0)
+    # In the room, the same motion slips otherwise.
+    room = track(shown.motion, blade)
+    angles = [abs(room.slip_angle(k) - shown.slip_angle(k)) for k in (50, 200, 333)]
+    assert max(angles) > 0.02
+
+
+def test_the_arrows_of_a_state_are_relative_to_the_moving_frame_too(cut):
+    rule = ns.InMovingFrame("blade", amplitude=(0.0, 0.003, 0.004), period=4.0)
+    dmp = ns.learn(cut, rule, basis_functions=30)
+    motion = dmp.rollout()
+    shown = track(motion, rule)
+    state = dmp.initial_state()
+    for _ in range(150):
+        state = dmp.step(state, motion.period)
+    drawn, known = shown.arrows_in(state, 1.0), shown.arrows(150, 1.0)
+    for name in ("lateral", "velocity"):
+        assert drawn[name] == pytest.approx(known[name], abs=1e-9)
+    lateral, velocity = (np.diff(drawn[name], axis=0)[0] for name in ("lateral", "velocity"))
+    assert lateral @ velocity == pytest.approx(0.0, abs=1e-10)
+
+
+@pytest.mark.parametrize("time", [0.0, 1.3])
+@pytest.mark.parametrize("inner", [*ROUND[:3], *FLAT[:3]], ids=lambda c: c.name)
+def test_shapes_move_with_their_frame(inner, time):
+    rule = ns.InMovingFrame(inner, **BREATH)
+    shape, axes = shapes([rule], (0.05, 0.1, 0.02), 0.2)
+    origin, turn = shape.pose(time)
+    points = origin + turn.apply(shape.vertices[np.unique(shape.faces)])
+    assert np.abs(residual_at(rule, points, time)).max() < 1e-7
+    assert axes.kind == "frame" and axes.pose(time)[0] == pytest.approx(origin)
+
+
+def test_a_frame_without_a_surface_shows_its_axes_beside_the_path():
+    (axes,) = shapes([ns.InMovingFrame(ns.Blade(), **BREATH)], (0.05, 0.1, 0.02), 0.2)
+    origin, turn = axes.pose(0.0)
+    points = origin + turn.apply(axes.vertices)
+    assert np.linalg.norm(points - [0.05, 0.1, 0.02], axis=1).max() < 0.1 * 0.2
 
 
 # ---------------------------------------------------------------- the tool

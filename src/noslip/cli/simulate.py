@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import enum
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,9 +17,11 @@ import typer
 from noslip import robots
 from noslip._files import write_beside
 from noslip.cli import options, output
+from noslip.constraints.catalogue import specification
 from noslip.demonstrations.loading import load_demonstrations
-from noslip.errors import InputError
+from noslip.errors import InputError, MissingDependencyError
 from noslip.figures import executed_slip, joint_limits, save_figure
+from noslip.recordings import write_bag
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
@@ -28,6 +34,8 @@ Examples:
   noslip simulate excision.json --dynamics impedance --noise --delay 0.002 --out arm/
 
   noslip simulate excision.json --placement 0.45,0.1,0.3,1.57 --duration 8 --out arm/
+
+  noslip simulate excision.json --bag arm.mcap --out arm/
 
   noslip simulate excision.json --model my_arm.xml --tool scalpel_tip --video --out arm/
 """
@@ -113,15 +121,25 @@ def run(
             show_default=False,
         ),
     ] = None,
+    bag: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write the executed joints and tool poses as a ROS 2 bag too: FILE.mcap, or "
+            "without suffix a folder.",
+            show_default=False,
+        ),
+    ] = None,
     video: Annotated[bool, typer.Option("--video", help="Draw arm.mp4 too.")] = False,
     seed: Annotated[int, typer.Option(help="Of the search and the noise.")] = 0,
     as_json: options.AsJson = False,
 ) -> None:
     """Execute a primitive with a robot arm that keeps the constraint, or say why it cannot.
 
-    Writes joints.csv (t, q1.., dq1..), tool.csv (the executed tool, in the base's frame), figures
-    and summary.json.  A motion that the arm cannot execute is refused: the message names the joint,
-    the time and what is missing, and offers a duration or a placement.
+    Writes joints.csv (t, q1.., dq1.., as commanded), executed.csv (the same, as the dynamics
+    executed them), tool.csv (the executed tool, in the base's frame), figures and summary.json;
+    noslip view shows the folder.  A motion that the arm cannot execute is refused: the message
+    names the joint, the time and what is missing, and offers a duration or a placement.
     """
     if out.is_file():
         raise InputError(f"--out: {out} is a file; give a folder")
@@ -129,33 +147,44 @@ def run(
         raise InputError("--model needs --tool: the site or body that is the tool's frame")
     if model is None and tool is not None:
         raise InputError("--tool needs --model: the arm by name has its own tool")
+    if bag is not None:
+        _refuse(bag)
     dmp = load_primitive(primitive)
     arm = robots.named(robot, model=model, tool=tool)
     motion = dmp.rollout(duration=duration, time_step=robots.TIME_STEP)
-    tracked = robots.track(
-        arm,
-        motion,
-        dmp.system,
-        placement=_placement(placement, motion, level),
-        level=level.value,
-        ramp=ramp,
-        seed=seed,
-    )
-    execution = None
-    if dynamics is not Dynamics.NONE:
-        execution = robots.execute(
-            tracked,
-            control="impedance" if dynamics is Dynamics.IMPEDANCE else "torque",
-            noise=float(noise),
-            delay=delay,
-            model_error=model_error,
+    placed = _placement(placement, motion, level)
+    with _stage("tracking" if placed else "searching a placement, tracking"):
+        tracked = robots.track(
+            arm,
+            motion,
+            dmp.system,
+            placement=placed,
+            level=level.value,
+            ramp=ramp,
             seed=seed,
         )
-    found = robots.summary(tracked, execution)
+    execution = None
+    if dynamics is not Dynamics.NONE:
+        with _stage("dynamics"):
+            execution = robots.execute(
+                tracked,
+                control="impedance" if dynamics is Dynamics.IMPEDANCE else "torque",
+                noise=float(noise),
+                delay=delay,
+                model_error=model_error,
+                seed=seed,
+            )
+    # By these, the arm and what it held are found again: noslip view shows them.
+    found = robots.summary(tracked, execution) | {
+        "model": None if model is None else str(model.resolve()),
+        "tool": tool,
+        "constraints": [specification(constraint) for constraint in dmp.constraints],
+    }
     if recording is not None:
         [person] = load_demonstrations(str(recording))
         found["recording_slip_distance"] = robots.slip_distance(person, dmp.system).tolist()
-    written = _write(tracked, execution, out, video, found)
+    with _stage("writing"):
+        written = _write(tracked, execution, out, video, bag, found)
     if as_json:
         output.print_json(found | {"written": [str(path) for path in written]})
         return
@@ -176,12 +205,14 @@ def _write(
     execution: robots.Execution | None,
     out: Path,
     video: bool,
+    bag: Path | None,
     found: dict[str, Any],
 ) -> list[Path]:
     """Write all results of a run, whatever their format; return their paths."""
     done = execution or tracked
     written = [
         tracked.to_csv(out / "joints.csv"),
+        *([_executed(execution).to_csv(out / "executed.csv")] if execution else []),
         done.executed.to_csv(out / "tool.csv"),
         *save_figure(joint_limits(tracked), out / "joints.png"),
         *save_figure(executed_slip(tracked, execution), out / "slip.png"),
@@ -189,11 +220,50 @@ def _write(
             out / "summary.json", f"{json.dumps(found, indent=2, allow_nan=False)}\n".encode()
         ),
     ]
+    if bag is not None:
+        written.append(
+            write_bag(
+                bag,
+                poses=done.executed,
+                frame="base",
+                joint_names=tracked.robot.joint_names,
+                joint_times=tracked.times,
+                joint_positions=done.joint_positions,
+                joint_velocities=done.joint_velocities,
+            )
+        )
     if video:
         written.append(
             robots.render(tracked.robot, tracked.times, done.joint_positions, out / "arm.mp4")
         )
     return written
+
+
+def _executed(execution: robots.Execution) -> robots.TrackedMotion:
+    """What was tracked, with the joints that the dynamics left of it."""
+    return replace(
+        execution.tracked,
+        joint_positions=execution.joint_positions,
+        joint_velocities=execution.joint_velocities,
+    )
+
+
+def _refuse(bag: Path) -> None:
+    """Say that a bag cannot be written before the arm is simulated, not after."""
+    bare = bag.suffix.lower() == ".mcap"
+    if bag.suffix and not bare:
+        raise InputError(f"--bag: {bag} must end in .mcap, or have no suffix for a folder")
+    if bag.is_dir() or (bag.exists() and not bare):
+        raise InputError(f"--bag: {bag} exists already; remove it or give another name")
+    if find_spec("rosbags") is None:
+        raise MissingDependencyError("--bag needs rosbags: pip install 'noslip[bags]'")
+
+
+@contextmanager
+def _stage(what: str) -> Iterator[None]:
+    """Show what is worked on, and for how long, on a terminal."""
+    with output.progress(what, 1):
+        yield
 
 
 def _tell(found: dict[str, Any]) -> None:

@@ -5,15 +5,13 @@ from __future__ import annotations
 import time
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from noslip.cli import options
 from noslip.errors import InputError
-from noslip.learning import ConstrainedDMP
 from noslip.saving import load_primitive
-from noslip.trajectory import PoseTrajectory
 
 NAME = "view"
 EXAMPLES = """
@@ -25,6 +23,8 @@ Examples:
 
   noslip view demonstration.csv excision.json --save scene.html
 
+  noslip simulate excision.json --out arm/ && noslip view arm/ excision.json
+
   ssh -L 8080:localhost:8080 robot noslip view excision.json --no-open
 """
 
@@ -34,7 +34,8 @@ def run(
     motions: Annotated[
         list[str],
         typer.Argument(
-            help="Recordings (of any format), and primitives (JSON), which are rolled out.",
+            help="Recordings (of any format), primitives (JSON), which are rolled out, and "
+            "folders that noslip simulate wrote, with their arms.",
             show_default=False,
         ),
     ],
@@ -81,17 +82,19 @@ def run(
     if save is not None and options.output(save, "--save") and save.suffix != ".html":
         raise InputError(f"--save: {save} must end in .html")
     held = options.constraints(constraint)
+    simulated = [name for name in motions if (Path(name) / "summary.json").is_file()]
     primitives = [name for name in motions if name.endswith(".json")]
-    recordings = [name for name in motions if name not in primitives]
-    shown: dict[str, PoseTrajectory | ConstrainedDMP] = {}
+    recordings = [name for name in motions if name not in {*simulated, *primitives}]
+    shown: dict[str, Any] = {}
     if recordings:
         for trajectory in given.load(recordings):
             shown[trajectory.name] = trajectory
     shown |= {name: load_primitive(name) for name in primitives}
 
     # Only now: without a page to show, nobody needs viser.
-    from noslip.viewer import Page, load_tool, save_page
+    from noslip.viewer import Page, load_tool, read_simulation, save_page
 
+    shown |= {str(Path(name)): read_simulation(name) for name in simulated}
     parts = None if tool is None else load_tool(tool, scale=tool_scale)
     if save is not None:
         path = save_page(save, shown, constraints=held, tool=parts)

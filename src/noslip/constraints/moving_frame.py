@@ -94,7 +94,7 @@ class InMovingFrame(Constraint):
     def residual(self, motion: Motion) -> Expression:
         """The constraint's own residual on the relative motion, in its unit."""
         t = ca.SX.sym("t")
-        c, R = self._pose(t)
+        c, R = self.pose(t)
         spin = ca.mtimes(ca.reshape(ca.jacobian(ca.vec(R), t), 3, 3), R.T)
         w = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
         c, R, c_rate, w = ca.substitute([c, R, ca.jacobian(c, t), w], [t], [motion.time])
@@ -109,14 +109,14 @@ class InMovingFrame(Constraint):
         )
         return self.inner.residual(relative)
 
-    def _pose(self, t: Expression) -> tuple[Expression, Expression]:
-        """Origin and rotation of the frame."""
+    def pose(self, time: Expression) -> tuple[Expression, Expression]:
+        """Origin (m), 3 x 1, and rotation matrix, frame to world, 3 x 3, at a time (s)."""
         if self.frame is not None:
-            value = self.frame(t)
+            value = self.frame(time)
             origin, rotation = value if _is_pair(value) else (value, np.eye(3))
             return ca.SX(_matrix(origin)), ca.SX(_matrix(rotation))
-        sway = ca.sin(2 * np.pi / self.period * t + self.phase)
-        origin = ca.DM(list(self.velocity)) * t + ca.DM(list(self.amplitude)) * sway
+        sway = ca.sin(2 * np.pi / self.period * time + self.phase)
+        origin = ca.DM(list(self.velocity)) * time + ca.DM(list(self.amplitude)) * sway
         if not any(self.rotation_amplitude):
             return ca.SX(origin), ca.SX.eye(3)
         turn = quaternion_exp(ca.DM(list(self.rotation_amplitude)) * sway)
@@ -130,7 +130,7 @@ class InMovingFrame(Constraint):
             raise ConstraintError(f"{NAME}: frame must be a function of time, got {self.frame!r}")
         t = ca.SX.sym("t")
         try:
-            origin, rotation = self._pose(t)
+            origin, rotation = self.pose(t)
             pose = ca.Function("frame", [t], [origin, rotation])
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__

@@ -9,9 +9,21 @@ except ImportError as error:
         "the viewer needs viser; install it: pip install 'noslip[viewer]'"
     ) from error
 
+from noslip.viewer.arm import Arm, Simulation, read_simulation
 from noslip.viewer.drawing import Drawing, Follower
 from noslip.viewer.page import Page
 from noslip.viewer.recording import save_page
 from noslip.viewer.tool import Part, load_tool, scalpel
 
-__all__ = ["Drawing", "Follower", "Page", "Part", "load_tool", "save_page", "scalpel"]
+__all__ = [
+    "Arm",
+    "Drawing",
+    "Follower",
+    "Page",
+    "Part",
+    "Simulation",
+    "load_tool",
+    "read_simulation",
+    "save_page",
+    "scalpel",
+]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from noslip.figures.style import PALETTE
 from noslip.primitives.pose import State
 from noslip.trajectory import PoseTrajectory
+from noslip.viewer.arm import Arm
 from noslip.viewer.scene import Track, rgb
 from noslip.viewer.shapes import COLOURS, OPACITIES, Shape
 from noslip.viewer.tool import Part
@@ -43,15 +44,15 @@ class Drawing:
     ----------
     server : viser.ViserServer
     tool : sequence of Part
-        In the tool's frame; drawn once a motion.
+        In the tool's frame; drawn once a motion; an arm has its own.
     centre : array, shape (3,)
         Of the scene (m).
     size : float
         Of the scene (m): of the arrows, the camera's distance, the grid.
     floor : float
         Height of the grid (m).  Its cells are 1 cm wide, or 1 mm, 10 cm, as suits the size.
-    followers : sequence of Follower, optional
-        One a motion at most, in the order in which motions are put.
+    arm : array, shape (K, 3), optional
+        Points of an arm (m), its base first: the camera stands across from that and sees all.
     """
 
     def __init__(
@@ -62,15 +63,14 @@ class Drawing:
         centre: Floats,
         size: float,
         floor: float = 0.0,
-        followers: Sequence[Follower] = (),
+        arm: Floats | None = None,
     ) -> None:
         self.server, self.tool, self.size = server, tool, size
-        self._waiting = list(followers)
         self._followers: dict[str, Follower] = {}
         self._tracks: dict[str, Track] = {}
         self._nodes: dict[str, dict[str, Any]] = {}
         self._visible = {"ghost": True, "arrows": True, "shapes": True}
-        self._shapes: list[Any] = []
+        self._shapes: list[tuple[Any, Shape]] = []
         cell = 10 ** float(np.floor(np.log10(size / 2)))
         server.scene.add_grid(
             "/grid",
@@ -87,7 +87,10 @@ class Drawing:
         # To the left of the middle, for on the right is the panel.
         camera.look_at = centre + size * np.array([0.25, 0.0, 0.1])
         camera.position = centre + size * np.array([0.1, -1.2, 1.0])
-        camera.near, camera.far = 0.01 * size, 100 * size
+        if arm is not None:
+            camera.look_at, camera.position = _across(centre, arm)
+        away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
+        camera.near, camera.far = 0.01 * size, max(100 * size, 10 * away)
         camera.fov = np.radians(50)
 
     # ---------------------------------------------------------------- what there is
@@ -95,20 +98,19 @@ class Drawing:
     def add_shapes(self, shapes: Iterable[Shape]) -> None:
         """Draw constraints' surfaces and zones."""
         for number, shape in enumerate(shapes):
-            self._shapes.append(
-                self.server.scene.add_mesh_simple(
-                    f"/constraints/{number}_{shape.name.replace('/', '_')}",
-                    shape.vertices,
-                    shape.faces,
-                    color=COLOURS[shape.kind],
-                    opacity=OPACITIES[shape.kind],
-                    side="double",
-                    cast_shadow=False,
-                    receive_shadow=False,
-                )
+            node = self.server.scene.add_mesh_simple(
+                f"/constraints/{number}_{shape.name.replace('/', '_')}",
+                shape.vertices,
+                shape.faces,
+                color=COLOURS[shape.kind],
+                opacity=OPACITIES[shape.kind],
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
             )
+            self._shapes.append((node, shape))
 
-    def put(self, name: str, track: Track, worst: float) -> None:
+    def put(self, name: str, track: Track, worst: float, follower: Follower | None = None) -> None:
         """Draw a motion, or draw it anew where there is one of that name.
 
         Parameters
@@ -118,6 +120,8 @@ class Drawing:
         track : Track
         worst : float
             Violation that has the last colour.
+        follower : Follower, optional
+            What moves along; drawn with the motion's first drawing.
         """
         self._tracks[name] = track
         points, colors = track.trail(worst)
@@ -128,6 +132,8 @@ class Drawing:
                 trail.points, trail.colors = points.astype(np.float32), colors
             return
         scene = self.server.scene
+        # An arm's model has its own.
+        tool = () if isinstance(follower, Arm) else self.tool
         nodes: dict[str, Any] = {
             "trail": scene.add_line_segments(
                 f"/motions/{name}/trail",
@@ -136,7 +142,7 @@ class Drawing:
                 thickness=TRAIL_WIDTH,
                 thickness_units="screen",
             ),
-            "tool": self._add_tool(f"/motions/{name}/tool"),
+            "tool": self._add_tool(f"/motions/{name}/tool", tool),
         }
         if track.reference is not None:
             path = track.reference.positions[:: max(1, len(track.reference) // 500)]
@@ -147,7 +153,7 @@ class Drawing:
                 thickness=GHOST_WIDTH,
                 thickness_units="screen",
             )
-            nodes["ghost"] = self._add_tool(f"/motions/{name}/ghost", ghost=True)
+            nodes["ghost"] = self._add_tool(f"/motions/{name}/ghost", tool, ghost=True)
         for arrow in track.arrows(0, self.size):
             nodes[arrow] = scene.add_arrows(
                 f"/motions/{name}/{arrow}",
@@ -159,9 +165,9 @@ class Drawing:
                 visible=False,
             )
         self._nodes[name] = nodes
-        if self._waiting:
-            self._followers[name] = self._waiting.pop(0)
-            self._followers[name].add(scene, f"/motions/{name}/follower")
+        if follower is not None:
+            self._followers[name] = follower
+            follower.add(scene, f"/motions/{name}/follower")
 
     def draw_path(self, name: str, points: Floats) -> None:
         """Draw a line beside a motion's own trail: where a pushed tool went."""
@@ -188,6 +194,7 @@ class Drawing:
     def move(self, time: float) -> None:
         """Move everything to a time (s); a motion that is over stays at its end."""
         with self.server.atomic():
+            self._move_shapes(time)
             for name, track in self._tracks.items():
                 self._move(name, track, time)
 
@@ -195,6 +202,7 @@ class Drawing:
         """Move one motion's tool to a state beside it, until the next :meth:`move`."""
         nodes = self._nodes[name]
         with self.server.atomic():
+            self._move_shapes(state.time)
             nodes["tool"].position = state.position
             nodes["tool"].wxyz = state.rotation.as_quat(scalar_first=True)
             self._draw_arrows(nodes, self._tracks[name].arrows_in(state, self.size))
@@ -202,12 +210,18 @@ class Drawing:
     def show(self, what: str, visible: bool) -> None:
         """Show or hide ``ghost``, ``arrows`` or ``shapes``."""
         self._visible[what] = visible
-        for shape in self._shapes:
-            shape.visible = self._visible["shapes"]
+        for node, _ in self._shapes:
+            node.visible = self._visible["shapes"]
         for nodes in self._nodes.values():
             for part in ("ghost", "ghost trail"):
                 if part in nodes:
                     nodes[part].visible = self._visible["ghost"]
+
+    def _move_shapes(self, time: float) -> None:
+        for node, shape in self._shapes:
+            if shape.frame is not None:
+                origin, turn = shape.pose(time)
+                node.position, node.wxyz = origin, turn.as_quat(scalar_first=True)
 
     def _move(self, name: str, track: Track, time: float) -> None:
         nodes, k = self._nodes[name], track.sample(time)
@@ -230,9 +244,9 @@ class Drawing:
             if seen:
                 nodes[arrow].points = ends[None].astype(np.float32)
 
-    def _add_tool(self, node: str, *, ghost: bool = False) -> Any:
+    def _add_tool(self, node: str, tool: Sequence[Part], *, ghost: bool = False) -> Any:
         frame = self.server.scene.add_frame(node, show_axes=False)
-        for number, part in enumerate(self.tool):
+        for number, part in enumerate(tool):
             self.server.scene.add_mesh_simple(
                 f"{node}/{number}",
                 part.vertices,
@@ -245,6 +259,21 @@ class Drawing:
                 receive_shadow=False,
             )
         return frame
+
+
+def _across(centre: Floats, arm: Floats) -> tuple[Floats, Floats]:
+    """Where a camera looks, and stands, that sees an arm behind its work."""
+    points = np.vstack([arm, centre])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    up = np.array([0.0, 0.0, 1.0])
+    ahead = (centre - arm[0]) * (1 - up)
+    far = float(np.linalg.norm(ahead))
+    ahead = ahead / far if far > 0 else np.array([1.0, 0.0, 0.0])
+    place = middle + 1.3 * size * (0.75 * ahead + 0.6 * np.cross(ahead, up) + 0.35 * up)
+    right = np.cross(middle - place, up)
+    # To the left of the middle, for on the right is the panel.
+    return middle + 0.2 * size * right / np.linalg.norm(right), place
 
 
 def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:

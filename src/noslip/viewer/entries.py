@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 import viser
 
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
+from noslip.errors import InputError
 from noslip.learning import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
+from noslip.viewer.arm import Arm, Simulation
 from noslip.viewer.changes import Adapted, Adapter, Wish
 from noslip.viewer.drawing import Drawing, Follower, legend
 from noslip.viewer.scene import Track, extent, node_name
 from noslip.viewer.shapes import shapes
 from noslip.viewer.tool import Part, scalpel
 
+Shown = PoseTrajectory | ConstrainedDMP | Simulation
 LEAST_WORST = 1e-3
 """Violation that has the last colour, at least: what holds must not look as if it did not."""
 TOOL_LENGTH = 0.45
@@ -40,6 +44,7 @@ class Entry:
         As it was adapted last.
     wish : Wish
     outcome : Adapted or None
+    follower : Follower or None
     """
 
     track: Track
@@ -48,30 +53,45 @@ class Entry:
     current: ConstrainedDMP | None = None
     wish: Wish = field(default_factory=Wish)
     outcome: Adapted | None = None
+    follower: Follower | None = None
 
 
 def entries(
-    shown: Mapping[str, PoseTrajectory | ConstrainedDMP], constraints: Sequence[Constraint] = ()
+    shown: Mapping[str, Shown],
+    constraints: Sequence[Constraint] = (),
+    followers: Mapping[str, Follower] = MappingProxyType({}),
 ) -> dict[str, Entry]:
-    """Prepare recordings and primitives, by name; primitives are rolled out.
+    """Prepare recordings, primitives and simulations, by name; primitives are rolled out.
 
     Parameters
     ----------
     shown : mapping
     constraints : sequence of Constraint
-        What recordings are checked against; of primitives, besides their own.  Recordings beside
-        primitives are checked against theirs too.
+        What recordings are checked against; of primitives and simulations, besides their own.
+        Recordings beside these are checked against theirs too.
+    followers : mapping
+        By the same names; a simulation has its arm.
     """
-    primitives = [what for what in shown.values() if isinstance(what, ConstrainedDMP)]
-    asked = unique([*constraints, *(c for primitive in primitives for c in primitive.constraints)])
+    for name in followers:
+        if name not in shown:
+            raise InputError(
+                f"followers: there is no motion {name!r}; there are {', '.join(shown)}"
+            )
+    declaring = [what for what in shown.values() if not isinstance(what, PoseTrajectory)]
+    asked = unique([*constraints, *(c for what in declaring for c in what.constraints)])
     found: dict[str, Entry] = {}
     for name, what in shown.items():
         if isinstance(what, ConstrainedDMP):
             held = ConstraintSystem(unique([*what.constraints, *constraints]))
             track = Track(name, what.rollout(), held, what.regular.rollout())
             entry = Entry(track, what, Adapter(what), what)
+        elif isinstance(what, Simulation):
+            held = ConstraintSystem(unique([*what.constraints, *constraints]))
+            track = Track(name, what.executed, held, what.commanded, "the commanded motion")
+            entry = Entry(track, follower=what.arm)
         else:
             entry = Entry(Track(name, what, ConstraintSystem(asked)))
+        entry.follower = followers.get(name, entry.follower)
         found[node_name(name, found)] = entry
     return found
 
@@ -80,7 +100,6 @@ def drawn(
     server: viser.ViserServer,
     shown: Mapping[str, Entry],
     tool: Sequence[Part] | None = None,
-    followers: Sequence[Follower] = (),
 ) -> Drawing:
     """Draw entries on a server, at the beginning of their motions."""
     motions = [entry.track.motion for entry in shown.values()]
@@ -89,10 +108,12 @@ def drawn(
     if tool is None:
         tool = suitable_scalpel(motions, constraints, size)
     low = min(float(motion.positions[:, 2].min()) for motion in motions)
-    drawing = Drawing(server, tool, centre=centre, size=size, floor=low, followers=followers)
+    arms = (entry.follower for entry in shown.values())
+    points = next((arm.points for arm in arms if isinstance(arm, Arm)), None)
+    drawing = Drawing(server, tool, centre=centre, size=size, floor=low, arm=points)
     drawing.add_shapes(shapes(constraints, centre, size))
     for name, entry in shown.items():
-        drawing.put(name, entry.track, worst(shown))
+        drawing.put(name, entry.track, worst(shown), entry.follower)
     drawing.move(0.0)
     return drawing
 

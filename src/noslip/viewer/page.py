@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,10 @@ from scipy.spatial.transform import Rotation
 from noslip.constraints.declaration import Constraint
 from noslip.errors import InputError, NoslipError
 from noslip.figures.style import PALETTE
-from noslip.learning import ConstrainedDMP
-from noslip.trajectory import PoseTrajectory
 from noslip.viewer import serving
 from noslip.viewer.changes import METRICS, PushedRun, Wish
 from noslip.viewer.drawing import Follower
-from noslip.viewer.entries import Entry, drawn, entries, key, unique, worst
+from noslip.viewer.entries import Entry, Shown, drawn, entries, key, unique, worst
 from noslip.viewer.scene import Track, cursor, node_name
 from noslip.viewer.tool import Part
 from noslip.viewer.uploads import read_upload
@@ -58,7 +57,7 @@ class Page:
 
     Parameters
     ----------
-    shown : mapping of str to PoseTrajectory or ConstrainedDMP
+    shown : mapping of str to PoseTrajectory, ConstrainedDMP or Simulation
         By name, one or more.
     constraints : sequence of Constraint
         What they are checked against, besides the primitives' own.
@@ -66,8 +65,8 @@ class Page:
         By default a scalpel.
     host, port : str, int
         Where it is served; a port that is taken gives way to the next free one.
-    followers : sequence of Follower
-        What moves along with the motions, such as arms; one a motion at most.
+    followers : mapping of str to Follower
+        What moves along with a motion, by the motion's name; a simulation has its arm.
 
     Attributes
     ----------
@@ -81,20 +80,21 @@ class Page:
 
     def __init__(
         self,
-        shown: Mapping[str, PoseTrajectory | ConstrainedDMP],
+        shown: Mapping[str, Shown],
         *,
         constraints: Sequence[Constraint] = (),
         tool: Sequence[Part] | None = None,
         host: str = serving.LOOPBACK,
         port: int = 8080,
-        followers: Sequence[Follower] = (),
+        followers: Mapping[str, Follower] = MappingProxyType({}),
     ) -> None:
         if not shown:
             raise InputError("the viewer needs a recording or a primitive to show")
         self.constraints = tuple(constraints)
-        self.entries = entries(shown, constraints)
+        self.entries = entries(shown, constraints, followers)
         self.time, self.playing = 0.0, False
         self._run: PushedRun | None = None
+        self._held = False
         self._pending: dict[str, Callable[[], None]] = {}
         self._lock, self._woken, self._stopped = threading.Lock(), threading.Event(), False
         self._charted = -np.inf
@@ -103,7 +103,7 @@ class Page:
         self.server.gui.configure_theme(
             control_width="large", show_logo=False, show_share_button=False
         )
-        self.drawing = drawn(self.server, self.entries, tool, followers)
+        self.drawing = drawn(self.server, self.entries, tool)
         self._worst = worst(self.entries)
         self.chosen = next(
             (n for n, e in self.entries.items() if e.primitive), next(iter(self.entries))
@@ -178,10 +178,18 @@ class Page:
             )
             for what in ("goal", "start")
         }
+        self._grip = self.server.scene.add_transform_controls(
+            "/push",
+            scale=GIZMO * size,
+            line_width=3.0,
+            disable_rotations=True,
+            depth_test=False,
+            visible=False,
+        )
         self._connect()
 
     def _add_switch(self, what: str) -> None:
-        names = {"ghost": "demonstration", "arrows": "arrows", "shapes": "surfaces and zones"}
+        names = {"ghost": "ghosts", "arrows": "arrows", "shapes": "surfaces and zones"}
         box = self.server.gui.add_checkbox(names[what].capitalize(), initial_value=True)
         self._on(box, what, lambda: self._show(what, bool(box.value)))
 
@@ -199,6 +207,11 @@ class Page:
             async def _(event: viser.TransformControlsEvent, what: str = what) -> None:
                 coarse = event.phase != "end"
                 self.post(f"wish {what}", lambda: self._wish_from_gizmo(what, coarse))
+
+        @self._grip.on_update
+        async def _(event: viser.TransformControlsEvent) -> None:
+            released = event.phase == "end"
+            self.post("grip", lambda: self._pull(released))
 
         for button, action in (
             (self._play, self._toggle),
@@ -301,11 +314,12 @@ class Page:
         self._end_run()
         self.chosen = name
         entry = self.entry
-        for gizmo in self._gizmos.values():
-            gizmo.visible = entry.primitive is not None
+        self._offer(running=False)
         self._change_folder.visible = self._push_folder.visible = entry.primitive is not None
         if entry.primitive is None:
-            self._change_note.content = _note("A recording cannot be changed; choose a primitive.")
+            self._change_note.content = _note(
+                "What was recorded or executed stays as it is; choose a primitive."
+            )
         else:
             self._tell_wish(entry)
             self._push_by.value = _plain(PUSH * self.drawing.size * self._sideways(entry))
@@ -325,7 +339,7 @@ class Page:
                 for checked in track.report.constraints
             ]
         if merits := track.merits():
-            told.append("<br>Against the demonstration" + _table(merits))
+            told.append(f"<br>Against {track.against}" + _table(merits))
         self._verdict.content = _pad("".join(told))
         self._legend.content = _pad(key(self.entries, track))
         self._make_charts(track)
@@ -407,7 +421,7 @@ class Page:
         now = worst(self.entries)
         for other, entry in self.entries.items():
             if other == name or now != self._worst:
-                self.drawing.put(other, entry.track, now)
+                self.drawing.put(other, entry.track, now, entry.follower)
         self._worst = now
 
     def _as_learned(self) -> None:
@@ -462,8 +476,9 @@ class Page:
     def _start_run(self) -> None:
         if self.entry.current is None:
             return
-        self._run = PushedRun(self.entry.current)
+        self._run, self._held = PushedRun(self.entry.current), False
         self._show_run("runs")
+        self._offer(running=True)
         if not self.playing:
             self._toggle()
 
@@ -473,9 +488,28 @@ class Page:
         if self._run is not None:
             self._run.push(self._push_by.value)
 
+    def _offer(self, *, running: bool) -> None:
+        """Let a person drag the tool while it runs, else the goal and the start."""
+        self._grip.visible = running
+        for gizmo in self._gizmos.values():
+            gizmo.visible = not running and self.entry.primitive is not None
+
+    def _pull(self, released: bool) -> None:
+        """Let the run wait while a person holds the tool; push it to where it is released."""
+        run = self._run
+        if run is None:
+            return
+        self._held = not released
+        if released:
+            by = np.array(self._grip.position) - run.states[-1].position
+            self._push_by.value = _plain(by)
+            run.push(by)
+
     def _run_on(self, passed: float) -> None:
         run = self._run
         assert run is not None
+        if self._held:
+            return
         try:
             run.advance(run.clock + passed)
         except NoslipError:
@@ -485,16 +519,21 @@ class Page:
         if run.done:
             self._toggle()
             self._run = None
+            self._offer(running=False)
 
     def _end_run(self) -> None:
         self._run = None
+        self._offer(running=False)
         self._push_note.content = ""
         self.drawing.clear_path(self.chosen)
 
     def _show_run(self, what: str) -> None:
         run = self._run
         assert run is not None
-        self.drawing.place_tool(self.chosen, run.states[-1])
+        state = run.states[-1]
+        self.drawing.place_tool(self.chosen, state)
+        self._grip.position = state.position
+        self._grip.wxyz = state.rotation.as_quat(scalar_first=True)
         if len(run.states) > 1:
             step = max(1, len(run.states) // 500)
             self.drawing.draw_path(self.chosen, run.path[::-step][::-1])

@@ -5,16 +5,15 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
 from noslip._files import write_beside
 from noslip.constraints.declaration import Constraint
-from noslip.learning import ConstrainedDMP
-from noslip.trajectory import PoseTrajectory
 from noslip.viewer import serving
 from noslip.viewer.drawing import Follower
-from noslip.viewer.entries import TOOL_LENGTH, drawn, entries, key
+from noslip.viewer.entries import TOOL_LENGTH, Shown, drawn, entries, key
 from noslip.viewer.scene import Track
 from noslip.viewer.tool import Part
 
@@ -30,23 +29,23 @@ _BOX = (
 
 def save_page(
     path: str | Path,
-    shown: Mapping[str, PoseTrajectory | ConstrainedDMP],
+    shown: Mapping[str, Shown],
     *,
     constraints: Sequence[Constraint] = (),
     tool: Sequence[Part] | None = None,
-    followers: Sequence[Follower] = (),
+    followers: Mapping[str, Follower] = MappingProxyType({}),
 ) -> Path:
     """Write a scene and its motion as one HTML file; return its path.
 
     The parameters are those of :class:`noslip.viewer.Page`.  The file has a time slider, play and
     speed, and the verdicts; nothing in it can be dragged, for nothing there computes.
     """
-    prepared = entries(shown, constraints)
+    prepared = entries(shown, constraints, followers)
     duration = max(entry.track.motion.duration for entry in prepared.values())
     frames = min(max(round(duration * FRAMES_PER_SECOND), 2), MOST_FRAMES)
     server = serving.serve(serving.LOOPBACK, 0)
     try:
-        drawing = drawn(server, prepared, tool, followers)
+        drawing = drawn(server, prepared, tool)
         first, track = next((name, entry.track) for name, entry in prepared.items())
         # Above the tool, where it hides no arrow.
         above = np.array([0.0, 0.0, 1.15 * TOOL_LENGTH * drawing.size])

@@ -2,7 +2,8 @@
 
 Velocities are those of the steps between samples, the residuals those that :func:`noslip.check`
 reports, so that the angle between the drawn velocity and the drawn lateral axis is a right one
-exactly where the constraint holds.
+exactly where the constraint holds.  Of a constraint in a moving frame, the velocity is the one
+relative to that frame.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.figures.style import PALETTE
 from noslip.primitives.pose import ConstrainedMotion, State
 from noslip.trajectory import PoseTrajectory
+from noslip.viewer.frames import Frame
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -61,13 +63,16 @@ class Track:
     system : ConstraintSystem
         What it is checked against; may be empty.
     reference : PoseTrajectory or None
-        The demonstration that it is compared with, drawn as a ghost.
+        What it is compared with, drawn as a ghost.
+    against : str
+        What the reference is.
     """
 
     name: str
     motion: PoseTrajectory
     system: ConstraintSystem
     reference: PoseTrajectory | None = None
+    against: str = "the demonstration"
 
     # ---------------------------------------------------------------- along the motion
 
@@ -138,12 +143,13 @@ class Track:
 
     @cached_property
     def slipping(self) -> Constraint | None:
-        """The first constraint that names a lateral axis of the tool in the world."""
-        for constraint in self.system.constraints:
-            # In a frame that moves, it is not the velocity in the world that must not be lateral.
-            if constraint.lateral and not isinstance(constraint, InMovingFrame):
-                return constraint
-        return None
+        """The first constraint that names a lateral axis of the tool."""
+        return next((c for c in self.system.constraints if c.lateral), None)
+
+    @cached_property
+    def frame(self) -> Frame | None:
+        """The moving frame in which that one holds; None where it is the world."""
+        return Frame(self.slipping) if isinstance(self.slipping, InMovingFrame) else None
 
     @cached_property
     def points(self) -> Floats:
@@ -152,9 +158,14 @@ class Track:
 
     @cached_property
     def velocities(self) -> Floats:
-        """Velocity of that point on the step to each sample (m/s), shape (N, 3)."""
+        """Velocity of that point on the step to each sample (m/s), shape (N, 3).
+
+        Relative to :attr:`frame`, along the axes of the world.
+        """
         linear, angular = self.motion.step_velocities()
         found = linear + np.cross(angular, self._arms[1:])
+        if self.frame is not None:
+            found = found - self.frame.carried(self.clock[1:], self.points[1:])
         return np.concatenate([found[:1], found])
 
     @cached_property
@@ -203,6 +214,8 @@ class Track:
         """Return the same arrows of a state beside the motion, such as a pushed tool's."""
         arm = state.rotation.apply(self._reference_point)
         velocity = state.linear_velocity + np.cross(state.angular_velocity, arm)
+        if self.frame is not None:
+            velocity = velocity - self.frame.carried(state.time, state.position + arm)[0]
         lateral = None
         if self.slipping is not None and self.slipping.lateral is not None:
             index, sign = axis_index(self.slipping.lateral)
@@ -237,7 +250,9 @@ class Track:
                 f"{x:.2f}" for x in np.round(1e3 * self.motion.positions[k], 2) + 0.0
             )
             + " mm",
-            "speed": f"{1e3 * np.linalg.norm(self.velocities[k]):.3g} mm/s",
+            "speed" if self.frame is None else "speed in the moving frame": (
+                f"{1e3 * np.linalg.norm(self.velocities[k]):.3g} mm/s"
+            ),
         }
         angle = self.slip_angle(k)
         if self.lateral_axes is not None:
@@ -254,7 +269,7 @@ class Track:
     # ---------------------------------------------------------------- as a whole
 
     def merits(self) -> dict[str, str]:
-        """Figures of merit against the demonstration, as label and text; empty without one."""
+        """Figures of merit against the reference, as label and text; empty without one."""
         if self.reference is None:
             return {}
         found = compare(self.motion, self.reference, self.system)
@@ -319,7 +334,8 @@ class Track:
     @property
     def _reference_point(self) -> tuple[float, float, float]:
         """The point that must not slip (m), body frame."""
-        found: tuple[float, float, float] = getattr(self.slipping, "reference_point", ORIGIN)
+        within = self.slipping if self.frame is None else self.frame.inner
+        found: tuple[float, float, float] = getattr(within, "reference_point", ORIGIN)
         return found
 
     @cached_property

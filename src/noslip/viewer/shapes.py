@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.formula import surface_value
 from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
+from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
 from noslip.constraints.remote_centre import RemoteCentre
 from noslip.figures.style import PALETTE
+from noslip.viewer.frames import Frame
 from noslip.viewer.scene import rgb
 
 Floats = NDArray[np.float64]
@@ -25,6 +28,8 @@ REACH = 0.75
 """Half the side of what has no end, such as a plane, over the scene's size."""
 MARK = 0.015
 """Radius of a point, over the scene's size."""
+AXIS = 0.08
+"""Length of a moving frame's axes, over the scene's size."""
 GRID = 41
 """Points along a side of a surface that is given by a formula."""
 NEWTON_STEPS = 30
@@ -35,13 +40,14 @@ COLOURS = {
     "limit": rgb(PALETTE["orange"]),
     "keep-out": rgb(PALETTE["vermillion"]),
     "mark": rgb(PALETTE["green"]),
+    "frame": rgb(PALETTE["grey"]),
 }
-OPACITIES = {"contact": 0.25, "limit": 0.2, "keep-out": 0.35, "mark": 1.0}
+OPACITIES = {"contact": 0.25, "limit": 0.2, "keep-out": 0.35, "mark": 1.0, "frame": 1.0}
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A triangle mesh in the world frame.
+    """A triangle mesh in the world frame, or in one that moves.
 
     Attributes
     ----------
@@ -52,12 +58,21 @@ class Shape:
         Metres.
     faces : array, shape (F, 3)
         Indices of vertices.
+    frame : Frame or None
+        In which the vertices are; None where that is the world.
     """
 
     name: str
     kind: str
     vertices: Floats
     faces: NDArray[np.int64]
+    frame: Frame | None = None
+
+    def pose(self, time: float) -> tuple[Floats, Rotation]:
+        """Origin (m) and rotation of its frame at a time (s)."""
+        if self.frame is None:
+            return np.zeros(3), Rotation.identity()
+        return self.frame.pose(time)
 
 
 def shapes(constraints: Iterable[Constraint], centre: ArrayLike, size: float) -> list[Shape]:
@@ -66,15 +81,24 @@ def shapes(constraints: Iterable[Constraint], centre: ArrayLike, size: float) ->
     Parameters
     ----------
     constraints : iterable of Constraint
-        Of those in a moving frame, nothing is drawn: they are nowhere for long.
+        One in a moving frame moves with it, and so do the frame's axes, at the point of it that is
+        the scene's centre at the beginning.
     centre : array, shape (3,)
         Of the scene (m): what has no end is drawn about the point nearest to it.
     size : float
         Of the scene (m).
     """
-    found = []
+    middle, found = np.asarray(centre, dtype=np.float64), []
     for constraint in constraints:
-        drawn = _drawn(constraint, np.asarray(centre, dtype=np.float64), size)
+        if isinstance(constraint, InMovingFrame):
+            frame = Frame(constraint)
+            origin, turn = frame.pose(0.0)
+            there = turn.inv().apply(middle - origin)
+            still = shapes([frame.inner], there, size)
+            axes = Shape(constraint.name, "frame", *_axes(there, size))
+            found += [replace(shape, frame=frame) for shape in [*still, axes]]
+            continue
+        drawn = _drawn(constraint, middle, size)
         if drawn is not None:
             kind, vertices, faces = drawn
             found.append(Shape(constraint.name, kind, vertices, faces))
@@ -114,6 +138,16 @@ _Mesh = tuple[Floats, NDArray[np.int64]]
 
 def _mesh(made: trimesh.Trimesh) -> _Mesh:
     return np.array(made.vertices, dtype=np.float64), np.array(made.faces, dtype=np.int64)
+
+
+def _axes(origin: Floats, size: float) -> _Mesh:
+    """Return three rods along the axes."""
+    length = AXIS * size
+    made = trimesh.creation.axis(
+        origin_size=0.06 * length, axis_radius=0.03 * length, axis_length=length
+    )
+    vertices, faces = _mesh(made)
+    return vertices + origin, faces
 
 
 def _basis(normal: ArrayLike) -> tuple[Floats, Floats, Floats]:

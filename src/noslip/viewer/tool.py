@@ -28,7 +28,7 @@ _SHAFT_HALF = 0.022
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A triangle mesh of one colour, in the tool's frame.
+    """A triangle mesh of one colour, in the frame of the tool, or of an arm's geom.
 
     Attributes
     ----------

@@ -1,0 +1,284 @@
+"""An arm that executed a motion: its shapes as triangles, and where they are at each sample.
+
+All of it lies in the motion's own world, in which its constraints are written: the arm's base is
+put there by the inverse of the placement.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments, robots
+from noslip.constraints.catalogue import restore
+from noslip.constraints.declaration import Constraint
+from noslip.errors import InputError, NoslipError
+from noslip.robots.model import required
+from noslip.trajectory import PoseTrajectory
+from noslip.viewer.tool import Part
+
+if TYPE_CHECKING:
+    import viser
+
+Floats = NDArray[np.float64]
+
+SUMMARY = "summary.json"
+FIELDS = ("robot", "model", "tool", "placement", "constraints")
+"""Of the summary, by which the arm and its motion are found again."""
+DRAWN_GROUPS = 3
+"""MuJoCo's viewer shows groups 0 to 2; collision shapes are in later ones by custom."""
+DEFAULT_COLOUR = (0.5, 0.5, 0.5, 1.0)
+"""Of a geom that was given none; it then has its material's."""
+ENDLESS = 1.0
+"""Half the side of a plane without end (m)."""
+
+
+class Arm:
+    """An arm's shapes along its joints' motion; a :class:`~noslip.viewer.drawing.Follower`.
+
+    Parameters
+    ----------
+    robot : Robot
+    joint_positions : array, shape (N, n)
+        At the samples of the motion that it follows.
+    placement : Placement
+        Where the motion's world lies, seen from the base.
+
+    Attributes
+    ----------
+    parts : list of Part
+        One a geom of the model, in the geom's own frame; hidden geoms and height fields are left
+        out.
+    moving : array of bool, shape (G,)
+        Which of them joints move.
+    position : array, shape (3,)
+        Of the base in the motion's world (m).
+    rotation : Rotation
+        Base to the motion's world.
+    """
+
+    def __init__(
+        self, robot: robots.Robot, joint_positions: ArrayLike, placement: robots.Placement
+    ) -> None:
+        self.joint_positions = np.atleast_2d(np.asarray(joint_positions, dtype=np.float64))
+        # Refuses what no joints of this arm can be.
+        robot.forward(self.joint_positions)
+        self.robot = robot
+        self.rotation = placement.rotation.inv()
+        self.position: Floats = -self.rotation.apply(placement.position)
+        self._mujoco = required("mujoco")
+        self._data = self._mujoco.MjData(robot.model)
+        self._geoms, self.parts = self._drawn()
+        bodies = robot.model.geom_bodyid[self._geoms]
+        self.moving = np.asarray(robot.model.body_weldid[bodies] != 0)
+        self._nodes: list[Any] = []
+
+    def poses(self, sample: int) -> tuple[Floats, Floats]:
+        """Where the parts are at a sample, seen from the base, by forward kinematics.
+
+        Returns
+        -------
+        positions : array, shape (G, 3)
+            Metres.
+        quaternions : array, shape (G, 4)
+            Unit, scalar first.
+        """
+        self._data.qpos[:] = self.joint_positions[sample]
+        self._mujoco.mj_kinematics(self.robot.model, self._data)
+        matrices = self._data.geom_xmat[self._geoms].reshape(-1, 3, 3)
+        quaternions = Rotation.from_matrix(matrices).as_quat(scalar_first=True)
+        return self._data.geom_xpos[self._geoms].copy(), quaternions
+
+    @property
+    def points(self) -> Floats:
+        """The base, and the middles of what moves at the beginning and at the end, world frame."""
+        middles = [self.poses(sample)[0][self.moving] for sample in (0, -1)]
+        return np.asarray(self.rotation.apply(np.vstack([np.zeros(3), *middles])) + self.position)
+
+    # ---------------------------------------------------------------- on the page
+
+    def add(self, scene: viser.SceneApi, node: str) -> None:
+        """Draw it once, its base where the placement puts it."""
+        base = self.rotation.as_quat(scalar_first=True)
+        scene.add_frame(node, show_axes=False, position=self.position, wxyz=base)
+        positions, quaternions = self.poses(0)
+        self._nodes = [
+            scene.add_mesh_simple(
+                f"{node}/{number}",
+                part.vertices,
+                part.faces,
+                color=part.colour,
+                position=positions[number],
+                wxyz=quaternions[number],
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            for number, part in enumerate(self.parts)
+        ]
+
+    def show(self, motion: PoseTrajectory, sample: int) -> None:
+        """Move it to a sample."""
+        positions, quaternions = self.poses(sample)
+        for number in np.flatnonzero(self.moving):
+            node = self._nodes[number]
+            node.position, node.wxyz = positions[number], quaternions[number]
+
+    # ---------------------------------------------------------------- shapes
+
+    def _drawn(self) -> tuple[NDArray[np.intp], list[Part]]:
+        model = self.robot.model
+        shown = model.geom_group < DRAWN_GROUPS
+        # A model whose shapes are all for collisions shows those.
+        chosen = np.flatnonzero(shown if shown.any() else ~shown)
+        geoms, parts = [], []
+        for geom in chosen.tolist():
+            colour = self._colour(geom)
+            mesh = self._mesh(geom) if colour[3] > 0 else None
+            if mesh is not None:
+                red, green, blue = (round(255 * float(share)) for share in colour[:3])
+                geoms.append(geom)
+                parts.append(Part(*mesh, (red, green, blue)))
+        return np.array(geoms, dtype=np.intp), parts
+
+    def _colour(self, geom: int) -> Floats:
+        model = self.robot.model
+        own, material = model.geom_rgba[geom], model.geom_matid[geom]
+        if material >= 0 and np.allclose(own, DEFAULT_COLOUR):
+            own = model.mat_rgba[material]
+        return np.asarray(own, dtype=np.float64)
+
+    def _mesh(self, geom: int) -> tuple[Floats, NDArray[np.int64]] | None:
+        """Triangles of a geom in its own frame; None of a kind that is not drawn."""
+        model, kinds = self.robot.model, self._mujoco.mjtGeom
+        size, kind = model.geom_size[geom], kinds(int(model.geom_type[geom]))
+        if kind == kinds.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            vertices = model.mesh_vert[first : first + count].astype(np.float64)
+            first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+            return vertices, model.mesh_face[first : first + count].astype(np.int64)
+        if kind == kinds.mjGEOM_PLANE:
+            x, y = (half if half > 0 else ENDLESS for half in size[:2])
+            corners = [[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]
+            return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])
+        if kind == kinds.mjGEOM_CAPSULE:
+            made = trimesh.creation.capsule(height=2 * size[1], radius=size[0], count=(24, 24))
+            # It is made along z, from its first hemisphere on.
+            made.apply_translation([0.0, 0.0, -made.bounds[:, 2].mean()])
+        elif kind == kinds.mjGEOM_CYLINDER:
+            made = trimesh.creation.cylinder(radius=size[0], height=2 * size[1])
+        elif kind == kinds.mjGEOM_BOX:
+            made = trimesh.creation.box(extents=2 * size)
+        elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+            made = trimesh.creation.icosphere(subdivisions=3)
+            made.apply_scale(size if kind == kinds.mjGEOM_ELLIPSOID else size[0])
+        else:
+            return None
+        return np.array(made.vertices, dtype=np.float64), np.array(made.faces, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A motion that an arm executed, in the motion's own world.
+
+    Attributes
+    ----------
+    executed : PoseTrajectory
+        Of the tool.
+    commanded : PoseTrajectory
+        Where the commanded joints lead the tool.
+    constraints : tuple of Constraint
+        Of the primitive.
+    arm : Arm
+        As it executed it.
+    """
+
+    executed: PoseTrajectory
+    commanded: PoseTrajectory
+    constraints: tuple[Constraint, ...]
+    arm: Arm
+
+
+def read_simulation(folder: str | Path) -> Simulation:
+    """Read a folder that ``noslip simulate`` wrote.
+
+    Raises
+    ------
+    InputError
+        If a file or a field is missing or damaged, or the arm's model is no longer where it was.
+    MissingDependencyError
+        Without MuJoCo.
+    """
+    folder = Path(folder)
+    file = folder / SUMMARY
+    summary = _summary(file)
+    model = summary["model"]
+    if model is not None and not Path(model).is_file():
+        raise InputError(f"{file}: field model: {model} is not there; simulate again")
+    robot = robots.named(summary["robot"], model=model, tool=summary["tool"])
+    try:
+        place = summary["placement"]
+        placement = robots.Placement(
+            _arguments.vector("placement", place["position"]),
+            Rotation.from_quat(np.array(place["quaternion"], dtype=float), scalar_first=True),
+        )
+        constraints = tuple(restore(entry) for entry in summary["constraints"])
+    except NoslipError as error:
+        raise InputError(f"{file}: {error}") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{file}: fields placement and constraints: {error}") from error
+
+    times, commanded = _joints(folder / "joints.csv", robot)
+    joints = commanded
+    if "dynamic" in summary:
+        _, joints = _joints(folder / "executed.csv", robot)
+    tool = PoseTrajectory.from_csv(folder / "tool.csv")
+    if not len(tool) == len(joints) == len(commanded):
+        raise InputError(
+            f"{folder}: {len(tool)} poses of the tool, {len(commanded)} of the commanded and "
+            f"{len(joints)} of the executed joints; simulate again"
+        )
+    wanted = placement.undo(PoseTrajectory(times, *robot.forward(commanded)))
+    executed = replace(placement.undo(tool), name=folder.name)
+    return Simulation(executed, wanted, constraints, Arm(robot, joints, placement))
+
+
+def _summary(file: Path) -> dict[str, Any]:
+    try:
+        summary = json.loads(file.read_bytes())
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{file}: not JSON: {error}") from error
+    missing = [f for f in FIELDS if not isinstance(summary, dict) or f not in summary]
+    if missing:
+        raise InputError(
+            f"{file}: no field {missing[0]}; it is of an older noslip or of another program: "
+            "simulate again"
+        )
+    return dict(summary)
+
+
+def _joints(file: Path, robot: robots.Robot) -> tuple[Floats, Floats]:
+    """Times, shape (N,), and joint positions, shape (N, n), of ``t,q1..,dq1..``."""
+    try:
+        table = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"{file}: not a table of numbers: {error}") from error
+    columns = 1 + 2 * robot.size
+    if table.shape[1] != columns or len(table) < 2 or not np.all(np.isfinite(table)):
+        raise InputError(
+            f"{file}: expected {columns} finite numbers a row (t, q1.., dq1.. of {robot.name}) in "
+            f"two rows or more, got shape {table.shape}"
+        )
+    return table[:, 0], table[:, 1 : 1 + robot.size]
