@@ -11,10 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.demonstrations.excision import synthetic_excisions
 
 S = np.linspace(0, 1, 241)
 U = S**3 * (10 - 15 * S + 6 * S**2)
+REST, CUTS = 80, 4
 
 
 def moved(
@@ -33,27 +33,25 @@ def cut(depth: object = 0.0) -> ns.PoseTrajectory:
 
 
 def session() -> ns.PoseTrajectory:
-    """Three synthetic recordings, each followed by a rest, then a fast way back and a rest."""
-    times, positions, turns = [], [], []
-    clock = 0.0
-    recordings = synthetic_excisions(seed=7)[:3]
-    for recording, following in zip(recordings, [*recordings[1:], None], strict=True):
-        times.append(clock + recording.times - recording.times[0])
-        positions.append(recording.positions)
-        turns.append(recording.rotations)
-        clock = times[-1][-1] + 1 / 120
-        if following is None:
-            break
-        share = np.concatenate([np.zeros(80), U[::4], np.ones(80)])
-        back = following.positions[0] - recording.positions[-1]
-        turn = (following.rotations[0] * recording.rotations[-1].inv()).as_rotvec()
-        times.append(clock + np.arange(len(share)) / 120)
-        positions.append(recording.positions[-1] + share[:, None] * back)
-        turns.append(Rotation.from_rotvec(share[:, None] * turn) * recording.rotations[-1])
-        clock = times[-1][-1] + 1 / 120
-    return ns.PoseTrajectory(
-        np.concatenate(times), np.concatenate(positions), Rotation.concatenate(turns)
-    )
+    """Four cuts at 80 Hz; after each a rest, a fast way back above the table, and a rest."""
+    one = cut()
+    last, first = one.rotations[-1], one.rotations[0]
+    share = U[::3]
+    back = one.positions[-1] * (1 - share[:, None])
+    back[:, 2] = 0.03 * np.sin(np.pi * share) ** 2
+    turn = (first * last.inv()).as_rotvec()
+    still = np.ones((REST, 1))
+    positions = [one.positions, still * one.positions[-1], back, still * one.positions[0]]
+    turned = Rotation.from_rotvec(share[:, None] * turn) * last
+    turns = [one.rotations, last * Rotation.identity(REST), turned, first * Rotation.identity(REST)]
+    path = np.concatenate(positions * CUTS)
+    path = path + 1e-4 * np.random.default_rng(3).standard_normal(path.shape)
+    return ns.PoseTrajectory(np.arange(len(path)) / 80, path, Rotation.concatenate(turns * CUTS))
+
+
+def session_force() -> np.ndarray:
+    """Force on the table in the session (N): while it cuts."""
+    return np.tile(np.r_[np.full(len(U), 5.0), np.zeros(2 * REST + len(U[::3]))], CUTS)
 
 
 MOTIONS: dict[str, Callable[[], ns.PoseTrajectory]] = {
@@ -69,7 +67,6 @@ MOTIONS: dict[str, Callable[[], ns.PoseTrajectory]] = {
     "saw": lambda: moved(0.1 * U, 0.0, 0.0, 0.0),
     "corner": lambda: moved(0.3 * np.sin(U), 0.3 * (1 - np.cos(U)), 0.0, 0.8 * U),
     "push": lambda: moved(0.3 * np.sin(U), 0.3 * (1 - np.cos(U)), 0.0, 0.8 * U),
-    "session": session,
 }
 
 GOALS = """\
@@ -92,6 +89,8 @@ def furnish(folder: Path, rules: str) -> None:
     """Write everything; ``noslip-demo`` is there already."""
     for name, make in MOTIONS.items():
         ns.write_recording(make(), folder / f"{name}.csv")
+    ns.write_recording(session(), folder / "session.csv")
+    add_column(folder / "session.csv", "fz", session_force())
     excision = folder / "noslip-demo" / "excision"
     for name, count in {"recordings": 4, "runs": 2, "cuts": 2}.items():
         (folder / name).mkdir()
@@ -103,6 +102,13 @@ def furnish(folder: Path, rules: str) -> None:
     write_bag(folder / "run.bag", cut())
     write_lerobot(folder / "my_set", [cut()] * 4)
     write_robomimic(folder / "can.hdf5", [cut()] * 8)
+
+
+def add_column(path: Path, name: str, values: np.ndarray) -> None:
+    """Write a further column into a CSV."""
+    header, *rows = path.read_text().splitlines()
+    told = [f"{row},{value}" for row, value in zip(rows, values, strict=True)]
+    path.write_text("\n".join([f"{header},{name}", *told]) + "\n")
 
 
 def write_bag(path: Path, motion: ns.PoseTrajectory) -> None:
