@@ -14,7 +14,7 @@ from noslip.rotations import Expression
 
 @dataclass(frozen=True)
 class Blade(Constraint):
-    """The paper's constraint ``(R y_b) . dp/dt = 0`` (eq. 15): no velocity across the blade.
+    """The paper's constraint ``(R y_b) . dp/dt = 0`` (eq. 16): no velocity across the blade.
 
     Non-holonomic: it forbids a direction of motion, not a place.
 

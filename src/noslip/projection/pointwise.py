@@ -1,7 +1,7 @@
 """Pointwise projection: Gauss's principle in each step, exact in discrete time.
 
 The paper's coupling term is the least change of the acceleration, in a metric M, that satisfies the
-constraint (Udwadia-Kalaba, eq. 14):
+constraint (Udwadia-Kalaba, eq. 15):
 
     ``a = a_u + M^-1 A^T (A M^-1 A^T)^+ (b - A a_u)``
 
@@ -72,7 +72,7 @@ _CONTRADICTION = 1e-7
 def gauss_acceleration(
     unconstrained: ArrayLike, A: ArrayLike, b: ArrayLike, inverse_metric: ArrayLike = POSITION_ONLY
 ) -> Floats:
-    """Constrained acceleration by the Udwadia-Kalaba formula (the paper's eqs. 13 and 14).
+    """Constrained acceleration by the Udwadia-Kalaba formula (the paper's eqs. 13 and 15).
 
     Parameters
     ----------
