@@ -33,6 +33,7 @@ TIME_NAMES = ("t", "time")
 POSITION_NAMES = ("x", "y", "z")
 QUATERNION_NAMES = ("qw", "qx", "qy", "qz")
 PLANAR_NAMES = ("x", "y", "theta")
+PLANAR_DEGREES_NAMES = ("x", "y", "theta_deg")
 
 NPZ_REQUIRED = ("times", "positions", "quaternions")
 NPZ_WIDTHS: dict[str, tuple[int, ...]] = {
@@ -100,6 +101,8 @@ def _of_columns(source: _Source, of: Mapping[str, Floats], rate: float | None) -
     _check_finite(source, {f"column {name}": values for name, values in of.items()})
     time = next(name for name in (*TIME_NAMES, "i") if name in of)
     times = of[time] if rate is None or time != "i" else of[time] / rate
+    if "theta_deg" in of:
+        of = {**of, "theta": np.radians(of["theta_deg"])}
     if "theta" in of:
         height = np.zeros(len(times))
         return _poses(
@@ -167,8 +170,15 @@ def _check_header(path: str | Path, line: int, names: list[str]) -> None:
 def _layout(where: str, names: list[str], rate: float | None) -> tuple[str, tuple[str, ...]]:
     """Choose the column of time and those of the pose."""
     present = set(names)
-    planar = "theta" in present and not present.intersection(QUATERNION_NAMES)
-    layout = PLANAR_NAMES if planar else POSITION_NAMES + QUATERNION_NAMES
+    layout = POSITION_NAMES + QUATERNION_NAMES
+    if not present.intersection(QUATERNION_NAMES):
+        for planar in (PLANAR_NAMES, PLANAR_DEGREES_NAMES):
+            if planar[-1] in present:
+                layout = planar
+                break
+        else:
+            # Without a quaternion and a height it is most likely meant to be planar.
+            layout = layout if "z" in present or not {"x", "y"} <= present else PLANAR_NAMES
     missing = [name for name in layout if name not in present]
     times = [name for name in TIME_NAMES if name in present]
     if not times and "i" not in present:
@@ -176,7 +186,8 @@ def _layout(where: str, names: list[str], rate: float | None) -> tuple[str, tupl
     if missing:
         raise RecordingError(
             f"{where}: {_plural('column', missing)} missing, found {_listed(names)}; "
-            "needed are t (or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta"
+            "needed are t (or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta "
+            "(radians) or x,y,theta_deg"
         )
     if len(times) > 1:
         raise RecordingError(f"{where}: columns t and time both give a time; keep one")

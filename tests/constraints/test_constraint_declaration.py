@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import noslip as ns
 from noslip import (
     Blade,
     Constraint,
@@ -173,3 +174,36 @@ def test_only_constraints_are_constraints(given: Any, reason: str) -> None:
 def test_only_functions_are_declared(declare: Any) -> None:
     with pytest.raises(ConstraintError, match="before a function of the motion"):
         declare(3.0)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        lambda m: m.rotation[:, 1].T @ m.linear_velocity == 0,
+        lambda m: m.linear_velocity[0] > 0.1,
+        lambda m: m.linear_velocity[1] <= m.linear_velocity[0],
+        lambda m: [m.linear_velocity[0], m.linear_velocity[1] != 0],
+    ],
+)
+def test_a_comparison_is_no_rule(rule: Any) -> None:
+    # It is 0 or 1 whatever the motion does: it would hold, or not, without a reason.
+    with pytest.raises(ns.ConstraintError, match=r"returns a comparison.*return the quantity"):
+        ConstraintSystem([velocity_constraint(name="rule")(rule)])
+    with pytest.raises(ns.ConstraintError, match="a - b for a >= b"):
+        ConstraintSystem([ns.keep_nonnegative(name="rule")(rule)])
+
+
+def test_a_rule_without_return_and_one_that_decides_are_told_what_to_do() -> None:
+    with pytest.raises(ns.ConstraintError, match="returns nothing; is a return missing"):
+        ConstraintSystem([position_constraint(name="rule")(lambda m: None)])
+    with pytest.raises(ns.ConstraintError, match=r"casadi\.if_else, casadi\.fmin"):
+        ConstraintSystem(
+            [position_constraint(name="rule")(lambda m: 1.0 if m.position[0] > 0 else 0.0)]
+        )
+
+
+def test_a_choice_within_a_rule_is_fine() -> None:
+    rule = ns.keep_nonnegative(name="rule")(
+        lambda m: ca.if_else(m.position[0] > 0, m.position[1], m.position[2] + 1)
+    )
+    assert ConstraintSystem([rule]).size == 1

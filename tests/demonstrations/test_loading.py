@@ -140,6 +140,20 @@ def test_planar_poses_turn_about_z_without_bound(write: Write) -> None:
     assert np.all(trajectory.quaternions[:, 1:3] == 0)
 
 
+def test_planar_headings_may_be_in_degrees(write: Write) -> None:
+    k = np.arange(50)
+    body = [f"{t},{t},{-t},{angle}" for t, angle in zip(k / 20, 4.0 * k - 30, strict=True)]
+    trajectory = load(write(body, "t,x,y,theta_deg"))
+    turned = Rotation.from_euler("z", 4.0 * k - 30, degrees=True)
+    np.testing.assert_allclose((trajectory.rotations * turned.inv()).magnitude(), 0, atol=1e-14)
+
+
+def test_a_table_of_the_plane_misses_its_heading_not_a_quaternion(write: Write) -> None:
+    message = refusal(write(["0,1,2,3"] * 9, "t,X,Y,yaw"))
+    assert "column theta missing" in message
+    assert "x,y,theta_deg" in message
+
+
 def test_numbered_samples_take_their_time_from_the_rate(write: Write) -> None:
     header = HEADER.replace("t", "i")
     body = [f"{k}," + row.split(",", 1)[1] for k, row in enumerate(rows(), start=5)]

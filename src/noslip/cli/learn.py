@@ -192,7 +192,6 @@ def run(
             progress=progress,
             **learning,
         )
-    primitive.save(out)
     motion = primitive.rollout()
     system = primitive.system
     comparisons = [compare(motion, d, system).to_dict() for d in demonstrations]
@@ -207,6 +206,8 @@ def run(
         ],
         "projection": [vars(record) for record in primitive.record],
     }
+    # Only what moves is written: what was there before may still be of use.
+    primitive.save(out)
     for warning in _warnings(primitive, demonstrations, result["demonstrations"], smoothing):
         typer.echo(f"noslip: warning: {warning}", err=True)
     if as_json:
@@ -230,6 +231,8 @@ def run(
     if system.limits.size:
         for limit in check(motion, system.limits).constraints:
             typer.echo(f"{limit.name} of its motion: {told_margin(limit)}")
+    here, there = (" ".join(f"{x:.4g}" for x in motion.positions[k]) for k in (0, -1))
+    typer.echo(f"from {here} to {there} m in {motion.duration:.4g} s")
     typer.echo(f"wrote {out}")
 
 

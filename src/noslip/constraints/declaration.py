@@ -369,6 +369,8 @@ def _column(constraint: Constraint, motion: AcceleratedMotion) -> Expression:
         given = Motion(*list(vars(motion).values())[:5])
     try:
         value = constraint.residual(given)
+        if value is None:
+            raise ValueError("it returns nothing; is a return missing?")
         if isinstance(value, (list, tuple)):
             value = ca.vertcat(*value)
         column = ca.SX(value)
@@ -376,6 +378,12 @@ def _column(constraint: Constraint, motion: AcceleratedMotion) -> Expression:
         raise ConstraintError(f"constraint {constraint.name!r}: {error}") from error
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
+        if "truth value" in reason:
+            raise ConstraintError(
+                f"constraint {constraint.name!r} cannot be evaluated: if, and, or, min and max "
+                "cannot look into an expression; write two rules, or casadi.if_else, casadi.fmin "
+                "and casadi.fmax"
+            ) from error
         raise ConstraintError(
             f"constraint {constraint.name!r} cannot be evaluated: {reason}; write it with the "
             "motion's CasADi expressions (casadi.dot, casadi.norm_2, @, .T)"
@@ -386,7 +394,16 @@ def _column(constraint: Constraint, motion: AcceleratedMotion) -> Expression:
             f"constraint {constraint.name!r} has shape {column.shape}; it must be one number or a "
             f"column of numbers, all {wanted} when it holds"
         )
+    if any(row.is_op(operation) for row in ca.vertsplit(column) for operation in _COMPARISONS):
+        wanted = "a - b for a == b" if constraint.relation == "zero" else "a - b for a >= b"
+        raise ConstraintError(
+            f"constraint {constraint.name!r} returns a comparison, which is only ever 0 or 1; "
+            f"return the quantity itself: {wanted}"
+        )
     return ca.densify(column)
+
+
+_COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 
 
 def _levels(motion: AcceleratedMotion) -> dict[Level, Expression]:

@@ -102,7 +102,8 @@ def load_demonstrations(
     ``i``              or the number of the sample, with ``rate``
     ``x,y,z``          position of the tool in the world frame, metres
     ``qw,qx,qy,qz``    unit quaternion, turns body-frame vectors into the world frame
-    ``x,y,theta``      or a planar pose: ``z = 0``, turned by ``theta`` radians about world z
+    ``x,y,theta``      or a planar pose: ``z = 0``, turned by ``theta`` radians about world z;
+                       in degrees as ``x,y,theta_deg``
     ================== ==================================================================
 
     **npz**: arrays ``times`` (N,), ``positions`` (N, 3) and ``quaternions`` (N, 4; scalar first),

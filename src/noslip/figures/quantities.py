@@ -291,6 +291,8 @@ class ResidualRow:
     @property
     def verb(self) -> str:
         """What goes before :meth:`amount`."""
+        if all(self.hides(name) for name in self.peaks):
+            return "slips" if self.is_slip else f"keeps “{short_name(self.name)}” to"
         return "slips" if self.is_slip else f"violates “{short_name(self.name)}” by"
 
     def amount(self, name: str) -> str:
