@@ -170,7 +170,7 @@ def _check_header(path: str | Path, line: int, names: list[str]) -> None:
 def _layout(where: str, names: list[str], rate: float | None) -> tuple[str, tuple[str, ...]]:
     """Choose the column of time and those of the pose."""
     present = set(names)
-    layout = POSITION_NAMES + QUATERNION_NAMES
+    layout: tuple[str, ...] = POSITION_NAMES + QUATERNION_NAMES
     if not present.intersection(QUATERNION_NAMES):
         for planar in (PLANAR_NAMES, PLANAR_DEGREES_NAMES):
             if planar[-1] in present:

@@ -468,3 +468,24 @@ def test_what_is_not_finite_is_refused_and_changes_nothing(field: str, either: s
     with pytest.raises(ns.InputError, match="not finite"):
         controller.step(replace(state, **{field: np.array([0, np.nan, 0])}))
     np.testing.assert_array_equal(controller.state.position, state.position)
+
+
+def test_without_plans_it_steers_and_waits_and_takes_no_goals(either: str) -> None:
+    dmp = primitive()
+    controller = dmp.controller(time_step=STEP, replan=False)
+    state = controller.reset()
+    for _ in range(300):
+        state = controller.step(state)
+    state = replace(state, position=state.position + [0.0, 0.0, 0.05 * length()])
+    pushed = controller.step(state)
+    # Beyond the tolerance the phase stands.
+    assert pushed.phase == pytest.approx(state.phase, rel=1e-12)
+    assert controller.replanned == []
+    with pytest.raises(ns.InputError, match="makes no plans"):
+        controller.step(goal=dmp.position.goal)
+
+
+def test_a_goal_out_of_all_proportion_is_not_planned_for() -> None:
+    controller = primitive().controller(time_step=STEP)
+    controller.step(goal=[50.0, 0.0, 0.0])
+    assert "adapt the primitive to it first" in controller.replanned[0].failure

@@ -251,3 +251,25 @@ def test_the_command_writes_the_files_and_names_them_after_the_primitive(
         path.name for path in out.iterdir()
     )
     assert (out / "my_cut.h").exists()
+
+
+@needs_compiler
+def test_what_is_not_finite_changes_nothing_and_is_told(tmp_path: Path, uncounted: None) -> None:
+    primitive("blade").export_c(tmp_path, name="cut")
+    (tmp_path / "poison.c").write_text(
+        '#include "cut.h"\n#include <math.h>\n#include <string.h>\n'
+        "int main(void) {\n"
+        "    const double steps[] = {0.0, -1e-3, NAN, INFINITY};\n"
+        "    noslip_state s, before;\n    int i, told = 0;\n"
+        "    noslip_start(&cut, &s);\n    if (noslip_step(&cut, &s, 1e-3)) return 1;\n"
+        "    for (i = 0; i < 4; ++i) {\n"
+        "        before = s;\n        told += noslip_step(&cut, &s, steps[i]);\n"
+        "        if (memcmp(before.position, s.position, sizeof s.position)) return 2;\n"
+        "        if (before.fraction < s.fraction || before.fraction > s.fraction) return 3;\n"
+        "    }\n"
+        "    before = s;\n    s.position[1] = NAN;\n    told += noslip_step(&cut, &s, 1e-3);\n"
+        "    s = before;\n    for (i = 0; i < 4; ++i) s.quaternion[i] = 0;\n"
+        "    told += noslip_step(&cut, &s, 1e-3);\n"
+        "    s = before;\n    return noslip_step(&cut, &s, 1e-3) ? 4 : told == 6 ? 0 : 5;\n}\n"
+    )
+    assert run(build(tmp_path, "poison.c")).returncode == 0

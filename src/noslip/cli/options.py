@@ -28,8 +28,8 @@ _WHERE = "Where in a bag or data set"
 Recordings = Annotated[
     list[str],
     typer.Argument(
-        help="Recordings: CSV (t,x,y,z,qw,qx,qy,qz, t,x,y,theta or t,x,y,theta_deg), npz, ROS bags, "
-        "LeRobot and robomimic data sets, Parquet, TUM; globs are expanded.",
+        help="Recordings: CSV (t,x,y,z,qw,qx,qy,qz, t,x,y,theta or t,x,y,theta_deg), npz, ROS "
+        "bags, LeRobot and robomimic data sets, Parquet, TUM; globs are expanded.",
         show_default=False,
     ),
 ]

@@ -111,7 +111,7 @@ class Library:
     path: Path
     run: Callable[..., None]
     start: Callable[..., None]
-    step: Callable[..., None]
+    step: Callable[..., int]
     forces: Callable[..., None]
     rollouts: Callable[..., None]
     sizes: tuple[int, int]
@@ -220,9 +220,9 @@ def _opened(path: Path) -> Library:
     code = ctypes.CDLL(str(path))
     pointer, count = ctypes.c_void_p, ctypes.c_longlong
 
-    def function(name: str, *arguments: Any) -> Callable[..., None]:
+    def function(name: str, *arguments: Any, result: Any = None) -> Callable[..., Any]:
         found = code[name]
-        found.argtypes, found.restype = arguments, None
+        found.argtypes, found.restype = arguments, result
         return found
 
     sizes = (count * 2)()
@@ -231,7 +231,7 @@ def _opened(path: Path) -> Library:
         path=path,
         run=function("noslip_run", *[pointer] * 4, count),
         start=function("noslip_start", *[pointer] * 2),
-        step=function("noslip_step", *[pointer] * 2, ctypes.c_double),
+        step=function("noslip_step", *[pointer] * 2, ctypes.c_double, result=ctypes.c_int),
         forces=function("noslip_forces", pointer, count, pointer),
         rollouts=function("noslip_rollouts", *[pointer] * 3, *[count] * 2, *[pointer] * 2),
         sizes=(sizes[0], sizes[1]),

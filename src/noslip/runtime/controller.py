@@ -40,6 +40,8 @@ TOLERANCE = 2e-3
 """Of the path's length: farther off its path a tool is led back by a new plan."""
 ANGLE_TOLERANCE = 0.05
 """rad."""
+FARTHEST = 3.0
+"""Over the path's length: a goal farther away is not planned for in the loop."""
 _PAUSE = 0.02
 """Fraction of the duration between two plans, and that a tool takes to come to a halt."""
 _STANDING = 1e15
@@ -85,6 +87,9 @@ class Controller:
         The same for the orientation (rad).
     samples : int
         Of a new plan, at most.
+    replan : bool
+        Whether new plans are made, within a step, which then takes some 20 ms.  Without them a tool
+        beyond the tolerance is waited for, and goals are refused.
 
     Attributes
     ----------
@@ -103,17 +108,19 @@ class Controller:
         tolerance: float = TOLERANCE,
         angle_tolerance: float = ANGLE_TOLERANCE,
         samples: int = REPLANNED_SAMPLES,
+        replan: bool = True,
     ) -> None:
-        self.dmp = dmp
+        self.dmp, self.replans = dmp, replan
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
         self.tolerance = _arguments.positive("tolerance", tolerance)
         self.angle_tolerance = _arguments.positive("angle_tolerance", angle_tolerance, "rad")
         self.samples = samples
         self.memory = Memory(dmp)
         self._library = dmp.stepper.native.wait()
+        self._length = dmp.rollout().path_length
         self._guidance = Guidance(
             dmp.system,
-            dmp.rollout().path_length,
+            self._length,
             dmp.duration,
             self.tolerance,
             self.angle_tolerance,
@@ -235,7 +242,9 @@ class Controller:
 
     @property
     def _may_replan(self) -> bool:
-        return self._wanted_speed == self._speed == 1 and self.memory.data[0] >= self._pause
+        if not self.replans or not self._wanted_speed == self._speed == 1:
+            return False
+        return bool(self.memory.data[engine.TIME] >= self._pause)
 
     def _head_for(self, speed: float, within: float | None) -> None:
         if within is None:
@@ -263,6 +272,8 @@ class Controller:
 
     def _aim(self, goal: Any) -> None:
         """Take over a goal, if it is another one."""
+        if not self.replans:
+            raise InputError("goal: this controller makes no plans (replan=False)")
         position, rotation = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, None)
         if isinstance(position, Rotation):
             position, rotation = rotation, position
@@ -336,7 +347,14 @@ class Controller:
         """Change the plan, if one is found; else the old one is followed on."""
         state = self.memory.state()
         self._pause = state.time + _PAUSE * self.dmp.duration
+        far = np.linalg.norm(self._goal - state.position)
         try:
+            # A plan of thousands of seconds would be sought for seconds, while the tool waits.
+            if far > FARTHEST * self._length:
+                raise InputError(
+                    f"the goal is {far:.3g} m away, the whole path {self._length:.3g} m; adapt the "
+                    "primitive to it first"
+                )
             plan = self.plan.replan(
                 state,
                 goal_position=self._goal,

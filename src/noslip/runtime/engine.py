@@ -5,13 +5,13 @@ The memory is that of ``noslip_state`` (``noslip.h``): what steps here is what s
 
 from __future__ import annotations
 
-from math import ceil, exp
+from math import ceil, exp, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from noslip.codegen.library import Library
-from noslip.errors import NoslipError
+from noslip.errors import InputError, NoslipError
 from noslip.learning import ConstrainedDMP
 from noslip.primitives.pose import DONE, State
 from noslip.primitives.stepping import STATE_SIZE, STEP_SIZE
@@ -30,6 +30,9 @@ ACCELERATION, FORCE = slice(28, 34), slice(34, 40)
 _VALUES = 40
 _KNOWN = 14
 _MOST_ROWS_AHEAD = 256
+NOT_FINITE = (
+    "the step is not finite; its state or goal is out of what can be computed with, and is kept"
+)
 NO_STEERING = np.zeros(3)
 NO_STEERING.flags.writeable = False
 
@@ -132,7 +135,8 @@ class Compiled:
 
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
-        self._step(self._primitive, self._state, time_step)
+        if self._step(self._primitive, self._state, time_step):
+            raise InputError(NOT_FINITE)
 
 
 class Virtual:
@@ -180,6 +184,8 @@ class Virtual:
         self._now[:] = data[MOVING]
         self._evaluate()
         after, output, columns = self._after, self._output, self._columns
+        if not isfinite(after.sum()):
+            raise InputError(NOT_FINITE)
         np.subtract(after[7:], self._now[7:], out=self._change)
         np.multiply(self._change, 1 / self._row[1], out=data[ACCELERATION])
         data[MOVING] = after

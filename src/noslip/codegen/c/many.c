@@ -1,3 +1,5 @@
+#include <math.h>
+
 /* What Python runs: many steps, and many motions, a call. */
 
 /* Sizes, for a check of the layout. */
@@ -71,8 +73,11 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
         s.pull_in = begin[21];
         for (k = 1; k <= steps; ++k) {
             const long long at = motion * (steps + 1) + k;
-            advance(primitive, &s, s.duration / (double)steps, lead, forces + 6 * (k - 1));
+            const double h = s.duration / (double)steps;
+            const int lost = advance(primitive, &s, h, lead, forces + 6 * (k - 1));
             sample(&s, states + at * 13, values + at * rows);
+            /* The caller looks for it. */
+            if (lost) states[at * 13] = NAN;
         }
     }
 }

@@ -172,15 +172,15 @@ static noslip_real lead_of(const noslip_primitive *p, noslip_real h) {
     return p->projected_step > 0 && fabs(lead) > REAL(1e-9) ? lead : 0;
 }
 
-/* A step with known forces. */
-static void advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
+/* A step with known forces; 1 and the state as it was if what comes of it is not finite. */
+static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
                     noslip_real lead, const noslip_real *offset) {
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
     const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
     noslip_real now[13], step[NOSLIP_STEP], after[13], output[NOSLIP_OUTPUTS];
     noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain;
-    noslip_real fast = 1, slip_rate = state->previous_step > 0 ? AT_ONCE : state->pull_in;
+    noslip_real sum = 0, fast = 1, slip_rate = state->previous_step > 0 ? AT_ONCE : state->pull_in;
     int i;
 
     /* What violates a constraint from the start is pulled in; what was pushed off it, or measured to
@@ -220,6 +220,8 @@ static void advance(const noslip_primitive *p, noslip_state *state, noslip_real 
 
     noslip_core(now, step, after, output);
 
+    for (i = 0; i < 13; ++i) sum += after[i] - after[i];
+    if (!(sum >= 0)) return 1;
     for (i = 0; i < 3; ++i) {
         state->position[i] = after[i];
         state->linear_velocity[i] = after[7 + i];
@@ -237,11 +239,14 @@ static void advance(const noslip_primitive *p, noslip_state *state, noslip_real 
     state->time += time_step;
     state->fraction += h;
     state->previous_step = time_step;
+    return 0;
 }
 
-void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
+int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
     const noslip_real h = time_step / state->duration, lead = lead_of(primitive, h);
     noslip_real offset[6];
+    /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
+    if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
     stepping_force(primitive, state, h, lead, offset);
-    advance(primitive, state, time_step, lead, offset);
+    return advance(primitive, state, time_step, lead, offset);
 }

@@ -80,9 +80,10 @@ typedef struct noslip_state {
 /* Put a state at the start of a primitive. */
 void noslip_start(const noslip_primitive *primitive, noslip_state *state);
 
-/* Carry a state over a step of some seconds.  Steps may differ in length.
+/* Carry a state over a step of some seconds.  Steps may differ in length.  Returns 0; or 1, the state
+ * as it was, if the step is not positive or what comes of it is not finite (a measurement is not).
 @BOUND@ */
-void noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step);
+int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step);
 
 /* Whether the motion has come to its end. */
 int noslip_done(const noslip_state *state);
