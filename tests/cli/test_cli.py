@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -415,3 +416,26 @@ def test_a_closed_pipe_is_no_error(primitive):
     assert process.stderr.read() == b""
     process.stderr.close()
     process.wait()
+
+
+@pytest.mark.parametrize(
+    ("time", "length", "said"),
+    [(1e9, 1.0, "are its times in other units"), (1.0, 1e3, "are its positions in other units")],
+)
+def test_odd_units_are_asked_after(
+    time: float,
+    length: float,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    s = np.linspace(0, 1, 50)
+    motion = ns.PoseTrajectory(
+        3 * time * s, length * np.column_stack([s, 0 * s, 0 * s]), Rotation.identity(50)
+    )
+    file = motion.to_csv(tmp_path / "odd.csv")
+    monkeypatch.setattr("sys.argv", ["noslip", "check", str(file), "--constraint", "blade"])
+    with contextlib.suppress(SystemExit):
+        main()
+    assert said in capsys.readouterr().err

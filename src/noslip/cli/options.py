@@ -22,6 +22,8 @@ from noslip.errors import InputError
 from noslip.projection.metric import Metric
 from noslip.trajectory import PoseTrajectory
 
+LONGEST, FASTEST = 86400.0, 20.0
+"""Beyond a day (s), or this mean speed (m/s), units are asked after."""
 _PREPARATION = "Preparation (in this order)"
 _WHERE = "Where in a bag or data set"
 
@@ -204,7 +206,20 @@ class Loading(Where):
         """Read recordings and prepare them as the options ask."""
         steps = self.preparation()
         read = load_demonstrations(recordings, **self.loading())
+        for warning in filter(None, map(_odd_units, read)):
+            typer.echo(f"noslip: warning: {warning}", err=True)
         return [prepare(demonstration, **steps) for demonstration in read]
+
+
+def _odd_units(recording: PoseTrajectory) -> str:
+    """What speaks against seconds and metres; empty if nothing does."""
+    told = ""
+    if recording.duration > LONGEST:
+        told = f"lasts {recording.duration:.3g} s; are its times in other units than seconds?"
+    elif recording.path_length > FASTEST * recording.duration:
+        speed = recording.path_length / recording.duration
+        told = f"moves at {speed:.3g} m/s; are its positions in other units than metres?"
+    return told and f"{recording.name}: {told}"
 
 
 def grouped(run: Callable[..., None]) -> Callable[..., None]:

@@ -175,7 +175,9 @@ def run(
                 seed=seed,
             )
     # By these, the arm and what it held are found again: noslip view shows them.
+    middle, yaw = tracked.placement.numbers(motion, level.value)
     found = robots.summary(tracked, execution) | {
+        "placed": [*middle.tolist(), yaw],
         "model": None if model is None else str(model.resolve()),
         "tool": tool,
         "constraints": [specification(constraint) for constraint in dmp.constraints],
@@ -267,9 +269,9 @@ def _stage(what: str) -> Iterator[None]:
 
 
 def _tell(found: dict[str, Any]) -> None:
-    place = ", ".join(f"{x:.3f}" for x in found["placement"]["position"])
+    place = ",".join(f"{x:.4f}" for x in found["placed"])
     margins = found["margins"]
-    typer.echo(f"{found['robot']}: {found['duration']:.3g} s; the motion's origin at {place} m")
+    typer.echo(f"{found['robot']}: {found['duration']:.3g} s, --placement {place}")
     typer.echo(
         f"least is left of {margins['smallest_of']}: {margins['smallest']:.0%}; bodies stay "
         f"{1e3 * margins['distance']:.3g} mm apart or more"

@@ -119,6 +119,13 @@ class Placement:
         centre = (motion.positions.min(axis=0) + motion.positions.max(axis=0)) / 2
         return np.asarray(self.rotation.apply(centre) + self.position)
 
+    def numbers(self, motion: PoseTrajectory, level: Level = "recorded") -> tuple[Floats, float]:
+        """Middle (m) and yaw (rad) from which :meth:`of` makes this placement of a motion."""
+        turn = self.rotation
+        if level == "tool":
+            turn = turn * _upright(motion).inv()
+        return self.middle(motion), float(turn.as_rotvec()[2])
+
     @property
     def yaw(self) -> float:
         """Heading of the motion's x axis about the vertical (rad)."""
