@@ -12,6 +12,7 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import matplotlib as mpl
@@ -42,6 +43,12 @@ ELSEWHERE = {
     "pip install": "installs",
     "source": "belongs to an interactive shell",
     "cmake": "built and run by tests/runtime/test_export.py",
+    "ssh": "needs another machine",
+    "noslip topics session": "tests/test_bag_to_arm.py runs this block",
+    "noslip learn session --topic": "tests/test_bag_to_arm.py runs this block",
+    "noslip simulate cut.json --robot panda --level tool": "tests/test_bag_to_arm.py runs it",
+    "noslip check arm/tool.csv": "tests/test_bag_to_arm.py runs this block",
+    "noslip simulate cut.json --placement": "is refused; tests/robots has refusals",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",
 }
@@ -162,6 +169,10 @@ def test_every_block_of_a_page_runs(
     assert mpl.get_backend().lower() == "agg"
 
 
+def interrupt(seconds: float) -> None:
+    raise KeyboardInterrupt
+
+
 def run(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Run a command of noslip's as the shell would; only ``check`` may find a violation."""
     words = shlex.split(command, comments=True)
@@ -171,10 +182,13 @@ def run(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
         for word in words
     ]
     monkeypatch.setattr(sys, "argv", [word for several in found for word in several])
+    # A page in the browser is served until someone ends it.
+    monkeypatch.setattr("noslip.cli.view.time", SimpleNamespace(sleep=interrupt))
+    monkeypatch.setattr("noslip.cli.view.webbrowser", SimpleNamespace(open=str))
     with pytest.raises(SystemExit) as done:
         main()
     told = capsys.readouterr()
-    fine = {0, None, 1} if words[1] == "check" else {0, None}
+    fine = {"check": {0, None, 1}, "view": {0, None, 130}}.get(words[1], {0, None})
     assert done.value.code in fine, f"{command}: exit code {done.value.code}\n{told.err}{told.out}"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,8 @@ LEAD = 0.00125
 
 def furnish(folder: Path, rules: str) -> None:
     """Write everything; ``noslip-demo`` is there already."""
+    arm = (files("noslip.robots") / "panda.xml").read_text(encoding="utf-8")
+    (folder / "my_arm.xml").write_text(arm.replace('site name="tool"', 'site name="scalpel_tip"'))
     for name, make in MOTIONS.items():
         ns.write_recording(make(), folder / f"{name}.csv")
     ns.write_recording(session(), folder / "session.csv")
