@@ -28,10 +28,6 @@ $(VENV)/.bench: $(STAMP)
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	@touch $@
 
-$(VENV)/.docs: $(STAMP)
-	$(BIN)/python -m pip install --quiet --editable '.[docs]'
-	@touch $@
-
 demo: $(STAMP) ## run the paper's experiments; results in noslip-demo/
 	$(BIN)/noslip demo --out noslip-demo
 
@@ -56,7 +52,7 @@ bench: $(VENV)/.bench ## measure against the paper's method and movement-primiti
 soak: $(STAMP) ## step the exported C code 1e8 times and look for what must never happen
 	$(BIN)/python -m benchmarks.soak --steps 100000000
 
-docs: $(VENV)/.docs ## build the documentation into docs/_build/html
+docs: $(VENV)/.dev ## build the documentation into docs/_build/html
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 

@@ -209,7 +209,8 @@ def test_ctrl_c_leaves_a_whole_table_and_the_next_run_goes_on(noslip, tmp_path, 
     told, error = process.communicate(timeout=60)
     assert (process.returncode, told) == (130, "") and "Traceback" not in error
     rows = read_results(out / "results.csv")
-    assert 9 <= len(rows) < 100 and all(row.status == "learned" for row in rows)
+    # What a worker had written and not yet told is learned again.
+    assert 5 <= len(rows) < 100 and all(row.status == "learned" for row in rows)
     for path in out.glob("*.json"):
         ns.load_primitive(path)
     result = noslip(*LEARN, runs, "--out", out)
