@@ -24,6 +24,7 @@ import numpy as np
 from benchmarks import peers
 from benchmarks.example import demonstration
 from noslip import Blade, ConstrainedDMP, learn
+from noslip.runtime.batch import cores
 
 LATE_STEPS = 1_000_000
 MOTIONS = 10_000
@@ -276,9 +277,6 @@ def _in_c(dmp: ConstrainedDMP, steps: int) -> Latency:
 def _batch(dmp: ConstrainedDMP, motions: int) -> dict[str, float]:
     rng = np.random.default_rng(0)
     goals = dmp.position.goal + 0.1 * rng.normal(size=(motions, 3))
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
     dmp.rollout_many(goals=goals[: motions // 10 or 1])
     taken = []
     for _ in range(3):
@@ -288,7 +286,7 @@ def _batch(dmp: ConstrainedDMP, motions: int) -> dict[str, float]:
         del found
     return {
         "motions": float(motions),
-        "cores": float(cores),
+        "cores": float(cores()),
         "seconds a motion": float(np.median(taken)) / motions,
     }
 

@@ -405,10 +405,12 @@ class ConstrainedDMP(PoseDMP):
             projected_step=adapted.step,
             begin=begin,
         )
-        # The graph of a step is that of the constraints and the metric, which stay; to build it
-        # again would take most of the time.
-        vars(found).update({name: getattr(self, name) for name in ("system", "stepper")})
+        found.take_over(self.system, self.stepper)
         return found
+
+    def take_over(self, system: ConstraintSystem, stepper: Stepper) -> None:
+        """Use graphs of the same constraints and metric: to build them takes most of a learning."""
+        vars(self).update(system=system, stepper=stepper)
 
     def save(self, path: str | Path) -> Path:
         """Write the primitive as JSON; :func:`noslip.load_primitive` reads it back.

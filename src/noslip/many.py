@@ -447,10 +447,9 @@ class _Worker:
     def _compared(self, dmp: ConstrainedDMP, demonstration: PoseTrajectory) -> dict[str, Any]:
         system = self.system
         # The graphs of the constraints and of a step do not depend on what was learned.
-        vars(dmp)["system"] = system
         if dmp.inverse_metric not in self.steppers:
             self.steppers[dmp.inverse_metric] = dmp.stepper
-        vars(dmp)["stepper"] = self.steppers[dmp.inverse_metric]
+        dmp.take_over(system, self.steppers[dmp.inverse_metric])
         motion = dmp.rollout()
         compared: Comparison = compare(motion, demonstration, system)
         off = step_residuals(demonstration, system.equalities)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.cli import adapt, main
+from noslip.cli import adapt
 
 HEADER = [
     "name",
@@ -28,27 +26,6 @@ HEADER = [
     "duration_s",
     "message",
 ]
-
-
-class Result(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def noslip(monkeypatch, capsys):
-    """Run the command in this process, as main() would from a shell."""
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["noslip", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-            raise SystemExit(0)
-        captured = capsys.readouterr()
-        return Result(int(stop.value.code or 0), captured.out, captured.err)
-
-    return run
 
 
 def learned(*constraints: ns.Constraint) -> ns.ConstrainedDMP:

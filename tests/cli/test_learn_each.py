@@ -9,38 +9,15 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.cli import main
 from noslip.result_table import read_results
 
 LEARN = ("learn", "--each", "--constraint", "blade", "--basis-functions", "15")
-
-
-class Result(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def noslip(monkeypatch, capsys):
-    """Run the command in this process, as main() would from a shell."""
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["noslip", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-            raise SystemExit(0)
-        captured = capsys.readouterr()
-        return Result(int(stop.value.code or 0), captured.out, captured.err)
-
-    return run
 
 
 def write(folder: Path, count: int) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.cli import main
 
 pytest.importorskip("jinja2", reason="the extra report is not installed")
 
 
 @pytest.fixture
-def noslip(monkeypatch, capsys, tmp_path):
+def noslip(noslip, monkeypatch, tmp_path):
     """Run the command in this process and in a folder with a recording and its primitive."""
     monkeypatch.chdir(tmp_path)
     t = np.linspace(0.0, 2.0, 121)
@@ -27,16 +27,7 @@ def noslip(monkeypatch, capsys, tmp_path):
     demonstration = ns.prepare(demonstration, rate=50, relative=True)
     ns.learn(demonstration, [ns.Blade()], basis_functions=20).save("cut.json")
 
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["noslip", "report", *arguments])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        return code, *capsys.readouterr()
-
-    return run
+    return partial(noslip, "report")
 
 
 def test_a_report_says_its_finding_and_where_it_is(noslip):

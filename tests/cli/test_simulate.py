@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,29 +16,7 @@ pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
 from noslip import robots
-from noslip.cli import main
 from noslip.constraints.catalogue import restore
-
-
-class Result(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def noslip(monkeypatch, capsys):
-    """Run the command in this process, as main() would from a shell."""
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["noslip", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-            raise SystemExit(0)
-        captured = capsys.readouterr()
-        return Result(int(stop.value.code or 0), captured.out, captured.err)
-
-    return run
 
 
 def demonstration() -> ns.PoseTrajectory:

@@ -102,7 +102,7 @@ class Library:
     Attributes
     ----------
     path : Path
-    run, start, step, forces, rollouts : callable
+    run, step, forces, rollouts : callable
         ``noslip_run`` and so on, of addresses and counts.
     sizes : tuple of 2 int
         Bytes of ``noslip_primitive`` and ``noslip_state``.
@@ -110,7 +110,6 @@ class Library:
 
     path: Path
     run: Callable[..., None]
-    start: Callable[..., None]
     step: Callable[..., int]
     forces: Callable[..., None]
     rollouts: Callable[..., None]
@@ -230,7 +229,6 @@ def _opened(path: Path) -> Library:
     return Library(
         path=path,
         run=function("noslip_run", *[pointer] * 4, count),
-        start=function("noslip_start", *[pointer] * 2),
         step=function("noslip_step", *[pointer] * 2, ctypes.c_double, result=ctypes.c_int),
         forces=function("noslip_forces", pointer, count, pointer),
         rollouts=function("noslip_rollouts", *[pointer] * 3, *[count] * 2, *[pointer] * 2),

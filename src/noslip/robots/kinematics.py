@@ -185,7 +185,6 @@ class InverseKinematics:
         self.position, self.quaternion = np.zeros(3), np.zeros(4)
         self._between, self._turn = np.zeros(4), np.zeros(3)
         self._one, self._other = np.zeros((3, n)), np.zeros((3, n))
-        self.programs = 0
 
     # ---------------------------------------------------------------- where the tool is
 
@@ -364,7 +363,6 @@ class InverseKinematics:
                 sense,
                 primal_tol=PRIMAL_TOLERANCE,
             )
-            self.programs += 1
             if flag < 0:
                 return None
             if waits:

@@ -95,8 +95,7 @@ class Placement:
         turn = Rotation.from_rotvec([0, 0, _arguments.finite("yaw", yaw)])
         if level == "tool":
             turn = turn * _upright(motion)
-        centre = (motion.positions.min(axis=0) + motion.positions.max(axis=0)) / 2
-        return cls(_arguments.vector("placement", middle) - turn.apply(centre), turn)
+        return cls(_arguments.vector("placement", middle) - turn.apply(_centre(motion)), turn)
 
     def apply(self, motion: PoseTrajectory) -> PoseTrajectory:
         """Return a motion as the arm's base sees it."""
@@ -116,8 +115,7 @@ class Placement:
 
     def middle(self, motion: PoseTrajectory) -> Floats:
         """Where the middle of a motion's path lies (m, the base's frame)."""
-        centre = (motion.positions.min(axis=0) + motion.positions.max(axis=0)) / 2
-        return np.asarray(self.rotation.apply(centre) + self.position)
+        return np.asarray(self.rotation.apply(_centre(motion)) + self.position)
 
     def numbers(self, motion: PoseTrajectory, level: Level = "recorded") -> tuple[Floats, float]:
         """Middle (m) and yaw (rad) from which :meth:`of` makes this placement of a motion."""
@@ -149,6 +147,11 @@ class Candidate:
     placement: Placement
     start: Floats
     margin: float
+
+
+def _centre(motion: PoseTrajectory) -> Floats:
+    """Middle of the box around a path."""
+    return np.asarray((motion.positions.min(axis=0) + motion.positions.max(axis=0)) / 2)
 
 
 def place(

@@ -154,7 +154,7 @@ def rollout_many(
     if (taus := given["durations"]) is not None and not np.all(taus > 0):
         raise InputError(f"durations[{int(np.argmin(taus))}] is not positive (seconds)")
     steps = dmp.steps if steps is None else _arguments.count("steps", steps)
-    workers = _cores() if jobs is None else _arguments.count("jobs", jobs, 1024)
+    workers = cores() if jobs is None else _arguments.count("jobs", jobs, 1024)
 
     beginnings = _beginnings(dmp, count, given, project_start, pull_in)
     states = np.empty((count, steps + 1, STATE_SIZE))
@@ -209,7 +209,8 @@ def _quaternions(name: str, rotations: Rotation | None) -> Floats | None:
     return np.asarray(rotations.as_quat(scalar_first=True))
 
 
-def _cores() -> int:
+def cores() -> int:
+    """How many cores this process may use."""
     # Those that this process may run on, where the system tells.
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
