@@ -1,8 +1,8 @@
 """Goals that move: what the published method makes of them, and noslip's two answers.
 
 The goal of the numerical example is shifted from the start, its orientation kept.  The published
-method optimises the orientation at each step on the way to the new goal; its trained primitive, the
-orientation as optimised for the old goal, has the coupling term alone.
+method optimizes the orientation at each step on the way to the new goal; its trained primitive, the
+orientation as optimized for the old goal, has the coupling term alone.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from noslip import Blade, PoseTrajectory, learn
 Floats = NDArray[np.float64]
 
 SHIFTS = (0.02, 0.05, 0.2)
-"""Metres; the path is 2.35 m long."""
-OPTIMISED, COUPLED = "paper, BFGS at each step", "paper, coupling term alone"
+"""Meters; the path is 2.35 m long."""
+OPTIMIZED, COUPLED = "paper, BFGS at each step", "paper, coupling term alone"
 ROLLED_OUT, ADAPTED = "noslip, rollout to the goal", "noslip, adapt"
 TO_THE_DEMONSTRATED = "noslip, adapt to the demonstrated end"
 
@@ -77,7 +77,7 @@ def move_goals(
     y = np.array([0.0, 1.0, 0.0])
     directions = {
         "blade's y as demonstrated": turned.apply(y),
-        "blade's y as it arrives": ends[OPTIMISED].apply(y),
+        "blade's y as it arrives": ends[OPTIMIZED].apply(y),
         "world x": np.array([1.0, 0.0, 0.0]),
         "world y": y,
     }
@@ -126,7 +126,7 @@ def _methods(
         return primitive.rollout(time_step=time_step)
 
     return {
-        OPTIMISED: published,
+        OPTIMIZED: published,
         COUPLED: partial(published, turning=turning),
         ROLLED_OUT: lambda to: dmp.rollout(goal_position=to, time_step=time_step),
         ADAPTED: adapted,

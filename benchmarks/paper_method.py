@@ -1,7 +1,7 @@
 """The method of the paper, written from its text (sections III and IV-A) to be compared with.
 
 Two uncoupled primitives are fitted, one of the position and one of the orientation.  At every time
-step SciPy's BFGS then looks for the angular velocity that minimises
+step SciPy's BFGS then looks for the angular velocity that minimizes
 
     ``L(w) = ||f_con(w)||_2 + ||R - R_opt(w)||_F``,  ``R_opt(w) = Exp(w dt) R_opt,previous``,
     ``f_con(w) = c^+ (b - c^T p'')``,  ``c = R_opt(w) y_b``,  ``b = -(w x c)^T p'``
@@ -88,13 +88,13 @@ class UncoupledPrimitives:
 
 @dataclass(frozen=True, eq=False)
 class PaperResult:
-    """The constrained motion and what the optimiser did.
+    """The constrained motion and what the optimizer did.
 
     Attributes
     ----------
     motion : PoseTrajectory
     turning : array, shape (N - 1, 3)
-        Angular velocity of each step, as optimised (rad/s).
+        Angular velocity of each step, as optimized (rad/s).
     evaluations : int
         Of the loss, all steps together.
     unconverged : int
@@ -119,14 +119,14 @@ def rollout(
     goal_position: Floats | None = None,
     turning: Floats | None = None,
 ) -> PaperResult:
-    """Integrate both primitives, the orientation optimised and the position coupled to it.
+    """Integrate both primitives, the orientation optimized and the position coupled to it.
 
     Parameters
     ----------
     goal_position : array, shape (3,), optional
-        Metres; the demonstrated one by default.
+        Meters; the demonstrated one by default.
     turning : array, shape (N - 1, 3), optional
-        Angular velocities (rad/s) to keep to, instead of optimising them.
+        Angular velocities (rad/s) to keep to, instead of optimizing them.
     """
     stepping = Stepping(primitives, goal_position=goal_position, turning=turning)
     state = stepping.start()
@@ -191,7 +191,7 @@ class Stepping:
         if k < len(self.forces):
             free = free + self.forces[k] / tau**2
         w = self._turning(state, free)
-        turn = _normalised(_multiply(_exp(w * dt), turn))
+        turn = _normalized(_multiply(_exp(w * dt), turn))
         c = np.array(_rotate(turn, (0.0, 1.0, 0.0)))
         b = -np.array(_cross(tuple(w.tolist()), tuple(c.tolist()))) @ velocity
         # c has unit length and is its own pseudo-inverse.
@@ -235,7 +235,7 @@ class _Orientations:
             to_goal = np.array(_log(_multiply(self.goal, _conjugate(turn))))
             force = self.forces[taken] if taken < len(self.forces) else np.zeros(3)
             self.w = self.w + dt * (ALPHA * (BETA * to_goal - tau * self.w) + force) / tau**2
-            self.turns.append(_normalised(_multiply(_exp(self.w * dt), turn)))
+            self.turns.append(_normalized(_multiply(_exp(self.w * dt), turn)))
         return self.turns[k]
 
 
@@ -326,7 +326,7 @@ def _conjugate(q: Quaternion) -> Quaternion:
     return q[0], -q[1], -q[2], -q[3]
 
 
-def _normalised(q: Quaternion) -> Quaternion:
+def _normalized(q: Quaternion) -> Quaternion:
     scale = 1 / sqrt(sum(x * x for x in q))
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
 

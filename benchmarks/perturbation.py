@@ -49,7 +49,7 @@ LONGEST = 4.0
 """Durations after which a controller that is not done is stopped."""
 
 NOT_PUSHED, SIDEWAYS, ANYWHERE = "not pushed", "pushed sideways", "pushed in any direction"
-NOSLIP, OPTIMISED, COUPLED = "noslip", "paper, BFGS at each step", "paper, coupling term alone"
+NOSLIP, OPTIMIZED, COUPLED = "noslip", "paper, BFGS at each step", "paper, coupling term alone"
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,9 +232,9 @@ class _Motion:
         )
         self.controller = self.dmp.controller(time_step=self.time_step)
         primitives = paper_method.UncoupledPrimitives.fit(given, basis_functions)
-        optimised = paper_method.Stepping(primitives)
-        self.published = {OPTIMISED: (optimised, self._walked(optimised))}
-        turning = np.array([state.w for state in self.published[OPTIMISED][1][1:]])
+        optimized = paper_method.Stepping(primitives)
+        self.published = {OPTIMIZED: (optimized, self._walked(optimized))}
+        turning = np.array([state.w for state in self.published[OPTIMIZED][1][1:]])
         coupled = paper_method.Stepping(primitives, turning=turning)
         self.published[COUPLED] = coupled, self._walked(coupled)
 

@@ -70,7 +70,7 @@ def as_json(results: Results) -> bytes:
         "ratios": [{**asdict(ratio), "met": ratio.met} for ratio in comparison.ratios],
         "step_costs": [asdict(cost) for cost in comparison.step_costs],
         "quality": {name: asdict(quality) for name, quality in comparison.quality.items()},
-        "paper_optimiser": {
+        "paper_optimizer": {
             "loss_evaluations": comparison.paper_evaluations,
             "unconverged_steps": comparison.paper_unconverged,
             "steps": comparison.samples - 1,

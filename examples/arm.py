@@ -43,7 +43,7 @@ times = {"hand": hand.times}
 lines = style.line_styles(ways)
 figure = style.new_figure(style.TWO_COLUMNS, 2.9)
 above, joints, slipped = figure.subplots(1, 3)
-for name, color in (("commanded", "grey"), ("executed", "blue")):
+for name, color in (("commanded", "gray"), ("executed", "blue")):
     tips = getattr(done if name == "executed" else tracked, name)
     above.plot(*1e3 * tips.positions[:, :2].T, color=style.PALETTE[color], label=name)
 edges = done.executed.rotations[::200].apply([12, 0, 0])

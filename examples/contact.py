@@ -36,7 +36,7 @@ colors = dict(zip(contacts, ("vermillion", "green", "purple", "blue"), strict=Tr
 
 figure = style.new_figure(6.0, 2.9)
 above, distance = figure.subplots(1, 2, width_ratios=(1.35, 1))
-styles = {"shown": {"color": style.PALETTE["grey"], "lw": 3}}
+styles = {"shown": {"color": style.PALETTE["gray"], "lw": 3}}
 off_as_shown, off_as_learned, slips = [], [], []
 for name, (contact, z) in contacts.items():
     hand = ns.PoseTrajectory(4 * s, np.column_stack([x, y, z + off]), yaw, name=name)
@@ -55,7 +55,7 @@ print(f"largest residuals {max(off_as_learned):.1e} m, {max(slips):.1e} m/s")
 # The last of them, from above; levels every 2 mm.
 X, Y = np.meshgrid(np.linspace(-0.07, 0.07, 80), np.linspace(-0.042, 0.042, 60))
 levels = np.arange(-10, 10.1, 2)
-colored = above.contourf(1e3 * X, 1e3 * Y, 1e3 * hills(X, Y), levels, cmap="Greys", alpha=0.5)
+colored = above.contourf(1e3 * X, 1e3 * Y, 1e3 * hills(X, Y), levels, cmap="Grays", alpha=0.5)
 for m, line in ((hand, styles["shown"]), (motion, {"color": "black", "lw": 1.2})):
     tips, edges = 1e3 * m.positions[::20], 5 * m.rotations[::20].apply([1, 0, 0])
     blades = np.stack([tips - edges, tips + edges])

@@ -18,9 +18,9 @@ u = s**3 * (10 - 15 * s + 6 * s**2)
 path = np.column_stack([0.1 * u, 0 * u, 0 * u])
 hand = ns.PoseTrajectory(4 * s, path, Rotation.identity(len(s)), name="demonstration")
 
-CENTRE, RADIUS = np.array([0.03, -0.004, 0.0]), 0.012
+CENTER, RADIUS = np.array([0.03, -0.004, 0.0]), 0.012
 START, END, WIDTH = np.array([0.07, 0.006, 0.0]), np.array([0.09, 0.03, 0.0]), 0.01
-nerve = ns.KeepOutSphere(centre=CENTRE, radius=RADIUS)
+nerve = ns.KeepOutSphere(center=CENTER, radius=RADIUS)
 vessel = ns.KeepOutCapsule(start=START, end=END, radius=WIDTH)
 
 rules = [nerve, vessel, ns.Blade(), ns.PlaneContact()]
@@ -38,7 +38,7 @@ X, Y = np.meshgrid(np.linspace(-0.005, 0.105, 300), np.linspace(-0.03, 0.045, 30
 P = np.stack([X, Y, 0 * X], axis=-1)
 along = np.clip((P - START) @ (END - START) / np.sum((END - START) ** 2), 0, 1)
 to_vessel = np.linalg.norm(P - START - along[..., None] * (END - START), axis=-1) - WIDTH
-inside = np.minimum(np.linalg.norm(P - CENTRE, axis=-1) - RADIUS, to_vessel) < 0
+inside = np.minimum(np.linalg.norm(P - CENTER, axis=-1) - RADIUS, to_vessel) < 0
 color = [style.PALETTE["vermillion"]]
 above.contourf(1e3 * X, 1e3 * Y, inside, [0.5, 1.5], colors=color, alpha=0.25)
 for name, line in style.line_styles(motions).items():

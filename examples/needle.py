@@ -1,4 +1,4 @@
-"""A steerable needle with a bevelled tip: its path bends everywhere alike, and roll steers it."""
+"""A steerable needle with a beveled tip: its path bends everywhere alike, and roll steers it."""
 
 import argparse
 
@@ -13,7 +13,7 @@ parser.add_argument("--out", default="needle.png", help="the picture's file")
 out = parser.parse_args().out
 
 # A planner's sketch, 12 cm into tissue at 1 cm/s: a bend to the left, half a turn of roll, a bend
-# to the right.  While it rolls, the sketch straightens out, which no bevelled needle does.
+# to the right.  While it rolls, the sketch straightens out, which no beveled needle does.
 CURVATURE, LENGTH = 5.0, 0.12
 s = np.linspace(0, 1, 601)
 roll = np.pi / (1 + np.exp(-30 * (s - 0.5)))

@@ -12,7 +12,7 @@ parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--out", default="own_rule.png", help="the picture's file")
 out = parser.parse_args().out
 
-LEAD = 0.004  # metres a turn
+LEAD = 0.004  # meters a turn
 
 
 @ns.velocity_constraint

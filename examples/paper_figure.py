@@ -31,7 +31,7 @@ hand = ns.PoseTrajectory(4 * s, path, Rotation.from_euler("z", yaw), name="demon
 
 blade = ns.Blade()
 motion = ns.learn(hand, [blade]).rollout()
-motions = {"demonstration": hand, "optimised": motion}
+motions = {"demonstration": hand, "optimized": motion}
 print(f"largest residual {np.abs(motion.constraint_residuals).max():.1e} m/s")
 
 if options.columns == 1:

@@ -54,7 +54,7 @@ for name, (hand, rolling) in recorded.items():
 way = np.cumsum(np.linalg.norm(motion.step_velocities()[0], axis=1)) * motion.period
 ways.plot(motion.times[1:], 1e3 * way, "k:", lw=2.2)
 ways.annotate(
-    "the centre's way", (1.95, 155), (0.2, 175), fontsize=7, arrowprops={"arrowstyle": "-"}
+    "the center's way", (1.95, 155), (0.2, 175), fontsize=7, arrowprops={"arrowstyle": "-"}
 )
 rim.set_aspect("equal", adjustable="box")
 style.dress(rim, "x (mm)", "height (mm)", title="way of one point of the disc's rim")

@@ -12,7 +12,7 @@ parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--out", default="tool_axis.png", help="the picture's file")
 out = parser.parse_args().out
 
-# A glass moved by half a metre, which the hand tilts; and a torch round a pipe of 10 cm radius,
+# A glass moved by half a meter, which the hand tilts; and a torch round a pipe of 10 cm radius,
 # whose axis should lean by 30 degrees from the pipe's normal, and does so only roughly.
 s = np.linspace(0, 1, 501)
 u = s**3 * (10 - 15 * s + 6 * s**2)

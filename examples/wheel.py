@@ -43,9 +43,9 @@ print(f"stretches in reverse: {dmp.record[0].backing}")
 figure = style.new_figure(6.0, 2.9)
 above, slip = figure.subplots(1, 2, width_ratios=(1.35, 1))
 for name, line in style.line_styles(motions).items():
-    centre = motions[name].positions[::20]
+    center = motions[name].positions[::20]
     axle = 0.12 * motions[name].rotations[::20].apply([0, 1, 0])
-    above.plot(*np.stack([centre - axle, centre + axle])[:, :, :2].transpose(2, 0, 1), **line)
+    above.plot(*np.stack([center - axle, center + axle])[:, :, :2].transpose(2, 0, 1), **line)
     above.plot(*motions[name].positions[:, :2].T, **line)
 above.set_aspect("equal", adjustable="datalim")
 style.dress(above, "x (m)", "y (m)", title="path, and the axle along it, from above")

@@ -86,7 +86,7 @@ def along(x: Floats, s: Floats) -> Rotation:
 
 
 def arc(count: int = 301, height: float = 0.1) -> tuple[Floats, Floats]:
-    """A bent path of about a metre, flat if the height is 0."""
+    """A bent path of about a meter, flat if the height is 0."""
     s = np.linspace(0, 1, count)
     return s, np.column_stack([s, 0.2 * np.sin(2 * s), height * np.sin(3 * s)])
 
@@ -744,30 +744,30 @@ def posed(constraints: Any, given_: ns.PoseTrajectory, shift: Any, turn: Any) ->
 
 
 def on_a_sphere() -> Case:
-    centre, radius = np.array([0.5, 0.0, -2.0]), 2.0
+    center, radius = np.array([0.5, 0.0, -2.0]), 2.0
     s, x = arc(height=0)
-    x = centre + radius * (x - centre) / np.linalg.norm(x - centre, axis=1)[:, None]
+    x = center + radius * (x - center) / np.linalg.norm(x - center, axis=1)[:, None]
     goal = x[-1] + [0.1, -0.2, 0.0]
-    goal = centre + radius * (goal - centre) / np.linalg.norm(goal - centre)
-    contact = ns.SphereContact(centre=tuple(centre), radius=radius)
+    goal = center + radius * (goal - center) / np.linalg.norm(goal - center)
+    contact = ns.SphereContact(center=tuple(center), radius=radius)
     given_ = ns.PoseTrajectory(2 * s, x, along(x, s))
     return Case(contact, given_, goal, Rotation.from_rotvec([0.1, 0, 0.3]) * given_.rotations[-1])
 
 
-def aimed(x: Floats, centre: Floats) -> Rotation:
-    """Shafts (z) that point away from a centre, turned as little as possible."""
-    z = (x - centre) / np.linalg.norm(x - centre, axis=-1, keepdims=True)
+def aimed(x: Floats, center: Floats) -> Rotation:
+    """Shafts (z) that point away from a center, turned as little as possible."""
+    z = (x - center) / np.linalg.norm(x - center, axis=-1, keepdims=True)
     axis = np.stack([-z[..., 1], z[..., 0], 0 * z[..., 0]], axis=-1)
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
     return Rotation.from_rotvec(axis / sine * np.arctan2(sine, z[..., 2:3]))
 
 
 def through_an_incision() -> Case:
-    centre = np.array([0.45, 0.05, -0.5])
+    center = np.array([0.45, 0.05, -0.5])
     s, x = arc()
     goal = x[-1] + [-0.15, 0.1, 0.05]
-    given_ = ns.PoseTrajectory(2 * s, x, aimed(x, centre))
-    return Case(ns.RemoteCentre(point=tuple(centre)), given_, goal, aimed(goal, centre))
+    given_ = ns.PoseTrajectory(2 * s, x, aimed(x, center))
+    return Case(ns.RemoteCenter(point=tuple(center)), given_, goal, aimed(goal, center))
 
 
 def rolling(radius: float = 0.2) -> Case:
@@ -804,7 +804,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "wheel": lambda: posed(ns.Wheel(), cut(height=0), [0.1, 0.2, 0.0], [0, 0, 0.3]),
     "plane": lambda: posed(ns.PlaneContact(), cut(height=0), [0.1, 0.2, 0.0], [0.3, 0.2, 0.1]),
     "sphere": on_a_sphere,
-    "remote centre": through_an_incision,
+    "remote center": through_an_incision,
     "tool axis": lambda: posed(ns.ToolAxis(), cut(height=0), [0.1, 0.2, 0.1], [0, 0, 0.5]),
     "tilted axis": lambda: posed(
         ns.ToolAxis(angle=0.4),
@@ -842,7 +842,7 @@ def test_goals_are_reached_under_any_constraint(name: str) -> None:
     assert apart(motion, dmp.rollout())[0] >= 0.9 * np.linalg.norm(case.goal - dmp.position.goal)
 
 
-@pytest.mark.parametrize("name", ["sphere", "remote centre", "tool axis", "plane that moves"])
+@pytest.mark.parametrize("name", ["sphere", "remote center", "tool axis", "plane that moves"])
 def test_starts_off_the_constraint_are_moved_onto_it(name: str) -> None:
     case = CASES[name]()
     dmp = ns.learn(case.demonstration, case.constraints, basis_functions=40)
@@ -870,7 +870,7 @@ LIMITS: dict[str, tuple[Callable[[int], Any], list[float]]] = {
         [1.05, 0.25, 0.02],
     ),
     "keep-out sphere": (
-        lambda p: ns.KeepOutSphere(centre=(0.6, 0.25, 0.1), radius=0.1, priority=p),
+        lambda p: ns.KeepOutSphere(center=(0.6, 0.25, 0.1), radius=0.1, priority=p),
         [1.05, 0.25, 0.05],
     ),
     "speed": (lambda p: ns.SpeedLimit(speed=0.65, priority=p), [1.2, 0.2, 0.05]),
@@ -895,9 +895,9 @@ def test_limits_hold_on_the_way_to_a_new_goal(name: str, priority: int) -> None:
 BEYOND: dict[str, tuple[Any, list[float]]] = {
     "half-space": (ns.HalfSpace(point=(0, 0.25, 0), normal=(0, -1, 0)), [1, 0.3, 0]),
     "depth-limit": (ns.DepthLimit(depth=0.05), [1, 0.1, -0.1]),
-    "keep-out-sphere": (ns.KeepOutSphere(centre=(0.6, 0.5, 0.1), radius=0.2), [0.6, 0.45, 0.1]),
+    "keep-out-sphere": (ns.KeepOutSphere(center=(0.6, 0.5, 0.1), radius=0.2), [0.6, 0.45, 0.1]),
     "plane-contact": (ns.PlaneContact(), [1, 0.1, -0.05]),
-    "sphere-contact": (ns.SphereContact(centre=(0.5, 0, -2), radius=2.0), [1, 0.1, 0.3]),
+    "sphere-contact": (ns.SphereContact(center=(0.5, 0, -2), radius=2.0), [1, 0.1, 0.3]),
 }
 
 
@@ -926,7 +926,7 @@ def test_a_rotation_that_no_motion_can_end_in_is_refused_by_name() -> None:
         dmp.adapt(goal_rotation=turned)
 
 
-# Two and a half metres in 2 s at no more than 0.9 m/s.
+# Two and a half meters in 2 s at no more than 0.9 m/s.
 def test_a_goal_too_far_for_a_hard_speed_limit_is_no_silent_failure() -> None:
     dmp = ns.learn(cut(), [BLADE, ns.SpeedLimit(speed=0.9)], basis_functions=40)
     goal = [2.5, 0.2, 0.0]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from noslip.constraints.catalogue import CATALOGUE, parse_constraint
+from noslip.constraints.catalog import CATALOG, parse_constraint
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
@@ -110,10 +110,10 @@ def test_each_page_of_a_constraint_or_goal_belongs_to_an_example() -> None:
             assert set(named) <= set(EXAMPLES)
 
 
-def test_the_overview_and_a_page_name_each_constraint_of_the_catalogue() -> None:
+def test_the_overview_and_a_page_name_each_constraint_of_the_catalog() -> None:
     overview = INDEX.read_text()
     pages = {path.stem: path.read_text() for path in PAGES if path.stem != "index"}
-    for constraint in CATALOGUE.values():
+    for constraint in CATALOG.values():
         name = f"`{constraint.__name__}`"
         row = next(line for line in overview.splitlines() if line.startswith("|") and name in line)
         (page,) = re.findall(r"\]\((\w+)\.md\)", row)[:1]

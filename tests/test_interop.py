@@ -140,7 +140,7 @@ def test_wrong_transforms_are_refused(change: Any, message: str) -> None:
         from_transforms(np.arange(4.0), change(to_transforms(random_poses(0, 4)).as_matrix()))
 
 
-def test_a_quaternion_that_is_nearly_of_length_one_is_normalised() -> None:
+def test_a_quaternion_that_is_nearly_of_length_one_is_normalized() -> None:
     poses = random_poses(1)
     scaled = to_pqs(poses) * ([1] * 3 + [1 + 5e-4] * 4)
     found = from_pqs(poses.times, scaled).rotations
@@ -448,7 +448,7 @@ def test_the_page_runs(theirs: Any) -> None:
     names: dict[str, Any] = {}
     for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL):
         exec(compile(block, PAGE.name, "exec"), names)
-    # Through the chain of frames and by SciPy alone: the same blade, a metre apart in height.
+    # Through the chain of frames and by SciPy alone: the same blade, a meter apart in height.
     np.testing.assert_allclose(
         names["blade"].positions + [0, 0, 1], names["same"].positions, rtol=0, atol=1e-12
     )

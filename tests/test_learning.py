@@ -160,7 +160,7 @@ def test_what_is_written_to_a_file_does_not_slip(
     t, p, R = table_of[:, 0], table_of[:, 1:4], matrices(table_of[:, 4:])
     step = np.diff(t)[:, None]
     slip = np.einsum("ki,ki->k", R[1:, :, 1], np.diff(p, axis=0) / step)
-    # A coordinate is a multiple of the distance between neighbouring floats there; no difference
+    # A coordinate is a multiple of the distance between neighboring floats there; no difference
     # of two of them, over the period, is finer than that.
     rounding = 4 * EPSILON * np.abs(p).max() / step.min()
     speed = np.abs(np.diff(p, axis=0) / step).max()
@@ -264,7 +264,7 @@ def example() -> ConstrainedDMP:
     return learn(numerical_example(), [BLADE])
 
 
-def test_numerical_example_optimised(example: ConstrainedDMP) -> None:
+def test_numerical_example_optimized(example: ConstrainedDMP) -> None:
     demonstration, motion = numerical_example(), example.rollout()
     np.testing.assert_allclose(motion.times, demonstration.times, rtol=0, atol=1e-12)
     assert np.abs(along(motion, 1)).max() <= 1e-10

@@ -52,7 +52,7 @@ def along(x: Floats, s: Floats) -> Rotation:
 
 
 def arc(height: float = 0.1) -> tuple[Floats, Floats]:
-    """A bent path of about a metre, flat if the height is 0."""
+    """A bent path of about a meter, flat if the height is 0."""
     s = np.linspace(0, 1, 301)
     return s, np.column_stack([s, 0.2 * np.sin(2 * s), height * np.sin(3 * s)])
 
@@ -556,7 +556,7 @@ def test_limits_hold_after_replanning() -> None:
     assert np.linalg.norm(motion.positions[-1] - dmp.position.goal) <= 2 * POSITION
 
 
-# A metre in 0.3 s at no more than 0.9 m/s: whoever runs the plan must be able to tell.
+# A meter in 0.3 s at no more than 0.9 m/s: whoever runs the plan must be able to tell.
 def test_a_hard_limit_that_leaves_no_time_is_no_silent_failure() -> None:
     dmp = ns.learn(cut(), [BLADE, ns.SpeedLimit(speed=0.9)])
     try:

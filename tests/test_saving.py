@@ -460,8 +460,8 @@ def test_an_impossible_place_is_named(dmp: ConstrainedDMP, saved: Path) -> None:
     assert list(saved.parent.iterdir()) == [saved]
 
 
-# Reading a function that CasADi serialised may run a compiler, or load a library, that it names.
-def test_a_constraint_as_casadi_serialises_it_is_refused(dmp: ConstrainedDMP, saved: Path) -> None:
+# Reading a function that CasADi serialized may run a compiler, or load a library, that it names.
+def test_a_constraint_as_casadi_serializes_it_is_refused(dmp: ConstrainedDMP, saved: Path) -> None:
     document = json.loads(saved.read_text())
     function = casadi.Function("f", [casadi.SX.sym("x")], [casadi.SX(1)])
     entry = {

@@ -169,7 +169,7 @@ def test_length_duration_path_and_period() -> None:
 
 
 @pytest.mark.parametrize("start", [0.0, -5.0, 1.7e9])
-def test_uniform_sampling_is_recognised_wherever_time_starts(start: float) -> None:
+def test_uniform_sampling_is_recognized_wherever_time_starts(start: float) -> None:
     assert plain(200, times=start + np.arange(200) / 14.5).is_uniform
     late = np.arange(200) / 14.5
     late[70] += 1e-4

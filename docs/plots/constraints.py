@@ -14,14 +14,14 @@ hand = ns.PoseTrajectory(2 * s, path, Rotation.from_rotvec(np.zeros((401, 3))))
 
 figure, (margin, across) = plt.subplots(1, 2, figsize=(8.5, 2.8), layout="constrained")
 margin.plot(hand.times, 1e3 * (path[:, 2] + 0.012), color="0.7", lw=4, label="demonstrated")
-for rate, colour in ((5, "blue"), (20, "orange"), (100, "green")):
+for rate, color in ((5, "blue"), (20, "orange"), (100, "green")):
     limit = ns.DepthLimit(depth=0.012, barrier_rate=rate)
     # Held by the run time alone, so that the barrier shows and not the plan around it.
     motion = ns.learn(hand, limit).constrained.rollout()
     margin.plot(
         motion.times,
         1e3 * motion.margins[:, 0],
-        color=style.PALETTE[colour],
+        color=style.PALETTE[color],
         label=f"γ = {rate} 1/s",
     )
 margin.axhline(0, color="k", lw=0.6)

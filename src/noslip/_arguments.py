@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.errors import InputError
-
-Floats = NDArray[np.float64]
 
 
 def positive(name: str, value: Any, unit: str = "") -> float:

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError
-
-Floats = NDArray[np.float64]
 
 MIN_SAMPLES = 8
 MAX_NORM_ERROR = 1e-3

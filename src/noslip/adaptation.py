@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConstraintError, ConvergenceError, InputError
 from noslip.primitives.pose import (
@@ -36,8 +37,6 @@ from noslip.projection.trajectory import (
     project_heeding_what_it_can,
 )
 from noslip.trajectory import PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 POSITION_WEIGHT = 10.0
 """w_p of an adaptation: far less than in learning, for the path must be reshaped."""
@@ -70,7 +69,7 @@ class Via:
     at : float
         When, as a fraction of the duration: 0 < at < 1.
     position : array, shape (3,), optional
-        Metres.
+        Meters.
     rotation : Rotation, optional
     """
 
@@ -299,9 +298,9 @@ def replan(
     velocities = _velocities_now(nominal, done, state)
     moved = through(rest, {samples - 1: goals[samples - 1]})
     # Back onto the path, not just to its end, if the way there is long enough.
-    travelled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))
+    traveled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))
     displaced = float(np.linalg.norm(position - moved.positions[0]))
-    k = max(round(_SETTLED * samples), int(np.searchsorted(travelled, _DETOUR * displaced)) + 1)
+    k = max(round(_SETTLED * samples), int(np.searchsorted(traveled, _DETOUR * displaced)) + 1)
     if k < samples - 1:
         moved = through(moved, goals | {k: (moved.positions[k], moved.rotations[k])}, velocities)
     else:

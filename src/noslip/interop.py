@@ -15,6 +15,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from noslip import _arguments
 from noslip._pose_files import MAX_NORM_ERROR
+from noslip._typing import Floats
 from noslip.errors import InputError, MissingDependencyError
 from noslip.primitives.attractor import Attractor
 from noslip.primitives.basis import Basis
@@ -28,8 +29,6 @@ from noslip.trajectory import PoseTrajectory
 
 if TYPE_CHECKING:
     from movement_primitives.dmp import CartesianDMP
-
-Floats = NDArray[np.float64]
 
 SAMPLES_PER_FUNCTION = 10
 """Samples of a force, of the finer basis, when it is fitted in another one."""
@@ -51,7 +50,7 @@ def from_pqs(times: ArrayLike, pqs: ArrayLike, *, name: str = "pqs") -> PoseTraj
     times : array, shape (N,)
         Seconds.
     pqs : array, shape (N, 7)
-        Position (x, y, z), metres, and unit quaternion (qw, qx, qy, qz) of the tool in the world;
+        Position (x, y, z), meters, and unit quaternion (qw, qx, qy, qz) of the tool in the world;
         of pytransform3d's transforms those from "tool" to "world".
     name : str
         Of the trajectory, for error messages.
@@ -96,7 +95,7 @@ def from_transforms(
     times : array, shape (N,)
         Seconds.
     transforms : RigidTransform of length N, or array, shape (N, 4, 4)
-        Tool to world, metres.
+        Tool to world, meters.
     name : str
         Of the trajectory, for error messages.
 
@@ -191,7 +190,7 @@ def to_movement_primitives(
     Returns
     -------
     CartesianDMP
-        In seconds, metres and radians, quaternions (qw, qx, qy, qz); ``smooth_scaling`` is off.
+        In seconds, meters and radians, quaternions (qw, qx, qy, qz); ``smooth_scaling`` is off.
 
     Raises
     ------

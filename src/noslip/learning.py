@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments, adaptation
+from noslip._typing import Floats
 from noslip.adaptation import Via
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
@@ -46,8 +47,6 @@ if TYPE_CHECKING:
     from noslip.runtime.controller import Controller
     from noslip.runtime.export import Exported
 
-Floats = NDArray[np.float64]
-
 _NO_LEAD = 1e-9
 STABILIZATION = 20.0
 """How fast a violation at the start decays, per duration."""
@@ -67,7 +66,7 @@ class LearningRecord:
     residual : float
         Largest residual of the projected trajectory, in the constraints' units.
     position_change, rotation_change : float
-        Rms over the samples, metres and radians.
+        Rms over the samples, meters and radians.
     smoothing : float
         Rotation smoothing with which it converged.
     left_out : tuple of str
@@ -215,7 +214,7 @@ class ConstrainedDMP(PoseDMP):
         Parameters
         ----------
         goal_position, start_position : array, shape (3,), optional
-            Metres; those of this primitive by default.
+            Meters; those of this primitive by default.
         goal_rotation, start_rotation : Rotation, optional
         start_velocity : array, shape (3,) or (6,), optional
             Linear velocity (m/s), then angular (rad/s), world frame; projected onto the
@@ -536,7 +535,7 @@ def learn(
         default the position, as in the paper, where that can hold every constraint and no limit is
         about turning; else both.
     metric_length : float, optional
-        Metres that weigh as much as a radian; by default the length of a mean step.
+        Meters that weigh as much as a radian; by default the length of a mean step.
     stabilization : float
         Rate at which a violation present at the start decays, per duration.
     barrier_rate : float

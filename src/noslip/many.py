@@ -40,7 +40,7 @@ import numpy as np
 from noslip import _arguments
 from noslip._version import __version__
 from noslip.comparison import Comparison, compare
-from noslip.constraints.catalogue import restore, specification
+from noslip.constraints.catalog import restore, specification
 from noslip.constraints.check import check, step_residuals
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
@@ -574,7 +574,7 @@ def _in_executor(
             try:
                 reply: RecordingResult | str = future.result()
             except CancelledError:
-                reply = "cancelled: the executor, or its scheduler, is gone"
+                reply = "canceled: the executor, or its scheduler, is gone"
             except Exception as error:
                 reply = _told(error)
             yield pending.pop(future), reply

@@ -8,12 +8,9 @@ finite.
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
-Expression = Any
-"""A CasADi SX expression; CasADi ships no types."""
+from noslip._typing import Expression
 
 _SERIES_BELOW = 1e-3
 """Squared angle (or squared tangent) below which the series are exact in double."""

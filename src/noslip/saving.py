@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip import _arguments
 from noslip._files import write_beside
+from noslip._typing import Floats
 from noslip._version import __version__
-from noslip.constraints.catalogue import restore, specification
+from noslip.constraints.catalog import restore, specification
 from noslip.errors import InputError, NoslipError
 from noslip.learning import BARRIER_RATE, ConstrainedDMP, LearningRecord
 from noslip.primitives.attractor import Attractor
@@ -28,7 +28,6 @@ from noslip.primitives.position import PositionDMP
 from noslip.primitives.winding import Winding
 from noslip.spread import Spread
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 FORMAT = "noslip-primitive"

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from noslip._typing import Floats
 from noslip.adaptation import through
 from noslip.errors import InputError
 from noslip.primitives.pose import PoseDMP
 from noslip.trajectory import PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 _SAMPLES = 101
 

@@ -11,16 +11,15 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip import _arguments
 from noslip._files import write_beside
 from noslip._pose_files import read_csv, read_npz
+from noslip._typing import Floats
 from noslip.errors import InputError
-
-Floats = NDArray[np.float64]
 
 CSV_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 UNIFORM_TOLERANCE = 1e-6
@@ -36,11 +35,11 @@ class PoseTrajectory:
     times : array, shape (N,)
         Seconds, strictly increasing; may start anywhere.
     positions : array, shape (N, 3)
-        Metres, world frame.
+        Meters, world frame.
     rotations : Rotation, length N
         Body to world.
     linear_velocities, angular_velocities : array, shape (N, 3), optional
-        Metres and radians per second, world frame (the angular velocity is the body's,
+        Meters and radians per second, world frame (the angular velocity is the body's,
         ``dR/dt = [w] R``).  Left out, they are estimated by differences of second order.
     name : str
         Where the trajectory came from; error messages and figures use it.
@@ -108,7 +107,7 @@ class PoseTrajectory:
             row = int(np.argmax(np.abs(array).max(axis=1)))
             raise InputError(
                 f"{self.name}: positions[{row}] is {np.abs(array[row]).max():.3g} m away; "
-                "positions are metres"
+                "positions are meters"
             )
         array.flags.writeable = False
         object.__setattr__(self, name, array)
@@ -153,7 +152,7 @@ class PoseTrajectory:
 
     @property
     def _rounding(self) -> float:
-        """Distance between neighbouring floats at the times; 0.2 us for stamps since 1970."""
+        """Distance between neighboring floats at the times; 0.2 us for stamps since 1970."""
         return float(np.spacing(np.abs(self.times).max()))
 
     @property

@@ -48,11 +48,11 @@ def test_loss_is_the_formula_of_the_paper() -> None:
     dt = 0.01
 
     cross_matrix = np.cross(w, np.eye(3)).T
-    optimised = expm(cross_matrix * dt) @ previous.as_matrix()
-    c = optimised @ [0.0, 1.0, 0.0]
+    optimized = expm(cross_matrix * dt) @ previous.as_matrix()
+    c = optimized @ [0.0, 1.0, 0.0]
     b = -np.cross(w, c) @ velocity
     force = np.linalg.pinv(c[None]) @ [b - c @ free]
-    expected = np.linalg.norm(force) + np.linalg.norm(wanted.as_matrix() - optimised)
+    expected = np.linalg.norm(force) + np.linalg.norm(wanted.as_matrix() - optimized)
 
     quaternions = [tuple(r.as_quat(scalar_first=True)) for r in (previous, wanted)]
     loss = paper_method.loss_of_step(*quaternions, velocity, free, dt)
@@ -81,7 +81,7 @@ def test_paper_method_follows_the_path(coarse: dict[int, paper_method.PaperResul
         assert quality.position_end < 0.01
 
 
-def test_optimising_is_what_keeps_the_path(coarse: dict[int, paper_method.PaperResult]) -> None:
+def test_optimizing_is_what_keeps_the_path(coarse: dict[int, paper_method.PaperResult]) -> None:
     given = demonstration(61)
     assert Quality.of(given, given).residual > 1.0
     turned = (coarse[61].motion.rotations * given.rotations.inv()).magnitude()
@@ -106,7 +106,7 @@ def test_paper_method_comes_to_rest_without_force_after_its_end() -> None:
     assert np.linalg.norm(states[-1].velocity) < 1e-3
 
 
-def test_kept_orientations_are_the_optimised_ones(
+def test_kept_orientations_are_the_optimized_ones(
     coarse: dict[int, paper_method.PaperResult],
 ) -> None:
     primitives = paper_method.UncoupledPrimitives.fit(demonstration(61), 20)
@@ -179,7 +179,7 @@ def test_pushes_are_half_sideways_and_always_the_same() -> None:
 
 
 def test_all_methods_get_the_same_pushes(recoveries: list[perturbation.Recovery]) -> None:
-    methods = [perturbation.NOSLIP, perturbation.OPTIMISED, perturbation.COUPLED]
+    methods = [perturbation.NOSLIP, perturbation.OPTIMIZED, perturbation.COUPLED]
     assert [r.method for r in recoveries] == 3 * methods
     kinds = [perturbation.NOT_PUSHED, perturbation.SIDEWAYS, perturbation.ANYWHERE]
     assert [r.kind for r in recoveries[::3]] == kinds

@@ -16,7 +16,7 @@ pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
 from noslip import robots
-from noslip.constraints.catalogue import restore
+from noslip.constraints.catalog import restore
 
 
 def demonstration() -> ns.PoseTrajectory:

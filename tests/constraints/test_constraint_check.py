@@ -257,7 +257,7 @@ def test_a_residual_that_is_no_number_is_refused_by_the_constraints_name() -> No
 
 
 def wandering(seed: int, start: float = 0.0) -> PoseTrajectory:
-    """Random poses some decimetres apart, at irregular times."""
+    """Random poses some decimeters apart, at irregular times."""
     rng = np.random.default_rng(seed)
     times = irregular(seed, start=start)
     steps = rng.normal(size=(len(times), 3)) * 0.02
@@ -284,7 +284,7 @@ def margins_of(motion: PoseTrajectory) -> dict[str, Floats]:
 
 
 LIMITS = [
-    KeepOutSphere(centre=(0.05, 0, 0), radius=0.04),
+    KeepOutSphere(center=(0.05, 0, 0), radius=0.04),
     SpeedLimit(speed=1.5),
     AngularRateLimit(rate=9.0),
     Box(lower=(-0.06, -0.06, -0.06), upper=(0.07, 0.07, 0.07)),
@@ -416,7 +416,7 @@ def test_quantities_without_unit_are_told_without() -> None:
     assert f"peak {report.peak:.3g} at " in str(report)
 
 
-def test_limits_of_ones_own_count_like_those_of_the_catalogue() -> None:
+def test_limits_of_ones_own_count_like_those_of_the_catalog() -> None:
     @keep_nonnegative
     def low(motion: Motion) -> Any:
         return 0.02 - motion.position[2]
@@ -532,7 +532,7 @@ def test_a_check_that_makes_no_sense_is_refused(
 
 
 @pytest.mark.recordings
-def test_recorded_contours_slip_a_few_centimetres(recordings: Path) -> None:
+def test_recorded_contours_slip_a_few_centimeters(recordings: Path) -> None:
     runs = load_demonstrations(recordings / "contour_following" / "*.csv")
     assert len(runs) == 8
     for run in runs:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from noslip import Constraint, ConstraintError, Motion, NoslipError, keep_nonnegative
 from noslip.constraints import ConstraintSystem
-from noslip.constraints.catalogue import restore, specification
+from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import AcceleratedMotion
 
 INSTANT = (

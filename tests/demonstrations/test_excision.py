@@ -35,13 +35,13 @@ def body_velocities(cut):
     return cut.rotations.inv().apply(cut.linear_velocities.copy())
 
 
-def test_tool_frame_is_the_papers_in_metres():
+def test_tool_frame_is_the_papers_in_meters():
     np.testing.assert_array_equal(TOOL_FRAME[:3, 3], [0.052, 0, 0.013])
     np.testing.assert_array_equal(TOOL_FRAME[:3, :3], np.eye(3))
     assert not TOOL_FRAME.flags.writeable
 
 
-def test_recordings_are_labelled_synthetic(excisions):
+def test_recordings_are_labeled_synthetic(excisions):
     assert [r.name for r in excisions] == [f"synthetic excision {k}" for k in range(1, 9)]
     assert "Synthetic" in excision.__doc__
 
@@ -79,7 +79,7 @@ PINNED = [
 ]
 
 
-def test_paths_are_parabolas_of_a_few_centimetres(excisions):
+def test_paths_are_parabolas_of_a_few_centimeters(excisions):
     for recording in excisions:
         blade = apply_tool_frame(recording, TOOL_FRAME)
         chord = blade.positions[-1] - blade.positions[0]

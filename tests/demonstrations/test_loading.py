@@ -190,7 +190,7 @@ def test_a_quaternion_that_flips_sign_is_no_jump(write: Write) -> None:
 
 
 @pytest.mark.parametrize("norm", [0.9991, 1.0009])
-def test_quaternions_a_little_off_are_normalised(write: Write, norm: float) -> None:
+def test_quaternions_a_little_off_are_normalized(write: Write, norm: float) -> None:
     body = rows()
     body[7] = body[7].replace("0.8,0,0,0.6", f"{0.8 * norm},0,0,{0.6 * norm}")
     trajectory = load(write(body))

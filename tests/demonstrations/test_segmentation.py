@@ -18,7 +18,7 @@ from noslip.demonstrations.segmentation import read_column, segment
 from noslip.errors import InputError
 
 LATE, UNSEEN = 0.6, 1e-3
-"""Seconds by which an end may be found late, and metres that the blade may move unseen there."""
+"""Seconds by which an end may be found late, and meters that the blade may move unseen there."""
 
 
 def blade_of(seed, noise=1.0):

@@ -153,7 +153,7 @@ def test_the_title_says_how_far_the_goals_are_and_how_near_the_ends(every_figure
     assert figures.adapted_family(ORIGINAL, motions, goals, title="mine").get_suptitle() == "mine"
 
 
-def test_few_motions_have_colours_and_names_and_many_share_one(every_figure):
+def test_few_motions_have_colors_and_names_and_many_share_one(every_figure):
     few, many = every_figure["eight"], every_figure["hundred"]
     named = [text.get_text() for text in few.legends[0].get_texts()]
     assert [name for name in named if name.startswith("goal_")] == list(family(MOST_NAMED)[0])

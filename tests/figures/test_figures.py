@@ -28,7 +28,7 @@ from noslip.figures.quantities import roll_pitch_yaw
 
 BLADE = noslip.Blade()
 TRIALS = 3
-SPHERE = noslip.KeepOutSphere(centre=(0.9, 0.5, 0), radius=0.1)
+SPHERE = noslip.KeepOutSphere(center=(0.9, 0.5, 0), radius=0.1)
 SPEED = noslip.SpeedLimit(speed=3.0)
 BOX = noslip.Box(lower=(-0.2, -0.8, -0.1), upper=(1.1, 1.2, 0.1))
 LIMITED = [BLADE, SPHERE, SPEED, BOX]
@@ -65,7 +65,7 @@ def motions():
         "demonstration": demonstration,
         "regular": dmp.regular.rollout(),
         "constrained": dmp.constrained.rollout(),
-        "optimised": dmp.rollout(),
+        "optimized": dmp.rollout(),
     }
 
 
@@ -153,12 +153,12 @@ def yielding(blade_dmp):
 @pytest.fixture(scope="module")
 def every_figure(motions, cuts, trained, resting, recording, limited, yielding):
     several = [BLADE, stay_on_table, upright]
-    pair = {name: motions[name] for name in ("demonstration", "optimised")}
+    pair = {name: motions[name] for name in ("demonstration", "optimized")}
     awkward = {"_private $x$ name": recording, "a name " * 12: resting, "third": cuts[0]}
     return {
         "compare": figures.compare_motions(motions, BLADE),
         "compare rows": figures.compare_motions(pair, several),
-        "compare one": figures.compare_motions(motions["optimised"], BLADE),
+        "compare one": figures.compare_motions(motions["optimized"], BLADE),
         "compare recording": figures.compare_motions(recording, BLADE),
         "compare resting": figures.compare_motions(resting, several),
         "compare awkward": figures.compare_motions(awkward, BLADE),
@@ -178,7 +178,7 @@ def every_figure(motions, cuts, trained, resting, recording, limited, yielding):
         "history": figures.constraint_history(limited, LIMITED),
         "history without units": figures.constraint_history(limited),
         "history yielding": figures.constraint_history(yielding, EVERY),
-        "history of a blade": figures.constraint_history(motions["optimised"], BLADE),
+        "history of a blade": figures.constraint_history(motions["optimized"], BLADE),
         "adjustments": figures.orientation_adjustments(cuts, trained),
         "adjustments resting": figures.orientation_adjustments(resting, resting),
     }
@@ -196,7 +196,7 @@ def panel(figure, ylabel):
 
 
 def curves(ax):
-    """Data of the labelled lines, by label."""
+    """Data of the labeled lines, by label."""
     return {line.get_label(): line.get_xydata() for line in ax.get_lines()}
 
 
@@ -225,7 +225,7 @@ def test_every_figure_has_a_title_with_a_number(every_figure):
 
 
 def test_own_title_replaces_the_finding(motions, cuts, trained):
-    pair = {"a": motions["regular"], "b": motions["optimised"]}
+    pair = {"a": motions["regular"], "b": motions["optimized"]}
     made = [
         figures.compare_motions(pair, BLADE, title="mine"),
         figures.blade_snapshots(pair, title="mine"),
@@ -235,7 +235,7 @@ def test_own_title_replaces_the_finding(motions, cuts, trained):
     assert [title_of(figure) for figure in made] == ["mine"] * 4
 
 
-def test_lines_have_colours_of_the_palette_and_no_nan(every_figure):
+def test_lines_have_colors_of_the_palette_and_no_nan(every_figure):
     palette = {color.lower() for color in style.PALETTE.values()}
     for name, figure in every_figure.items():
         for ax in figure.axes:
@@ -333,12 +333,12 @@ def test_comparison_draws_the_residual_of_each_step(every_figure, motions):
 
 def test_comparison_title_is_what_check_reports(every_figure, motions):
     last, first = numbers_in(title_of(every_figure["compare"]))
-    assert last == pytest.approx(noslip.check(motions["optimised"], BLADE).peak, rel=0.06)
+    assert last == pytest.approx(noslip.check(motions["optimized"], BLADE).peak, rel=0.06)
     assert first == pytest.approx(noslip.check(motions["demonstration"], BLADE).peak, rel=0.005)
-    assert title_of(every_figure["compare"]).startswith("Optimised slips at most ")
+    assert title_of(every_figure["compare"]).startswith("Optimized slips at most ")
 
 
-def test_lines_that_coincide_differ_in_colour_and_dashes(motions):
+def test_lines_that_coincide_differ_in_color_and_dashes(motions):
     styles = style.line_styles(motions)
     assert len({s["color"] for s in styles.values()}) == 4
     assert len({str(s["linestyle"]) for s in styles.values()}) == 3
@@ -358,7 +358,7 @@ def test_residuals_that_can_be_seen_need_no_logarithmic_axis(every_figure):
 def test_a_constraint_forces_panel_shows_rollouts_alone(every_figure, motions):
     label = "constraint's linear acceleration (m/s²)"
     drawn = curves(panel(every_figure["compare"], label))
-    assert set(drawn) == {"constrained", "optimised"}
+    assert set(drawn) == {"constrained", "optimized"}
     wanted = np.linalg.norm(motions["constrained"].constraint_forces[:, :3], axis=1)
     np.testing.assert_array_equal(drawn["constrained"][:, 1], wanted)
     assert curves(panel(every_figure["compare one"], label))
@@ -408,7 +408,7 @@ def test_path_is_seen_where_it_reaches_furthest(every_figure, recording):
     np.testing.assert_array_equal(path.get_lines()[0].get_xydata(), recording.positions[:, [0, 2]])
 
 
-def test_short_paths_are_in_millimetres(cuts):
+def test_short_paths_are_in_millimeters(cuts):
     figure = figures.compare_motions(cuts[0], BLADE)
     np.testing.assert_array_equal(
         panel(figure, "z (mm)").get_lines()[0].get_ydata(), 1e3 * cuts[0].positions[:, 2]
@@ -421,7 +421,7 @@ def test_rounding_errors_do_not_fill_an_axis(motions):
     ax = Figure().subplots()
     figures.plot_positions(ax, motions, "z")
     assert np.ptp(ax.get_ylim()) > 0.02
-    figures.plot_residuals(ax := Figure().subplots(), motions["optimised"], BLADE)
+    figures.plot_residuals(ax := Figure().subplots(), motions["optimized"], BLADE)
     assert np.ptp(ax.get_ylim()) > 0.1
 
 
@@ -436,7 +436,7 @@ def test_rounding_errors_do_not_fill_an_axis(motions):
     ],
 )
 def test_axes_functions_take_one_motion_or_several_and_return_lines(motions, plot, arguments):
-    one = plot(Figure().subplots(), motions["optimised"], *arguments)
+    one = plot(Figure().subplots(), motions["optimized"], *arguments)
     several = plot(Figure().subplots(), motions, *arguments)
     assert all(isinstance(line, Line2D) for line in one + several)
     assert len(one) == 1
@@ -522,7 +522,7 @@ def test_a_logarithmic_axis_shows_how_far_a_limit_is_violated(motions):
     assert ax.get_ylabel().replace("\n", " ") == "violation of speed-limit (m/s)"
 
 
-def test_small_margins_are_in_millimetres_and_others_in_their_own_unit(cuts):
+def test_small_margins_are_in_millimeters_and_others_in_their_own_unit(cuts):
     near = noslip.HalfSpace(point=(0, 0, -0.1))
     ax = Figure().subplots()
     (line,) = figures.plot_residuals(ax, cuts[0], near)
@@ -538,30 +538,30 @@ def test_small_margins_are_in_millimetres_and_others_in_their_own_unit(cuts):
 
 def test_titles_say_which_limit_is_kept_and_by_how_much(motions, limited):
     before, after = motions["demonstration"], limited
-    pair = {"demonstration": before, "optimised": after}
+    pair = {"demonstration": before, "optimized": after}
     # Kept with room to spare, by both.
-    far = noslip.KeepOutSphere(centre=(0.5, 0.5, 0), radius=0.05)
+    far = noslip.KeepOutSphere(center=(0.5, 0.5, 0), radius=0.05)
     told = title_of(figures.compare_motions(pair, far))
     first, last = (
         1e3 * (np.linalg.norm(m.positions[1:] - [0.5, 0.5, 0], axis=1).min() - 0.05)
         for m in (before, after)
     )
     kept = re.fullmatch(
-        r"Optimised keeps (.*) from “keep-out-sphere”, demonstration keeps (.*) from it", told
+        r"Optimized keeps (.*) from “keep-out-sphere”, demonstration keeps (.*) from it", told
     )
     assert kept, told
     for text, wanted in zip(kept.groups(), (last, first), strict=True):
-        millimetres = numbers_in(text)[0] * (1 if " mm" in text else 1e3)
-        assert millimetres == pytest.approx(wanted, rel=0.006)
+        millimeters = numbers_in(text)[0] * (1 if " mm" in text else 1e3)
+        assert millimeters == pytest.approx(wanted, rel=0.006)
     # Violated before, used up after.
     told = title_of(figures.compare_motions(pair, SPEED))
     violation = -margins_of(before)["speed-limit"].min()
     reached = limited.times[1:][np.argmax(margins_of(limited)["speed-limit"] < 1e-9)]
-    limit = f"Optimised reaches “speed-limit” at {reached:.3g} s and keeps it"
+    limit = f"Optimized reaches “speed-limit” at {reached:.3g} s and keeps it"
     assert told == f"{limit}, demonstration violates it by up to {violation:.3g} m/s"
     # An equality first, then the limit.
     told = title_of(figures.compare_motions(pair, [SPEED, BLADE]))
-    assert re.match(r"Optimised slips at most .*, demonstration .*\.  Optimised reaches", told)
+    assert re.match(r"Optimized slips at most .*, demonstration .*\.  Optimized reaches", told)
 
 
 def test_spread_tells_how_many_violate_a_limit(motions, limited, every_figure):
@@ -802,16 +802,16 @@ def test_blades_stand_on_the_path_in_the_bodys_xz_plane(motions):
 
 def test_blades_are_equally_far_apart(motions):
     motion = motions["demonstration"]
-    travelled = np.concatenate(
+    traveled = np.concatenate(
         [[0], np.cumsum(np.linalg.norm(np.diff(motion.positions, axis=0), axis=1))]
     )
-    gaps = np.diff(travelled[snapshots.equally_far_apart(motion, 10)])
-    assert np.ptp(gaps) < 2 * np.diff(travelled).max()
-    assert gaps.sum() == pytest.approx(travelled[-1])
+    gaps = np.diff(traveled[snapshots.equally_far_apart(motion, 10)])
+    assert np.ptp(gaps) < 2 * np.diff(traveled).max()
+    assert gaps.sum() == pytest.approx(traveled[-1])
 
 
-def test_blades_are_coloured_by_the_share_of_slip(motions, resting):
-    for name in ("demonstration", "optimised"):
+def test_blades_are_colored_by_the_share_of_slip(motions, resting):
+    for name in ("demonstration", "optimized"):
         motion = motions[name]
         linear = motion.step_velocities()[0]
         body = motion.rotations[1:].inv().apply(linear)
@@ -827,7 +827,7 @@ def test_blades_are_coloured_by_the_share_of_slip(motions, resting):
         # Faces are sorted by depth.
         drawn = sorted(blades.get_facecolor().tolist())
         np.testing.assert_allclose(drawn, sorted(wanted.tolist()))
-    assert snapshots.slip_shares(motions["optimised"]).max() < 1e-9
+    assert snapshots.slip_shares(motions["optimized"]).max() < 1e-9
     assert not snapshots.slip_shares(resting).any()
 
 
@@ -866,7 +866,7 @@ def test_snapshots_tell_slip_and_distance_from_the_desired_path(every_figure, mo
         "A   Demonstration",
         "B   Regular",
         "C   Constrained",
-        "D   Optimised",
+        "D   Optimized",
     ]
     for (_, slip, off, *end), motion in zip(titles, motions.values(), strict=True):
         assert numbers_in(slip)[0] == pytest.approx(noslip.check(motion, BLADE).peak, rel=0.06)
@@ -1043,8 +1043,8 @@ def test_saving_writes_png_and_svg(every_figure, tmp_path):
 
 def test_the_same_data_give_the_same_bytes(motions, tmp_path):
     def make(name):
-        figure = figures.compare_motions(motions["optimised"], BLADE)
-        snapshot = figures.blade_snapshots(motions["optimised"])
+        figure = figures.compare_motions(motions["optimized"], BLADE)
+        snapshot = figures.blade_snapshots(motions["optimized"])
         return saved(figure, tmp_path / name) + saved(snapshot, tmp_path / f"{name}b")
 
     salt = mpl.rcParams["svg.hashsalt"]

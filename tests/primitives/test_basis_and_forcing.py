@@ -79,11 +79,11 @@ def test_activations_are_equation_3(alpha_s: float, count: int) -> None:
 
 
 @given(rates, st.integers(2, 120))
-def test_centres_are_evenly_spaced_in_time_and_one_width_apart(alpha_s: float, count: int) -> None:
+def test_centers_are_evenly_spaced_in_time_and_one_width_apart(alpha_s: float, count: int) -> None:
     basis = Basis(count, Phase(alpha_s))
     times = -np.log(basis.centers) / alpha_s
     np.testing.assert_allclose(times, np.linspace(0, 1, count), atol=1e-12)
-    # One standard deviation lies between the distances to the neighbours on either side.
+    # One standard deviation lies between the distances to the neighbors on either side.
     gaps = np.abs(np.diff(basis.centers))
     inner = basis.widths[1:-1]
     assert np.all(inner >= np.minimum(gaps[:-1], gaps[1:]) * (1 - 1e-12))

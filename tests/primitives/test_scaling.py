@@ -215,7 +215,7 @@ def test_a_closed_path_is_not_scaled(scaling: Any, seed: int, gap: float) -> Non
     np.testing.assert_array_equal(found, dmp.rollout(goal_position=goal).positions)
 
 
-# Millimetres or kilometres: what counts as closed is relative.
+# Millimeters or kilometers: what counts as closed is relative.
 @pytest.mark.parametrize("scaling", SCALED)
 @pytest.mark.parametrize("size", [1e-6, 1e-3, 1e3, 1e6])
 def test_scaling_knows_no_unit_of_length(scaling: Any, size: float) -> None:

@@ -59,7 +59,7 @@ def test_known_places_get_their_displacement_to_rounding(seed: int, inside: set[
 
 
 @given(seeds)
-def test_it_stays_between_its_neighbours(seed: int) -> None:
+def test_it_stays_between_its_neighbors(seed: int) -> None:
     values, at = known(seed, 3), np.linspace(0, 1, 301)
     found, places = spread(values, at), list(values)
     for a, b in itertools.pairwise(places):

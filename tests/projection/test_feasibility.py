@@ -40,11 +40,11 @@ def through(rng: np.random.Generator, p: Floats, R: Rotation, names: Sequence[st
     away = np.cross(unit(rng), axis := unit(rng))
     rules: dict[str, Constraint] = {
         "plane": ns.PlaneContact(point=triple(p), normal=triple(unit(rng))),
-        "sphere": ns.SphereContact(centre=triple(p - 0.5 * unit(rng)), radius=0.5),
+        "sphere": ns.SphereContact(center=triple(p - 0.5 * unit(rng)), radius=0.5),
         "cylinder": ns.CylinderContact(
             point=triple(p - 0.4 * away / np.linalg.norm(away)), axis=triple(axis), radius=0.4
         ),
-        "remote centre": ns.RemoteCentre(point=triple(p + 0.3 * R.apply([0, 0, 1]))),
+        "remote center": ns.RemoteCenter(point=triple(p + 0.3 * R.apply([0, 0, 1]))),
         "tool axis": ns.ToolAxis(axis="x", direction=triple(R.apply([1, 0, 0]))),
         "tilt": ns.ToolAxis(
             axis="x",
@@ -98,18 +98,18 @@ SETS = [
     ["plane"],
     ["sphere"],
     ["cylinder"],
-    ["remote centre"],
+    ["remote center"],
     ["tool axis"],
     ["tilt"],
     ["box"],
     ["plane", "sphere"],
     ["plane", "cylinder"],
-    ["plane", "remote centre"],
+    ["plane", "remote center"],
     ["sphere", "tilt"],
     ["plane", "box"],
     ["sphere", "box"],
-    ["remote centre", "box"],
-    ["plane", "remote centre", "box"],
+    ["remote center", "box"],
+    ["plane", "remote center", "box"],
 ]
 
 
@@ -217,7 +217,7 @@ def pace(speed: float, name: str) -> Constraint:
 
 HARMLESS: list[Constraint] = [
     ns.Blade(),
-    ns.KeepOutSphere(centre=(0, 0, 5), radius=0.1),
+    ns.KeepOutSphere(center=(0, 0, 5), radius=0.1),
     ns.SpeedLimit(speed=50.0),
     ns.HalfSpace(point=(0, 0, -3)),
     ns.ToolAxis(axis="y", direction=(0, 1, 0), angle=0.5),
@@ -226,7 +226,7 @@ CONTRADICTIONS: dict[str, list[Constraint]] = {
     "planes": [ns.PlaneContact(), ns.PlaneContact(point=(0, 0, 0.1))],
     "sphere off a plane": [
         ns.PlaneContact(point=(0, 0, -0.5)),
-        ns.SphereContact(centre=(0, 0, 0.5), radius=0.7),
+        ns.SphereContact(center=(0, 0, 0.5), radius=0.7),
     ],
     "two speeds": [pace(1, "one"), pace(2, "two")],
     "a box that excludes a plane": [
@@ -238,8 +238,8 @@ CONTRADICTIONS: dict[str, list[Constraint]] = {
         ns.Box(lower=(0.7, None, None), upper=(0.8, None, None)),
     ],
     "an obstacle around all of a small sphere": [
-        ns.SphereContact(centre=(0, 0, 0), radius=0.1),
-        ns.KeepOutSphere(centre=(0, 0, 0.01), radius=0.3),
+        ns.SphereContact(center=(0, 0, 0), radius=0.1),
+        ns.KeepOutSphere(center=(0, 0, 0.01), radius=0.3),
     ],
     "two angles": [ns.ToolAxis(axis="x", angle=1.3), ns.ToolAxis(axis="x", angle=0.9)],
     "three planes": [
@@ -279,10 +279,10 @@ CONSISTENT = [
     ["plane", "cylinder"],
     ["plane", "box"],
     ["sphere", "box"],
-    ["remote centre", "tilt"],
-    ["remote centre", "box"],
+    ["remote center", "tilt"],
+    ["remote center", "box"],
     ["plane", "tilt", "box"],
-    ["plane", "remote centre"],
+    ["plane", "remote center"],
     ["tool axis", "box"],
     ["sphere", "cylinder"],
 ]
@@ -303,7 +303,7 @@ def test_constraints_that_a_pose_satisfies_raise_no_alarm(names: list[str]) -> N
 
 def test_constraints_that_the_start_satisfies_raise_no_alarm_along_a_demonstration() -> None:
     alarms = []
-    names = ["plane", "sphere", "cylinder", "remote centre", "tool axis", "tilt", "box"]
+    names = ["plane", "sphere", "cylinder", "remote center", "tool axis", "tilt", "box"]
     for seed in range(100):
         rng = np.random.default_rng(seed)
         chosen = [str(name) for name in rng.choice(names, int(rng.integers(2, 4)), replace=False)]
@@ -322,7 +322,7 @@ def test_soft_limits_contradict_nothing(seed: int) -> None:
         ns.PlaneContact(),
         ns.Box(lower=(None, None, 0.5), priority=int(rng.integers(1, 5)), upper=(None,) * 3),
         ns.HalfSpace(point=(0, 0, -1), normal=(0, 0, -1), priority=1),
-        ns.KeepOutSphere(centre=triple(START), radius=3.0, priority=2),
+        ns.KeepOutSphere(center=triple(START), radius=3.0, priority=2),
         ns.SpeedLimit(speed=1e-3, priority=3),
     ]
     require_consistent(ConstraintSystem([rules[i] for i in rng.permutation(5)]), CUT)
@@ -337,7 +337,7 @@ def test_looking_for_contradictions_takes_little_time() -> None:
     rules = [
         ns.Blade(),
         *through(np.random.default_rng(0), START, TURN, ["plane", "box"]),
-        ns.KeepOutSphere(centre=(0, 0, 5)),
+        ns.KeepOutSphere(center=(0, 0, 5)),
     ]
     system = ConstraintSystem(rules)
     taken = []

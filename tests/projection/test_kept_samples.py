@@ -135,7 +135,7 @@ def test_the_second_sample_kept_with_the_first_keeps_the_first_velocity(seed: in
     assert np.abs(slip(found)).max() <= 1e-10
 
 
-# Two neighbours that the blade cannot lead from one to the other.
+# Two neighbors that the blade cannot lead from one to the other.
 def test_samples_that_contradict_the_constraint_fail_clearly() -> None:
     motion = askew(1)
     keep: dict[int, Any] = {100: "pose", 101: "pose"}

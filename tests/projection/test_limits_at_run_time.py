@@ -28,7 +28,7 @@ STEPS = 200
 CURVED = pytest.mark.xfail(
     strict=True,
     raises=AssertionError,
-    reason="a norm's limit is linearised at one direction: against a wall the linear program is "
+    reason="a norm's limit is linearized at one direction: against a wall the linear program is "
     "feasible far to the side, with accelerations of thousands of m/s^2, and nothing gives way",
 )
 
@@ -116,14 +116,14 @@ def allowed(margins: Floats, rate: float, h: float) -> Floats:
 
 
 def idle_limits(seed: int) -> list[Constraint]:
-    """All of the catalogue, none of which the motion comes near."""
+    """All of the catalog, none of which the motion comes near."""
     motion = free_motion(seed)
     far = float(np.abs(motion.positions).max()) + 50
     return [
         ns.HalfSpace(point=(0, 0, -far)),
         ns.DepthLimit(depth=far),
         ns.Box(lower=(-far,) * 3, upper=(far,) * 3),
-        ns.KeepOutSphere(centre=(0, 0, far), radius=0.1),
+        ns.KeepOutSphere(center=(0, 0, far), radius=0.1),
         ns.KeepOutCapsule(start=(0, far, 0), end=(far, far, 0), radius=0.1),
         ns.SpeedLimit(speed=1e3),
         ns.AngularRateLimit(rate=1e3),
@@ -311,7 +311,7 @@ def test_a_start_outside_of_a_velocity_limit_is_projected_onto_it() -> None:
 
 def test_a_limit_that_is_met_and_left_again_leaves_no_jump() -> None:
     obstacle = ns.KeepOutSphere(
-        centre=triple(free_motion().positions[100] + [0, 0.03, 0.01]), radius=0.06
+        center=triple(free_motion().positions[100] + [0, 0.03, 0.01]), radius=0.06
     )
     worst = []
     for h in (1e-3, 5e-4, 2.5e-4):
@@ -420,7 +420,7 @@ def busy(metric: Sequence[float] = POSITION_ONLY) -> ConstrainedDMP:
     return constrained(
         [
             ns.Blade(),
-            ns.KeepOutSphere(centre=triple(path[60] + [0, 0.02, 0]), radius=0.05),
+            ns.KeepOutSphere(center=triple(path[60] + [0, 0.02, 0]), radius=0.05),
             wall(0.55),
             ns.SpeedLimit(speed=0.9),
         ],
@@ -460,7 +460,7 @@ def test_a_half_spaces_force_is_its_multiplier_along_its_normal() -> None:
 REPEATED: dict[str, Callable[[], list[Constraint]]] = {
     "half-space": lambda: [wall(0.5)],
     "sphere": lambda: [
-        ns.KeepOutSphere(centre=triple(free_motion().positions[100] + [0, 0.02, 0.01]), radius=0.08)
+        ns.KeepOutSphere(center=triple(free_motion().positions[100] + [0, 0.02, 0.01]), radius=0.08)
     ],
     "speed": lambda: [ns.SpeedLimit(speed=0.8)],
     "box": lambda: [ns.Box(upper=(0.5, 0.1, 1.0))],
@@ -553,19 +553,19 @@ def equalities(rng: np.random.Generator, p: Floats, R: Rotation, lever: float) -
 
     def sphere() -> Constraint:
         r = arm()
-        centre = p + R.apply(r) - 0.8 * unit(rng)
-        return ns.SphereContact(centre=triple(centre), radius=0.8, **at(r))
+        center = p + R.apply(r) - 0.8 * unit(rng)
+        return ns.SphereContact(center=triple(center), radius=0.8, **at(r))
 
     def cylinder() -> Constraint:
         r, axis = arm(), unit(rng)
         away = np.cross(axis, unit(rng))
-        centre = p + R.apply(r) - 0.6 * away / np.linalg.norm(away) + 0.3 * axis
-        return ns.CylinderContact(point=triple(centre), axis=triple(axis), radius=0.6, **at(r))
+        center = p + R.apply(r) - 0.6 * away / np.linalg.norm(away) + 0.3 * axis
+        return ns.CylinderContact(point=triple(center), axis=triple(axis), radius=0.6, **at(r))
 
-    def remote_centre() -> Constraint:
+    def remote_center() -> Constraint:
         r = arm()
         away = rng.uniform(0.25, 1) * R.apply([0, 0, 1])
-        return ns.RemoteCentre(point=triple(p + R.apply(r) + away), **at(r))
+        return ns.RemoteCenter(point=triple(p + R.apply(r) + away), **at(r))
 
     def tool_axis() -> Constraint:
         index, toward = int(rng.integers(3)), unit(rng)
@@ -585,7 +585,7 @@ def equalities(rng: np.random.Generator, p: Floats, R: Rotation, lever: float) -
         "plane": plane,
         "sphere": sphere,
         "cylinder": cylinder,
-        "remote centre": remote_centre,
+        "remote center": remote_center,
         "tool axis": tool_axis,
         "wheel": wheel,
     }
@@ -628,7 +628,7 @@ def limits(rng: np.random.Generator, p: Floats, motion: ConstrainedMotion) -> di
         "half-space": half_space,
         "depth": depth,
         "box": box,
-        "sphere": lambda: ns.KeepOutSphere(centre=triple(near()), radius=0.15 * size),
+        "sphere": lambda: ns.KeepOutSphere(center=triple(near()), radius=0.15 * size),
         "capsule": capsule,
         "speed": lambda: ns.SpeedLimit(speed=float(rng.uniform(0.3, 1.2) * fast)),
         "rate": lambda: ns.AngularRateLimit(rate=float(rng.uniform(0.3, 1.2) * turning)),
@@ -720,9 +720,9 @@ def test_random_compositions_of_points_off_the_origin_hold(seed: int) -> None:
 
 
 @pytest.mark.parametrize("h", [1 / 200, 1 / 1000, 1 / 5000])
-def test_a_remote_centre_is_held_by_the_position_alone(h: float) -> None:
+def test_a_remote_center_is_held_by_the_position_alone(h: float) -> None:
     start, turn = primitive().position.start, primitive().orientation.start
-    rule = ns.RemoteCentre(point=triple(start + 0.5 * turn.apply([0, 0, 1])))
+    rule = ns.RemoteCenter(point=triple(start + 0.5 * turn.apply([0, 0, 1])))
     motion = constrained([rule]).rollout(time_step=h)
     assert np.abs(motion.constraint_residuals).max() <= 1e-12
 
@@ -731,14 +731,14 @@ def levers() -> dict[str, list[Constraint]]:
     """Constraints of points far off the origin, through the start."""
     start, turn = primitive().position.start, primitive().orientation.start
     r = (-0.08, -0.14, 0.03)
-    centre = start + turn.apply(r) - [0, 0, 0.8]
+    center = start + turn.apply(r) - [0, 0, 0.8]
     axle = (-0.055, 0.098, -0.031)
     angle = float(np.arccos(turn.apply([1, 0, 0])[2]))
     return {
-        "sphere": [ns.SphereContact(centre=triple(centre), radius=0.8, **at(r))],
+        "sphere": [ns.SphereContact(center=triple(center), radius=0.8, **at(r))],
         "wheel": [ns.Wheel(normal=triple(turn.apply([0, 0, 1])), **at(axle))],
-        "remote centre at an angle": [
-            ns.RemoteCentre(point=triple(start + 0.5 * turn.apply([0, 0, 1]))),
+        "remote center at an angle": [
+            ns.RemoteCenter(point=triple(start + 0.5 * turn.apply([0, 0, 1]))),
             ns.ToolAxis(axis="x", direction=(0, 0, 1), angle=angle),
         ],
     }
@@ -755,7 +755,7 @@ def reaching(name: str) -> tuple[ConstrainedMotion, ...]:
 
 @pytest.mark.parametrize(
     "name",
-    ["sphere", "wheel", "remote centre at an angle"],
+    ["sphere", "wheel", "remote center at an angle"],
 )
 def test_points_off_the_origin_are_held_in_the_default_shared_metric(name: str) -> None:
     for motion in reaching(name):

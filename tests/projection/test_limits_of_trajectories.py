@@ -55,7 +55,7 @@ def binding(name: str, given: PoseTrajectory) -> Constraint:
         top = given.positions[:, 1].max()
         return ns.HalfSpace(point=(0, top - 0.02, 0), normal=(0, -1, 0))
     if name == "keep-out sphere":
-        return ns.KeepOutSphere(centre=middle + [0, 0.03, 0.02], radius=0.1)
+        return ns.KeepOutSphere(center=middle + [0, 0.03, 0.02], radius=0.1)
     if name == "keep-out capsule":
         return ns.KeepOutCapsule(start=middle + [0, 0.02, -0.2], end=middle + [0, 0.02, 0.2])
     if name == "speed":
@@ -190,8 +190,8 @@ def test_the_result_is_the_one_that_ipopt_finds(name: str) -> None:
     if name == "half-space":
         margins = [limit.point[1] - p[1, k] for k in range(count)]  # type: ignore[attr-defined]
     elif name == "keep-out sphere":
-        centre, radius = ca.DM(limit.centre), limit.radius  # type: ignore[attr-defined]
-        margins = [ca.norm_2(p[:, k] - centre) - radius for k in range(count)]
+        center, radius = ca.DM(limit.center), limit.radius  # type: ignore[attr-defined]
+        margins = [ca.norm_2(p[:, k] - center) - radius for k in range(count)]
     elif name == "speed":
         fastest = limit.speed  # type: ignore[attr-defined]
         margins = [fastest - ca.norm_2(v[:, k]) for k in range(count - 1)]

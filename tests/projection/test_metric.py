@@ -102,7 +102,7 @@ def test_the_length_is_that_of_a_step_unless_given() -> None:
         ([ns.Blade()], "position"),
         ([ns.Needle()], "position"),
         ([ns.PlaneContact()], "position"),
-        ([ns.RemoteCentre()], "position"),
+        ([ns.RemoteCenter()], "position"),
         ([ns.SpeedLimit(), ns.Blade()], "position"),
         ([], "position"),
         ([ns.ToolAxis()], "shared"),

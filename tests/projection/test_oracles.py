@@ -325,9 +325,9 @@ def test_the_knife_edges_multiplier_is_the_force_across_even_where_it_stops() ->
 
 @dataclass(frozen=True)
 class Sleigh:
-    """A body on ice with a blade at distance a behind its centre of mass.
+    """A body on ice with a blade at distance a behind its center of mass.
 
-    The blade's point moves at u along the blade, the centre of mass at ``u x + a w y``.  Newton's
+    The blade's point moves at u along the blade, the center of mass at ``u x + a w y``.  Newton's
     equations with a force f across, at the blade: ``du/dt = a w^2``, ``f = m (u w + a dw/dt)`` and
     ``I dw/dt = -a f``, hence ``dw/dt = -m a u w / J`` with ``J = I + m a^2``.  With
     ``U^2 = u^2 + J w^2 / m`` (energy) and ``k = m a U / J``,
@@ -335,7 +335,7 @@ class Sleigh:
         u = U tanh(k t),   w = sqrt(m/J) U sech(k t),   heading = sqrt(J/m)/a gd(k t)
 
     (Neimark and Fufaev, Dynamics of Nonholonomic Systems, chapter II; Bloch, section 1.7): it ends
-    with the centre of mass ahead, however it starts.
+    with the center of mass ahead, however it starts.
     """
 
     mass: float = 1.3
@@ -372,7 +372,7 @@ class Sleigh:
         return self.mass * self.inertia / self.J * self.speed(t) * self.spin(t)
 
     def positions(self, t: Floats) -> Floats:
-        """Of the centre of mass; the blade begins at the origin."""
+        """Of the center of mass; the blade begins at the origin."""
         fine = np.linspace(0, t[-1], 20 * (len(t) - 1) + 1)
         heading = self.heading(fine)
         forward = planar(np.cos(heading), np.sin(heading))
@@ -453,7 +453,7 @@ RADIUS = 0.5
 
 
 def arm_to_contact(axle: Any) -> Any:
-    """From the disc's centre to its lowest point."""
+    """From the disc's center to its lowest point."""
     uphill = ca.DM([0, 0, 1]) - axle[2] * axle
     return -RADIUS * uphill / ca.norm_2(uphill)
 
@@ -490,7 +490,7 @@ def test_an_upright_disc_rolls_in_a_circle() -> None:
 
 
 def tilted_disc() -> Callable[[float, Floats], Floats]:
-    """Newton-Euler without multipliers; the state is (centre, axle, angular velocity).
+    """Newton-Euler without multipliers; the state is (center, axle, angular velocity).
 
     The contact force ``F = m (a + g z)`` turns a disc of isotropic inertia I by
     ``I dw/dt = c x F``, with c the arm to the contact.  Rolling, ``v = -w x c``, gives the
@@ -1169,7 +1169,7 @@ def test_a_step_under_linear_rules_is_the_pseudoinverse_too(
         ((tilting_rule, sphere_rule), 0.5),
     ],
 )
-def test_a_first_step_off_the_rules_tends_to_the_stabilised_acceleration(
+def test_a_first_step_off_the_rules_tends_to_the_stabilized_acceleration(
     rules: Any, kick: float
 ) -> None:
     """Rules about the spin, or not linear, from states that violate them.

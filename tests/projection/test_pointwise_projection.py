@@ -47,7 +47,7 @@ UNEVEN = (1.0, 2.0, 3.0, 0.5, 4.0, 9.0)
 METRICS = [POSITION_ONLY, FULL, UNEVEN]
 
 BLADE = Blade()
-CENTRE = np.array([0.2, -0.3, 3.0])
+CENTER = np.array([0.2, -0.3, 3.0])
 
 
 @velocity_constraint
@@ -57,7 +57,7 @@ def needle(motion: Motion) -> Any:
 
 @position_constraint
 def sphere(motion: Motion) -> Any:
-    return ca.norm_2(motion.position - ca.DM(CENTRE)) - 3
+    return ca.norm_2(motion.position - ca.DM(CENTER)) - 3
 
 
 @position_constraint
@@ -194,7 +194,7 @@ class Step:
         quaternion = Rotation.random(random_state=rng).as_quat(scalar_first=True)
         time = rng.uniform(0.2, 1)
         if sphere in constraints:
-            position = CENTRE + 3 * position / np.linalg.norm(position)
+            position = CENTER + 3 * position / np.linalg.norm(position)
         if moving_plane in constraints:
             position[2] = 0.1 * np.sin(3 * time)
         v, w, _ = project_velocities(
@@ -349,8 +349,8 @@ def constrained(
 def start_on(name: str) -> Floats:
     position = primitive().position.start.copy()
     if "sphere" in name:
-        away = position - CENTRE
-        return np.asarray(CENTRE + 3 * away / np.linalg.norm(away))
+        away = position - CENTER
+        return np.asarray(CENTER + 3 * away / np.linalg.norm(away))
     return position
 
 
@@ -546,7 +546,7 @@ def test_a_start_off_a_position_constraint_is_projected_or_pulled_in(
     name: str, off: float, rate: float, project_start: Any
 ) -> None:
     start = start_on(name)
-    outward = (start - CENTRE) / 3 if name == "sphere" else np.array([0, 0, 1.0])
+    outward = (start - CENTER) / 3 if name == "sphere" else np.array([0, 0, 1.0])
     dmp, off_start = constrained(SETS[name]), start + off * outward
     choice = {"project_start": project_start, "pull_in": rate}
     motion = dmp.rollout(start_position=off_start, time_step=1e-3, **choice)
@@ -574,7 +574,7 @@ def split(state: State) -> tuple[Floats, Floats, Floats, Floats]:
 
 def test_no_stabilization_keeps_an_offset() -> None:
     motion = constrained(SETS["sphere"], stabilization=0.0).rollout(
-        start_position=start_on("sphere") + 0.05 * (start_on("sphere") - CENTRE) / 3
+        start_position=start_on("sphere") + 0.05 * (start_on("sphere") - CENTER) / 3
     )
     np.testing.assert_allclose(motion.constraint_residuals, 0.05, rtol=0, atol=1e-11)
 

@@ -144,7 +144,7 @@ def adversarial(rng: np.random.Generator, *, opposite: bool = False, parallel: b
 
 
 def accuracy(problem: Problem, answer: Answer, condition: float) -> float:
-    """What the regularisation of dependent rows leaves: REGULAR |l| / the smallest singular value.
+    """What the regularization of dependent rows leaves: REGULAR |l| / the smallest singular value.
 
     The projection's later passes undo it.
     """

@@ -305,7 +305,7 @@ class Documented:
     """The cost that the module documents and a blade's constraint, on the dense unknowns.
 
     ``int (w_p |p - p_ref|^2 + mu_p |p'' - p_ref''|^2) / L^2 + w_R u |d|^2 + mu_R |d''|^2`` with
-    time normalised, by sums and second differences; u is the speed over its mean.
+    time normalized, by sums and second differences; u is the speed over its mean.
     """
 
     def __init__(self, motion: PoseTrajectory, hold: bool) -> None:
@@ -351,7 +351,7 @@ class Documented:
 @pytest.mark.slow
 @pytest.mark.parametrize("hold", [True, False])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_result_minimises_the_documented_cost(seed: int, hold: bool) -> None:
+def test_the_result_minimizes_the_documented_cost(seed: int, hold: bool) -> None:
     motion = facing(seed, 12)
     problem = Documented(motion, hold)
     result = project_trajectory(motion, BLADE, hold_position=hold)

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip.cli import main
-from noslip.constraints.catalogue import CATALOGUE, parse_constraint
+from noslip.constraints.catalog import CATALOG, parse_constraint
 from noslip.errors import InputError, MissingDependencyError
 from noslip.reporting import report, to_html, to_pdf, write_report
 from noslip.reporting.commands import commands, declaration
@@ -236,7 +236,7 @@ def test_recordings_are_told_by_their_samples_and_how_far_the_motion_is_off(
 def test_figures_of_merit_are_those_of_the_motions(page, folder, recordings):
     dmp = ns.load_primitive(folder / "cut.json")
     worst = max(recordings, key=lambda motion: slips(motion).max())
-    motions = {"demonstration": worst, "regular": dmp.regular.rollout(), "optimised": dmp.rollout()}
+    motions = {"demonstration": worst, "regular": dmp.regular.rollout(), "optimized": dmp.rollout()}
     for name, motion in motions.items():
 
         def cell(row, name=name):
@@ -252,12 +252,12 @@ def test_figures_of_merit_are_those_of_the_motions(page, folder, recordings):
         off = np.linalg.norm(motion.positions[-1] - dmp.position.goal)
         assert cell("end: distance from the learned goal") == pytest.approx(off, abs=1e-12)
     pushed = np.linalg.norm(dmp.rollout().constraint_forces[:, :3], axis=1).max()
-    text, value = page.cell("Figures of merit", "peak constraint acceleration, linear", "optimised")
+    text, value = page.cell("Figures of merit", "peak constraint acceleration, linear", "optimized")
     assert value == pytest.approx(pushed) and text.endswith(" m/s²")
     assert (
         page.cell("Figures of merit", "peak constraint acceleration, linear", "regular")[0] == "–"
     )
-    assert slips(motions["optimised"]).max() < 1e-12 < 0.01 < slips(worst).max()
+    assert slips(motions["optimized"]).max() < 1e-12 < 0.01 < slips(worst).max()
 
 
 def test_constraints_are_told_as_declared_with_residual_and_margin(page, folder, recordings):
@@ -319,7 +319,7 @@ def test_without_recordings_the_ordinary_primitive_stands_for_them(folder):
     assert "learned from 2 recordings" in told.lead and "not at hand" in told.lead
     assert "Recordings, as prepared" not in page.tables
     heads = [text for text, _ in page.tables["Figures of merit"][0]]
-    assert heads == ["", "regular", "optimised"]
+    assert heads == ["", "regular", "optimized"]
     assert len(told.pictures) == 5
 
 
@@ -380,14 +380,14 @@ def test_declarations_are_understood_again():
         ns.SpeedLimit(speed=0.3, priority=2),
         ns.Box(lower=(-1, -1, 0), upper=(1, 1, 1)),
         ns.Box(upper=(np.inf, np.inf, 0.1)),
-        ns.KeepOutSphere(centre=(0.1, 0, 0), radius=0.02),
+        ns.KeepOutSphere(center=(0.1, 0, 0), radius=0.02),
         ns.SurfaceContact(surface="z - 0.1*x**2"),
         ns.TurningRadius(radius=0.2),
     ]
     for constraint in constraints:
         assert parse_constraint(declaration(constraint)) == constraint
     assert declaration(ns.Blade()) == "blade"
-    assert {type(c) for c in constraints} <= set(CATALOGUE.values())
+    assert {type(c) for c in constraints} <= set(CATALOG.values())
 
 
 @pytest.mark.parametrize(

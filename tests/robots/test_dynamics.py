@@ -28,7 +28,7 @@ def tracked() -> robots.TrackedMotion:
     )
 
 
-def test_an_ideal_arm_follows_to_the_hundredth_of_a_millimetre(
+def test_an_ideal_arm_follows_to_the_hundredth_of_a_millimeter(
     tracked: robots.TrackedMotion,
 ) -> None:
     done = robots.execute(tracked)
@@ -46,7 +46,7 @@ def test_an_ideal_arm_follows_to_the_hundredth_of_a_millimetre(
 
 
 @pytest.mark.parametrize("control", ["torque", "impedance"])
-def test_noise_delay_and_a_wrong_model_cost_a_millimetre_at_most(
+def test_noise_delay_and_a_wrong_model_cost_a_millimeter_at_most(
     tracked: robots.TrackedMotion, control: robots.Control
 ) -> None:
     ideal = robots.execute(tracked, control=control)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 
-CENTRE, RADIUS = (0.05, -0.03, 0.0), 0.012
+CENTER, RADIUS = (0.05, -0.03, 0.0), 0.012
 
 
 def demonstration(rolled: float = 0.0, name: str = "cut.csv") -> ns.PoseTrajectory:
@@ -41,7 +41,7 @@ def slipping() -> ns.PoseTrajectory:
 
 @pytest.fixture(scope="session")
 def primitive(cut: ns.PoseTrajectory) -> ns.ConstrainedDMP:
-    rules = [ns.Blade(), ns.PlaneContact(), ns.KeepOutSphere(centre=CENTRE, radius=RADIUS)]
+    rules = [ns.Blade(), ns.PlaneContact(), ns.KeepOutSphere(center=CENTER, radius=RADIUS)]
     return ns.learn(cut, rules, basis_functions=30)
 
 

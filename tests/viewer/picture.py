@@ -31,7 +31,7 @@ u = s**3 * (10 - 15 * s + 6 * s**2)
 path = np.column_stack([0.1 * u, 0.002 * np.sin(6 * np.pi * u), 0 * u])
 hand = ns.PoseTrajectory(4 * s, path, Rotation.identity(len(s)), name="demonstration.csv")
 rules = [
-    ns.KeepOutSphere(centre=(0.03, -0.004, 0.0), radius=0.012),
+    ns.KeepOutSphere(center=(0.03, -0.004, 0.0), radius=0.012),
     ns.KeepOutCapsule(start=(0.07, 0.006, 0.0), end=(0.09, 0.03, 0.0), radius=0.01),
     ns.Blade(),
     ns.PlaneContact(),
@@ -44,7 +44,7 @@ if given.arm:
         # Once around the nerve alone: no arm turns as fast as that waver asks for.
         path = np.column_stack([0.1 * u, 0.02 * np.sin(np.pi * u), 0 * u])
         bent = ns.PoseTrajectory(4 * s, path, Rotation.from_euler("z", 0.4 * np.cos(np.pi * s)))
-        nerve = ns.KeepOutSphere(centre=(0.05, 0.0, 0.0), radius=0.012)
+        nerve = ns.KeepOutSphere(center=(0.05, 0.0, 0.0), radius=0.012)
         primitive = ns.learn(bent, [nerve, *rules[2:]]).save(f"{folder}/excision.json")
         arm = Path(folder) / "arm"
         simulate(

@@ -136,8 +136,8 @@ def test_what_is_hidden_is_not_drawn(shaped):
     names = [shaped.robot.model.geom(g).name for g in shaped._geoms]
     assert names == ["floor", "ball", "egg", "rod", "pill", "brick", "shard"]
     assert shaped.moving.tolist() == [False] + 6 * [True]
-    assert shaped.parts[names.index("rod")].colour == (255, 0, 0)
-    assert shaped.parts[names.index("brick")].colour == (0, 255, 0)
+    assert shaped.parts[names.index("rod")].color == (255, 0, 0)
+    assert shaped.parts[names.index("brick")].color == (0, 255, 0)
 
 
 @pytest.mark.parametrize("name", ["ball", "egg", "rod", "pill", "brick", "shard"])

@@ -206,7 +206,7 @@ def test_the_arm_of_a_simulation_is_drawn_where_it_is(chromium, arm_folder, arti
         tab.open(f"{page.address}/")
         tab.view.get_by_text("Against the commanded motion").wait_for()
         # The tool's holder is the only dark thing in the scene.
-        (holder,) = (k for k, part in enumerate(arm.parts) if max(part.colour) < 100)
+        (holder,) = (k for k, part in enumerate(arm.parts) if max(part.color) < 100)
         places = []
         for instant in ("0.0", f"{page.duration:.3f}"):
             fill(tab, "Time (s)", instant)

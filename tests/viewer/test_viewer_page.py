@@ -177,16 +177,16 @@ def test_of_what_is_asked_again_only_the_last_is_done(cut):
         assert seen == [19]
 
 
-def test_a_file_that_slips_more_changes_the_colours_of_all(demonstrate, primitive, slipping):
+def test_a_file_that_slips_more_changes_the_colors_of_all(demonstrate, primitive, slipping):
     with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
         before = page._legend.content
         worse = demonstrate(0.6, "worse.csv").csv_text().encode()
         done(page, lambda: page._check("worse.csv", worse))
         assert page.chosen == "worse.csv" and list(page.entries)[-1] == "worse.csv"
         assert page._legend.content != before
-        colours = page.drawing._nodes["slipping.csv"]["trail"].colors
+        colors = page.drawing._nodes["slipping.csv"]["trail"].colors
         assert (
-            colours.tolist()
+            colors.tolist()
             == _linear(page.entries["slipping.csv"].track.trail(page._worst)[1]).tolist()
         )
 

@@ -21,12 +21,12 @@ from noslip.viewer.frames import Frame
 from noslip.viewer.scene import (
     CHART_POINTS,
     MOST_SEGMENTS,
-    SLIP_COLOURS,
+    SLIP_COLORS,
     Track,
     cursor,
     extent,
     node_name,
-    slip_colours,
+    slip_colors,
 )
 from noslip.viewer.shapes import Shape, shapes
 from noslip.viewer.tool import load_tool, scalpel
@@ -80,7 +80,7 @@ def test_a_reference_point_has_its_own_velocity(slipping):
 
 
 def test_violations_agree_with_check(slipping):
-    constraints = [ns.Blade(), ns.KeepOutSphere(centre=(0.05, 0.0, 0.0), radius=0.01)]
+    constraints = [ns.Blade(), ns.KeepOutSphere(center=(0.05, 0.0, 0.0), radius=0.01)]
     shown, report = track(slipping, *constraints), ns.check(slipping, constraints)
     assert shown.report == report
     assert shown.violation.max() == pytest.approx(max(c.peak for c in report.constraints))
@@ -119,17 +119,17 @@ def test_trails_are_thinned_out_but_keep_their_worst_moment(slipping):
     fine = slipping.resampled(rate=1000)
     shown = track(fine, ns.Blade())
     worst = float(shown.violation.max())
-    segments, colours = shown.trail(worst)
-    assert len(segments) == MOST_SEGMENTS and colours.shape == segments.shape
+    segments, colors = shown.trail(worst)
+    assert len(segments) == MOST_SEGMENTS and colors.shape == segments.shape
     assert segments[0, 0] == pytest.approx(fine.positions[0])
     assert segments[-1, 1] == pytest.approx(fine.positions[-1])
     assert segments[1:, 0] == pytest.approx(segments[:-1, 1])
-    assert (colours[:, 0] == SLIP_COLOURS[-1]).all(axis=1).any()
+    assert (colors[:, 0] == SLIP_COLORS[-1]).all(axis=1).any()
 
 
-def test_colours_go_from_none_to_the_worst():
-    colours = slip_colours(np.array([0.0, 0.5, 1.0, 7.0]), 1.0)
-    assert colours.tolist() == [list(SLIP_COLOURS[i]) for i in (0, 1, 2, 2)]
+def test_colors_go_from_none_to_the_worst():
+    colors = slip_colors(np.array([0.0, 0.5, 1.0, 7.0]), 1.0)
+    assert colors.tolist() == [list(SLIP_COLORS[i]) for i in (0, 1, 2, 2)]
 
 
 def test_charts_are_short_and_keep_their_peaks(primitive, slipping):
@@ -170,9 +170,9 @@ def test_names_of_nodes_are_plain_and_different():
 # ---------------------------------------------------------------- shapes
 
 ROUND = [
-    ns.SphereContact(centre=(0.1, 0.2, 0.3), radius=0.07),
+    ns.SphereContact(center=(0.1, 0.2, 0.3), radius=0.07),
     ns.CylinderContact(point=(0.1, 0.0, 0.0), axis=(1.0, 2.0, -1.0), radius=0.04),
-    ns.KeepOutSphere(centre=(0.0, 0.1, 0.0), radius=0.02),
+    ns.KeepOutSphere(center=(0.0, 0.1, 0.0), radius=0.02),
     ns.KeepOutCapsule(start=(0.1, 0.0, 0.0), end=(0.0, 0.2, 0.1), radius=0.03),
     ns.KeepOutCapsule(start=(0.1, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.03),
 ]

@@ -46,7 +46,7 @@ _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
 _COLUMNS = (files.POSITION_NAMES, files.QUATERNION_NAMES, ("duration",))
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
 
-Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Metres.", show_default=False)]
+Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
 Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
 
 

@@ -21,7 +21,7 @@ Examples:
 
   noslip check run.bag --topic /tf --child-frame knife --constraint blade
 
-  noslip check motion.csv --constraint blade --constraint "keep-out-sphere(centre=(0.1,0,0),
+  noslip check motion.csv --constraint blade --constraint "keep-out-sphere(center=(0.1,0,0),
   radius=0.02)"
 
   noslip check motion.csv --constraint my_rules.py:stay_flat --tolerance 1e-9 --json

@@ -51,7 +51,7 @@ def run(
     """Reproduce the paper's experiments: motions, primitives, figures and a summary.
 
     The numerical example compares the demonstration, a regular primitive, one constrained at run
-    time only, and one with the orientation optimised as well.  The elliptical excision runs the
+    time only, and one with the orientation optimized as well.  The elliptical excision runs the
     whole preparation chain on eight synthetic sensor recordings.
     """
     if out.exists() and not out.is_dir():
@@ -96,10 +96,10 @@ def _write_figures(
     excisions: list[Excision],
     progress: Callable[[int, int], None],
 ) -> list[Path]:
-    motions = {name.replace("optimized", "optimised"): m for name, m in example.motions.items()}
+    motions = {name.replace("optimized", "optimized"): m for name, m in example.motions.items()}
     demonstrations = [excision.demonstration for excision in excisions]
     trained = [excision.trained for excision in excisions]
-    snapshots = {name: motions[name] for name in ("demonstration", "constrained", "optimised")}
+    snapshots = {name: motions[name] for name in ("demonstration", "constrained", "optimized")}
     figures: dict[str, Callable[[], Figure]] = {
         "numerical_example/motions": lambda: compare_motions(motions, [CONSTRAINT]),
         "numerical_example/snapshots": lambda: blade_snapshots(

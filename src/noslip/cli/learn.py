@@ -78,7 +78,7 @@ def run(
         float | None,
         typer.Option(
             metavar="M",
-            help="Metres that weigh as much as a radian; by default a mean step.",
+            help="Meters that weigh as much as a radian; by default a mean step.",
             show_default=False,
         ),
     ] = None,

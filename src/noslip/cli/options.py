@@ -14,7 +14,7 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip.constraints.catalogue import CATALOGUE, parse_constraint
+from noslip.constraints.catalog import CATALOG, parse_constraint
 from noslip.constraints.declaration import Constraint
 from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
@@ -40,7 +40,7 @@ Constraints = Annotated[
     typer.Option(
         "--constraint",
         metavar="NAME",
-        help=f"What must hold; repeatable.  A name ({', '.join(sorted(CATALOGUE))}), a call such "
+        help=f"What must hold; repeatable.  A name ({', '.join(sorted(CATALOG))}), a call such "
         "as \"blade(lateral='z')\", or your own as file.py:name.",
         show_default=False,
     ),
@@ -212,13 +212,13 @@ class Loading(Where):
 
 
 def _odd_units(recording: PoseTrajectory) -> str:
-    """What speaks against seconds and metres; empty if nothing does."""
+    """What speaks against seconds and meters; empty if nothing does."""
     told = ""
     if recording.duration > LONGEST:
         told = f"lasts {recording.duration:.3g} s; are its times in other units than seconds?"
     elif recording.path_length > FASTEST * recording.duration:
         speed = recording.path_length / recording.duration
-        told = f"moves at {speed:.3g} m/s; are its positions in other units than metres?"
+        told = f"moves at {speed:.3g} m/s; are its positions in other units than meters?"
     return told and f"{recording.name}: {told}"
 
 

@@ -55,13 +55,13 @@ def run(
         ),
     ] = None,
     goal_position: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Metres.", show_default=False)
+        str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)
     ] = None,
     goal_rotation: Annotated[
         str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
     ] = None,
     start_position: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Metres.", show_default=False)
+        str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)
     ] = None,
     start_rotation: Annotated[
         str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)

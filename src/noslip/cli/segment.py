@@ -12,6 +12,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from noslip._typing import Floats
 from noslip.cli import options, output
 from noslip.cli.plot import FORMATS
 from noslip.demonstrations.outliers import FEWEST, Outliers, outliers
@@ -20,7 +21,7 @@ from noslip.demonstrations.segmentation import MINIMUM_REST, Segments, read_colu
 from noslip.errors import InputError
 from noslip.figures.segments import BETWEEN, recording_cuts
 from noslip.figures.style import save_figure
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 NAME = "segment"
 EXAMPLES = """

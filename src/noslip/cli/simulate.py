@@ -17,7 +17,7 @@ import typer
 from noslip import robots
 from noslip._files import write_beside
 from noslip.cli import options, output
-from noslip.constraints.catalogue import specification
+from noslip.constraints.catalog import specification
 from noslip.demonstrations.loading import load_demonstrations
 from noslip.errors import InputError, MissingDependencyError
 from noslip.figures import executed_slip, joint_limits, save_figure

@@ -50,7 +50,7 @@ def run(
     ] = None,
     tool_scale: Annotated[
         float,
-        typer.Option(metavar="M", help="Metres per unit of the mesh: 0.001 for millimetres."),
+        typer.Option(metavar="M", help="Meters per unit of the mesh: 0.001 for millimeters."),
     ] = 1.0,
     save: Annotated[
         Path | None,

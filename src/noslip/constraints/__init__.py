@@ -14,7 +14,7 @@ from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
 from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
-from noslip.constraints.remote_centre import RemoteCentre
+from noslip.constraints.remote_center import RemoteCenter
 from noslip.constraints.rolling import RollingDisc, RollingSphere
 from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.tool_axis import ToolAxis
@@ -38,7 +38,7 @@ __all__ = [
     "Motion",
     "Needle",
     "PlaneContact",
-    "RemoteCentre",
+    "RemoteCenter",
     "RollingDisc",
     "RollingSphere",
     "SpeedLimit",

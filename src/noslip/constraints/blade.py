@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, Motion, axis_index
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, point, settle
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)

@@ -7,20 +7,18 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.constraints.declaration import UNITS, Constraint, Level, Relation
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
 
-Floats = NDArray[np.float64]
-
 TOLERANCE = 1e-3
 """By default a violation of more than 1e-3 counts, in the constraint's unit: 1 mm/s, or 1 mm."""
-MILLIMETRES_BELOW = 0.2
-"""Margins (m) below this are printed in millimetres."""
+MILLIMETERS_BELOW = 0.2
+"""Margins (m) below this are printed in millimeters."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,7 @@ class CheckReport:
     motion : str
         The trajectory's name.
     duration, path_length : float
-        Seconds and metres.
+        Seconds and meters.
     constraints : tuple of ConstraintCheck
         One for each constraint, in the order given.
     """
@@ -298,7 +296,7 @@ def told_margin(limit: ConstraintCheck) -> str:
 
 
 def amount(value: float, unit: str) -> str:
-    """Return a value of three digits with its unit; short lengths in millimetres."""
-    if unit == "m" and 0 < abs(value) < MILLIMETRES_BELOW:
+    """Return a value of three digits with its unit; short lengths in millimeters."""
+    if unit == "m" and 0 < abs(value) < MILLIMETERS_BELOW:
         value, unit = 1e3 * value, "mm"
     return with_unit(f"{value:.3g}", unit)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, Motion
 from noslip.constraints.fields import (
     ORIGIN,
@@ -19,7 +20,6 @@ from noslip.constraints.fields import (
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_value
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class PlaneContact(Constraint):
 
 @dataclass(frozen=True)
 class SphereContact(Constraint):
-    """The reference point stays on a sphere: ``|p - centre| - radius = 0``.
+    """The reference point stays on a sphere: ``|p - center| - radius = 0``.
 
     Parameters
     ----------
-    centre : 3 numbers
+    center : 3 numbers
         m, world frame.
     radius : float
         m.
@@ -65,7 +65,7 @@ class SphereContact(Constraint):
         What touches the sphere, m, body frame.
     """
 
-    centre: Triple = ORIGIN
+    center: Triple = ORIGIN
     radius: float = 0.1
     reference_point: Triple = ORIGIN
 
@@ -73,11 +73,11 @@ class SphereContact(Constraint):
     level = "position"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, centre=point, radius=length, reference_point=point)
+        settle(self, self.name, center=point, radius=length, reference_point=point)
 
     def residual(self, motion: Motion) -> Expression:
         """Signed distance, positive outside (m)."""
-        return safe_norm(_from(self.centre, self.reference_point, motion)) - self.radius
+        return safe_norm(_from(self.center, self.reference_point, motion)) - self.radius
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from typing import Any, Literal, overload
 import casadi as ca
 
 from noslip import _arguments
+from noslip._typing import Expression
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 Level = Literal["position", "velocity", "acceleration"]
 Relation = Literal["zero", "nonnegative"]
@@ -34,11 +34,11 @@ class Motion:
     time : expression, scalar
         Seconds since the motion began.
     position : expression, shape (3,)
-        Of the tool's frame, metres, world frame.
+        Of the tool's frame, meters, world frame.
     rotation : expression, shape (3, 3)
         Body to world; ``rotation[:, 1]`` is the body's y axis in the world.
     linear_velocity, angular_velocity : expression, shape (3,)
-        Metres and radians per second, world frame; ``dR/dt = [w] R``.
+        Meters and radians per second, world frame; ``dR/dt = [w] R``.
     """
 
     time: Expression

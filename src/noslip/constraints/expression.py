@@ -1,6 +1,6 @@
 """Expression graphs as plain data.
 
-CasADi can serialise a function itself, but reading one back may run what the file says
+CasADi can serialize a function itself, but reading one back may run what the file says
 (just-in-time compilers, external libraries).  Here a graph is a list of arithmetic instructions,
 and reading it back can do nothing but arithmetic.
 """

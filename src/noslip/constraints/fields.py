@@ -1,4 +1,4 @@
-"""Checked arguments of the catalogue's constraints, and what they name in a motion."""
+"""Checked arguments of the catalog's constraints, and what they name in a motion."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from noslip import _arguments
+from noslip._typing import Expression
 from noslip.constraints.declaration import AXES, Constraint, Motion, axis_index
 from noslip.errors import ConstraintError, InputError
-from noslip.rotations import Expression
 
 Triple = Sequence[float]
 """Three numbers; kept as a tuple, so that constraints compare equal and can be saved."""
@@ -54,8 +54,8 @@ def direction(name: str, value: Any) -> tuple[float, ...]:
 
 
 def length(name: str, value: Any) -> float:
-    """Metres, above 0."""
-    return _arguments.positive(name, value, "metres")
+    """Meters, above 0."""
+    return _arguments.positive(name, value, "meters")
 
 
 def number(name: str, value: Any, unit: str = "") -> float:

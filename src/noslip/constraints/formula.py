@@ -8,9 +8,9 @@ from typing import Any
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.fields import safe_norm
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 Surface = str | Callable[[Expression], Expression]
 """f of an implicit surface ``f(p) = 0``: text, or a function of a position (shape (3,))."""

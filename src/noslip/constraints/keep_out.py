@@ -2,7 +2,7 @@
 
 All take ``barrier_rate`` and ``priority`` too, see :class:`noslip.constraints.limit.Limit`.
 The margins are distances: inside an obstacle they are negative, and lead out the nearest way.  At
-the very centre no way is nearest: there the margin has slope 0.
+the very center no way is nearest: there the margin has slope 0.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import Motion
 from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
 from noslip.constraints.limit import ROUNDING, Limit, rounded_length
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class KeepOutSphere(Limit):
 
     Parameters
     ----------
-    centre : 3 numbers
+    center : 3 numbers
         c (m, world frame).
     radius : float
         r (m); add the tool's own size to that of the obstacle.
@@ -32,7 +32,7 @@ class KeepOutSphere(Limit):
         The point of the tool that must stay out (m, body frame).
     """
 
-    centre: Triple = ORIGIN
+    center: Triple = ORIGIN
     radius: float = 0.05
     reference_point: Triple = ORIGIN
 
@@ -40,12 +40,12 @@ class KeepOutSphere(Limit):
     level = "position"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, centre=point, radius=length, reference_point=point)
+        settle(self, self.name, center=point, radius=length, reference_point=point)
 
     def residual(self, motion: Motion) -> Expression:
         """Distance to the sphere (m)."""
         position = motion.at(self.reference_point).position
-        return _clearance(position - ca.DM(list(self.centre)), self.radius)
+        return _clearance(position - ca.DM(list(self.center)), self.radius)
 
 
 @dataclass(frozen=True)

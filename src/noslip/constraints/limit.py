@@ -1,4 +1,4 @@
-"""What all limits of the catalogue share."""
+"""What all limits of the catalog share."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, Relation
-from noslip.rotations import Expression
 
 ROUNDING = 1e-12
 """How much :func:`rounded_length` may exceed the length, relative to the limit's own scale."""
@@ -16,10 +16,10 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Limit(Constraint):
-    """An inequality of the catalogue: ``residual(motion) >= 0``; the residual h is its margin.
+    """An inequality of the catalog: ``residual(motion) >= 0``; the residual h is its margin.
 
     Margins are in the unit of what is limited and change by at most as much as that does (distances
-    are 1-Lipschitz), so that their linearisation is good far from the limit too.
+    are 1-Lipschitz), so that their linearization is good far from the limit too.
 
     Parameters
     ----------

@@ -10,11 +10,12 @@ import casadi as ca
 import numpy as np
 
 from noslip import _arguments
+from noslip._typing import Expression
 from noslip.constraints.blade import Blade
 from noslip.constraints.declaration import Constraint, Motion
 from noslip.constraints.fields import ORIGIN, Triple, number, point, settle
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression, quaternion_exp, rotation_matrix
+from noslip.rotations import quaternion_exp, rotation_matrix
 
 NAME = "in-moving-frame"
 _INHERITED = ("level", "relation", "lateral", "edge", "unit", "barrier_rate", "priority")
@@ -166,8 +167,8 @@ def _resolved(constraint: Any) -> Constraint:
             f"{NAME}: constraint {constraint!r} names a file; declare InMovingFrame(...) in that "
             "file and name that"
         )
-    # The catalogue knows this class, so it cannot be known when this module is read.
-    from noslip.constraints.catalogue import parse_constraint
+    # The catalog knows this class, so it cannot be known when this module is read.
+    from noslip.constraints.catalog import parse_constraint
 
     try:
         return parse_constraint(constraint)

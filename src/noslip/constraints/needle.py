@@ -1,4 +1,4 @@
-"""A needle or catheter follows its shaft: no sideways motion, and a bevelled tip bends the path."""
+"""A needle or catheter follows its shaft: no sideways motion, and a beveled tip bends the path."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import AXES, Constraint, Motion, axis_index
 from noslip.constraints.fields import (
     ORIGIN,
@@ -18,14 +19,13 @@ from noslip.constraints.fields import (
     settle,
 )
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)
 class Needle(Constraint):
     """A needle in tissue moves along its shaft: ``(R e_1) . v = (R e_2) . v = 0``.
 
-    A needle with a bevelled tip also turns as it is pushed: its path has the curvature ``kappa``
+    A needle with a beveled tip also turns as it is pushed: its path has the curvature ``kappa``
     (the unicycle model of Webster et al., "Nonholonomic modeling of needle steering", 2006):
 
         ``w . R e_1 = 0``,    ``w . R bevel = kappa v . R shaft``
@@ -37,7 +37,7 @@ class Needle(Constraint):
     shaft : str
         The body axis along which the needle advances; it may carry a sign, as in ``"-x"``.
     curvature : float or None
-        kappa (1/m): the path's turning about the bevel axis, by the right-hand rule, per metre
+        kappa (1/m): the path's turning about the bevel axis, by the right-hand rule, per meter
         forward.  0 or None leaves the rotation free: a straight shaft that is turned from outside,
         two rows.  Otherwise four.
     bevel : str

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from noslip import _arguments
+from noslip._typing import Expression
 from noslip.constraints.declaration import UNITS, Motion
 from noslip.constraints.fields import ORIGIN, Triple, point, settle
 from noslip.constraints.limit import Limit, rounded_length
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from typing import Any
 import casadi as ca
 
 from noslip import _arguments
+from noslip._typing import Expression
 from noslip.constraints.declaration import Motion
 from noslip.constraints.fields import ORIGIN, Triple, direction, point, settle, unit_vector
 from noslip.constraints.limit import Limit
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 Sides = tuple[float | None, float | None, float | None]
 

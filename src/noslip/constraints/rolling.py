@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, Motion
 from noslip.constraints.fields import (
     ORIGIN,
@@ -19,7 +20,6 @@ from noslip.constraints.fields import (
     settle,
     unit_vector,
 )
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class RollingDisc(Constraint):
     normal : 3 numbers
         Of the plane, away from it towards the disc, world frame, any length.
     reference_point : 3 numbers
-        The disc's centre, m, body frame.
+        The disc's center, m, body frame.
     """
 
     radius: float = 0.1
@@ -76,7 +76,7 @@ class RollingSphere(Constraint):
     normal : 3 numbers
         Of the plane, away from it towards the ball, world frame, any length.
     reference_point : 3 numbers
-        The ball's centre, m, body frame.
+        The ball's center, m, body frame.
     """
 
     radius: float = 0.1
@@ -96,6 +96,6 @@ class RollingSphere(Constraint):
         )
 
 
-def _contact_velocity(centre: Motion, above: Expression) -> Expression:
-    """Velocity of the point of the body that lies below its centre."""
-    return centre.linear_velocity - ca.cross(centre.angular_velocity, above)
+def _contact_velocity(center: Motion, above: Expression) -> Expression:
+    """Velocity of the point of the body that lies below its center."""
+    return center.linear_velocity - ca.cross(center.angular_velocity, above)

@@ -11,11 +11,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from noslip._typing import Expression, Floats
 from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, constraint_function
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression, quaternion_product, rotation_matrix
+from noslip.rotations import quaternion_product, rotation_matrix
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 

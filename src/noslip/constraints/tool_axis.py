@@ -8,6 +8,7 @@ from typing import Any
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, Motion
 from noslip.constraints.fields import (
     ORIGIN,
@@ -23,7 +24,6 @@ from noslip.constraints.fields import (
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_normal
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 _PARALLEL = 1e-6
 """Angles (rad) this close to 0 or pi count as such; there, the cosine says nothing."""

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip import _arguments
+from noslip._typing import Expression
 from noslip.constraints.declaration import Motion, axis_index
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, length, point, settle
 from noslip.constraints.limit import Limit
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, Motion, axis_index
 from noslip.constraints.fields import (
     ORIGIN,
@@ -18,7 +19,6 @@ from noslip.constraints.fields import (
     unit_vector,
 )
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)

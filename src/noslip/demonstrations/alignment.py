@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from noslip._typing import Floats
 from noslip.demonstrations._several import at_fractions, several
 from noslip.errors import InputError, MissingDependencyError
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 SAMPLES = 401
 """Fractions of the duration at which motions are compared."""

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.errors import InputError
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 TOOL_FRAME: Floats = np.array(
     [
@@ -25,7 +26,7 @@ TOOL_FRAME: Floats = np.array(
         [0.0, 0.0, 0.0, 1.0],
     ]
 )
-"""The blade's pose in the sensor's frame, T_sb of the paper, in metres."""
+"""The blade's pose in the sensor's frame, T_sb of the paper, in meters."""
 TOOL_FRAME.flags.writeable = False
 
 RATE = 120.0
@@ -50,7 +51,7 @@ OUTLIER = 5
 
 @dataclass(frozen=True, kw_only=True)
 class _Excision:
-    """What differs from one cut to the next.  Lengths in metres, times in seconds, radians."""
+    """What differs from one cut to the next.  Lengths in meters, times in seconds, radians."""
 
     begin: float
     """Time of the first sample."""
@@ -76,7 +77,7 @@ class _Excision:
 def synthetic_excisions(*, seed: int = 7, count: int = 8) -> list[PoseTrajectory]:
     """Return synthetic sensor recordings of an elliptical excision, plainly no real ones.
 
-    A hand guides a scalpel along a parabola of 4 to 5 cm by 1.5 to 2 cm, a few millimetres deep,
+    A hand guides a scalpel along a parabola of 4 to 5 cm by 1.5 to 2 cm, a few millimeters deep,
     within 3 to 6 s, with rest before and after.  The blade's x axis lags behind the path's
     tangent, by most (10 to 30 degrees) around the peak, so that the blade slips along its own
     +y, as the paper reports.  Hand tremor and the tracker's noise are added.  One cut in eight
@@ -161,11 +162,11 @@ def _path_share(excision: _Excision, progress: Floats) -> Floats:
     """Where along the chord (0 to 1) the blade is: along the path, a minimum-jerk motion."""
     chord = np.linspace(0, 1, 501)
     steps = np.linalg.norm(np.diff(_path(excision, chord), axis=0), axis=1)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
+    traveled = np.concatenate([[0.0], np.cumsum(steps)])
     u = np.clip(progress, 0, 1)
     u = u - excision.skew * u * (1 - u)
     minimum_jerk = u**3 * (10 - 15 * u + 6 * u**2)
-    share: Floats = np.interp(minimum_jerk * travelled[-1], travelled, chord)
+    share: Floats = np.interp(minimum_jerk * traveled[-1], traveled, chord)
     return share
 
 

@@ -100,7 +100,7 @@ def load_demonstrations(
     ================== ==================================================================
     ``t`` or ``time``  seconds, starting anywhere, at any rate
     ``i``              or the number of the sample, with ``rate``
-    ``x,y,z``          position of the tool in the world frame, metres
+    ``x,y,z``          position of the tool in the world frame, meters
     ``qw,qx,qy,qz``    unit quaternion, turns body-frame vectors into the world frame
     ``x,y,theta``      or a planar pose: ``z = 0``, turned by ``theta`` radians about world z;
                        in degrees as ``x,y,theta_deg``
@@ -120,7 +120,7 @@ def load_demonstrations(
     ``.tum``, ``.txt``                    ``t x y z qx qy qz qw``; :mod:`noslip.recordings.tum`
     ===================================== ===================================================
 
-    A quaternion and its negative are the same rotation.  Quaternions are normalised.  A sample
+    A quaternion and its negative are the same rotation.  Quaternions are normalized.  A sample
     that repeats the time and the pose of the one before (to 1e-9) is dropped.
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)

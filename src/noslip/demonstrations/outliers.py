@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.demonstrations._several import at_fractions, several
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 THRESHOLD = 3.5
 """Robust standard deviations above the median (Iglewicz and Hoaglin, "How to detect and handle

@@ -16,8 +16,9 @@ from scipy.signal import butter, sosfiltfilt, zpk2sos
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.errors import InputError
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 PAPER_CUTOFF = 4.8
 """Cut-off frequency of the paper's low-pass filter (Hz)."""
@@ -46,7 +47,7 @@ def tool_frame_matrix(tool_frame: ArrayLike) -> Floats:
     Parameters
     ----------
     tool_frame : array
-        The tool's pose in the sensor's frame, T_sb, lengths in metres: a homogeneous matrix
+        The tool's pose in the sensor's frame, T_sb, lengths in meters: a homogeneous matrix
         (4, 4), a translation (3,), or ``x, y, z, qw, qx, qy, qz`` (7,).
 
     Raises
@@ -109,7 +110,7 @@ def apply_tool_frame(trajectory: PoseTrajectory, tool_frame: ArrayLike) -> PoseT
     trajectory : PoseTrajectory
         The sensor's poses in the world frame, T_ws.
     tool_frame : array, shape (4, 4), (3,) or (7,)
-        The tool's pose in the sensor's frame, T_sb, in metres; see :func:`tool_frame_matrix`.
+        The tool's pose in the sensor's frame, T_sb, in meters; see :func:`tool_frame_matrix`.
 
     Raises
     ------
@@ -175,14 +176,14 @@ def trim_speed(trajectory: PoseTrajectory, threshold: float) -> PoseTrajectory:
     Rest between them stays.  The speed is that of the position, and turning on the spot counts
     as rest.  It is judged on the velocity averaged over ``SPEED_WINDOW`` seconds to either side
     with triangular weights, at whatever rate the samples come: hand tremor and the noise of a
-    tracker, divided by a period of 1/120 s, would otherwise look like centimetres per second.
+    tracker, divided by a period of 1/120 s, would otherwise look like centimeters per second.
     Nearer than that to an end, the nearest full window speaks.
 
     Parameters
     ----------
     trajectory : PoseTrajectory
     threshold : float
-        Metres per second.
+        Meters per second.
 
     Raises
     ------
@@ -216,12 +217,12 @@ def _averaged_speeds(trajectory: PoseTrajectory) -> Floats:
     """Norm of the velocity averaged with triangular weights, shape (N,), in m/s."""
     times = trajectory.times - trajectory.times[0]
     half = min(SPEED_WINDOW, times[-1] / 2)
-    centres = np.clip(times, half, times[-1] - half)
+    centers = np.clip(times, half, times[-1] - half)
     # Two running means of the velocity are a second difference of the position's integral.
     integral = make_interp_spline(times, trajectory.positions, k=1).antiderivative()
-    before = integral(np.maximum(centres - half, 0))
-    after = integral(np.minimum(centres + half, times[-1]))
-    velocities = (after - 2 * integral(centres) + before) / half**2
+    before = integral(np.maximum(centers - half, 0))
+    after = integral(np.minimum(centers + half, times[-1]))
+    velocities = (after - 2 * integral(centers) + before) / half**2
     return np.asarray(np.linalg.norm(velocities, axis=1))
 
 
@@ -347,7 +348,7 @@ def prepare(
     trajectory : PoseTrajectory
         As recorded.
     tool_frame : array, shape (4, 4), (3,) or (7,), optional
-        The tool's pose in the sensor's frame, in metres (:func:`apply_tool_frame`).
+        The tool's pose in the sensor's frame, in meters (:func:`apply_tool_frame`).
     trim_time : pair of float or None, optional
         Start and end to keep, seconds on the recording's clock (:func:`trim_time`).
     trim_speed : float, optional

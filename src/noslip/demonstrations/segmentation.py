@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter1d
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.demonstrations.preparation import MINIMUM_SAMPLES, _averaged_speeds, trim_time
 from noslip.errors import InputError
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 Contact = Literal["above", "below"]
 

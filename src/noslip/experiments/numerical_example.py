@@ -51,7 +51,7 @@ class NumericalExample:
 
     @cached_property
     def motions(self) -> dict[str, PoseTrajectory]:
-        """Demonstration, regular DMP, constrained DMP, and with optimised orientation."""
+        """Demonstration, regular DMP, constrained DMP, and with optimized orientation."""
         return {
             "demonstration": self.demonstration,
             "regular": self.primitive.regular.rollout(),

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from noslip._typing import Floats
 from noslip.figures.motion import TIME
 from noslip.figures.style import (
     PALETTE,
@@ -24,9 +25,8 @@ from noslip.figures.style import (
 )
 from noslip.robots.dynamics import Execution
 from noslip.robots.tracking import TrackedMotion
-from noslip.trajectory import Floats
 
-_LIMIT: dict[str, Any] = {"color": PALETTE["grey"], "linewidth": 1.0, "zorder": 1}
+_LIMIT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 1.0, "zorder": 1}
 LEAST_SLIP = 1e-9
 """Of which a logarithmic axis shows at least so much (m/s)."""
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._arguments import vector
+from noslip._typing import Floats
 from noslip.constraints.declaration import axis_index
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
@@ -42,25 +43,25 @@ from noslip.figures.style import (
     short_name,
     write_title,
 )
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 Goal = tuple[ArrayLike | None, Rotation | None]
 """Where a motion should end: position (m) and rotation, None of what is left free."""
 
 MOST_NAMED = 8
-"""Motions that get a colour and a name each; more of them share one colour."""
+"""Motions that get a color and a name each; more of them share one color."""
 SIDE_VIEW = 0.15
 """Share of the family's reach from which its least axis gets a view of its own."""
 TICK = 0.035
 """Half the length of a tick across the tool, as a share of the family's reach."""
 MOST_TICKS, FEWEST_TICKS = 9, 4
-"""Ticks along a motion that has a colour of its own, when it is alone and when there are many."""
+"""Ticks along a motion that has a color of its own, when it is alone and when there are many."""
 SEEN = 0.5
 """Share of its length that an axis of the tool must show in a view to be drawn there."""
 VISIBLE_SHARE, VISIBLE_TURN = 1e-3, 0.1
 """Displacement of a goal (of the path's length) and its turn (degrees) that are worth telling."""
 
-ORIGINAL: dict[str, Any] = {"color": PALETTE["grey"], "linewidth": 3.2, "zorder": 1.5}
+ORIGINAL: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 3.2, "zorder": 1.5}
 ON_TOP: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 1.5, "zorder": 2.8}
 """The original among so many others that would hide it."""
 MANY: dict[str, Any] = {"color": PALETTE["sky"], "linestyle": "-", "linewidth": 0.6}
@@ -85,7 +86,7 @@ def adapted_family(
     Panels: the paths in the plane in which they reach furthest, and from the side if they leave it,
     with the tool's lateral axis across them here and there; for each goal how far from it the
     motion ends, in position and in rotation; and the largest residual of the constraints.  Up to 8
-    motions have a colour each.
+    motions have a color each.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def adapted_family(
         Of the primitive as it was learned.
     adapted : PoseTrajectory or mapping of them by name
     goals : mapping of (position, rotation) by name
-        Metres; None of what is left free.  A goal without a motion is drawn as failed.
+        Meters; None of what is left free.  A goal without a motion is drawn as failed.
     constraints : Constraint or several
         None leaves their panel out.
     title : str, optional
@@ -140,7 +141,7 @@ def adapted_family(
 
 
 def end_errors(motion: PoseTrajectory, goal: Goal) -> tuple[float | None, float | None]:
-    """Return how far from its goal a motion ends: metres and radians, None of what is left free."""
+    """Return how far from its goal a motion ends: meters and radians, None of what is left free."""
     position, rotation = goal
     off = turned = None
     if position is not None:
@@ -315,7 +316,7 @@ def _tool_axis(
 
 
 def _ticks(motion: PoseTrajectory, axis: int, count: int, half: float) -> Floats:
-    """Return segments along a body axis, the last at the motion's end, shape (count, 2, 3), metres.
+    """Return segments along a body axis, the last at the motion's end, shape (count, 2, 3), meters.
 
     Fewer of a motion that rests.
     """

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from noslip._typing import Floats
 from noslip.constraints.check import with_unit
 from noslip.constraints.system import as_system
 from noslip.errors import InputError
@@ -48,7 +49,6 @@ from noslip.figures.style import (
     write_title,
 )
 from noslip.primitives.pose import HELD, ConstrainedMotion
-from noslip.trajectory import Floats
 
 ROW_HEIGHT, AROUND_ROWS = 1.05, 1.15
 """Of a constraint's panels, and of title, time axis and legend together (inches)."""

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.figures.motion import Plane, plot_path
 from noslip.figures.quantities import amount, angle_unit, extent, index_of, length_unit
@@ -30,7 +31,7 @@ from noslip.figures.style import (
 )
 from noslip.learning import ConstrainedDMP
 from noslip.spread import Spread
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 ELLIPSES: Floats = np.linspace(0.0, 1.0, 11)
 """Fractions of the duration at which the path has an ellipse."""

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.figures.quantities import (
     ANGLES,
@@ -39,7 +40,7 @@ from noslip.figures.style import (
     LEAST_SHARE,
     LEAST_TURN,
     TWO_COLUMNS,
-    capitalised,
+    capitalized,
     dress,
     line_styles,
     log_axis,
@@ -51,7 +52,7 @@ from noslip.figures.style import (
     span_at_least,
     write_title,
 )
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 Plane = Literal["XY", "XZ", "YZ"]
 Scale = Literal["linear", "log"]
@@ -73,7 +74,7 @@ def compare_motions(
     ----------
     motions : PoseTrajectory or mapping of them by name
         Their clocks need not agree: each is drawn over the time since its start.  The names
-        "demonstration", "regular", "constrained" and "optimised" have the paper's line styles.
+        "demonstration", "regular", "constrained" and "optimized" have the paper's line styles.
     constraints : Constraint or several
         None leaves their panels out.
     title : str, optional
@@ -335,4 +336,4 @@ def _overview(motions: Mapping[str, PoseTrajectory]) -> str:
     name, motion = next(iter(motions.items()))
     text = f"path of {number(motion.path_length)} m in {number(motion.duration)} s"
     others = f", and {len(motions) - 1} more" if len(motions) > 1 else ""
-    return f"{capitalised(short_name(name))}: {text}{others}"
+    return f"{capitalized(short_name(name))}: {text}{others}"

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.constraints.check import (
-    MILLIMETRES_BELOW,
+    MILLIMETERS_BELOW,
     step_accelerations,
     step_residuals,
     with_unit,
@@ -20,9 +21,9 @@ from noslip.constraints.check import (
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
-from noslip.figures.style import capitalised, number, short_name
+from noslip.figures.style import capitalized, number, short_name
 from noslip.primitives.pose import HELD, ConstrainedMotion
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 Motions = PoseTrajectory | Mapping[str, PoseTrajectory]
 """One motion, or several by name."""
@@ -107,13 +108,13 @@ def _distance(a: Floats, b: Floats) -> Floats:
 
 
 def length_unit(motions: Iterable[PoseTrajectory]) -> tuple[float, str]:
-    """Return how many of the unit make a metre, and the unit: m, or mm for short paths."""
+    """Return how many of the unit make a meter, and the unit: m, or mm for short paths."""
     return scaled_unit(max(map(extent, motions)))
 
 
-def length(metres: float) -> str:
+def length(meters: float) -> str:
     """Return a length with its unit."""
-    return amount(metres, "m")
+    return amount(meters, "m")
 
 
 def extent(motion: PoseTrajectory) -> float:
@@ -140,13 +141,13 @@ def index_of(name: str, names: Sequence[str], what: str) -> int:
 
 def scaled_unit(size: float, unit: str = "m") -> tuple[float, str]:
     """Return a factor and the unit to show values up to a size in: m and m/s may become mm."""
-    if unit in ("m", "m/s") and 0 < size < MILLIMETRES_BELOW:
+    if unit in ("m", "m/s") and 0 < size < MILLIMETERS_BELOW:
         return 1e3, f"m{unit}"
     return 1.0, unit
 
 
 def amount(value: float, unit: str) -> str:
-    """Return a value with its unit, in millimetres if it is a small length or speed."""
+    """Return a value with its unit, in millimeters if it is a small length or speed."""
     scale, shown = scaled_unit(abs(value), unit)
     return with_unit(number(scale * value), shown)
 
@@ -401,7 +402,7 @@ def _finding(row: ResidualRow) -> str:
         told = row.told(peak) if row.is_limit else f"{row.verb} {row.amount(peak)}"
         return f"{len(others) + 1} motions: the worst, {short_name(peak)}, {told}"
     last = others[-1] if others else first
-    who = capitalised(short_name(last))
+    who = capitalized(short_name(last))
     if row.is_limit:
         text = f"{who} {row.told(last)}"
         return f"{text}, {short_name(first)} {row.told(first, 'it')}" if others else text

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
+from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
 from noslip.figures.quantities import amount, length_unit, scaled_unit
@@ -27,10 +28,10 @@ from noslip.figures.style import (
     short_name,
     write_title,
 )
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
-COLORS = tuple(color for name, color in PALETTE.items() if name not in ("grey", "black"))
-"""Of the pieces in turn; grey is what was cut out, and black looks grey as a shade."""
+COLORS = tuple(color for name, color in PALETTE.items() if name not in ("gray", "black"))
+"""Of the pieces in turn; gray is what was cut out, and black looks gray as a shade."""
 BETWEEN = ("rest", "no contact", "not asked for")
 """Reasons that are told by the legend alone."""
 MOST_REASONS = 16
@@ -49,7 +50,7 @@ DROPPED: dict[str, Any] = {
     "hatch": "////",
     "linewidth": 0,
 }
-PATH_OUT: dict[str, Any] = {"color": PALETTE["grey"], "linewidth": 0.6, "zorder": 1.5}
+PATH_OUT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 0.6, "zorder": 1.5}
 _THRESHOLD: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 0.9}
 UPPER, LOWER = _THRESHOLD | {"linestyle": (0, (5, 2))}, _THRESHOLD | {"linestyle": (0, (1, 1.8))}
 
@@ -58,9 +59,9 @@ def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
     """Show where a recording was cut, why, and the paths of its pieces from above.
 
     Left: the speed over time on a logarithmic axis, or the contact signal, with its thresholds.
-    Pieces are coloured and numbered; rests are light grey, and what was cut out beside them is
-    hatched, with the reason.  Right: the paths in the world's xy plane in the same colours, all
-    else thin and grey.
+    Pieces are colored and numbered; rests are light gray, and what was cut out beside them is
+    hatched, with the reason.  Right: the paths in the world's xy plane in the same colors, all
+    else thin and gray.
 
     Parameters
     ----------
@@ -185,8 +186,8 @@ def _parts_out(intervals: Sequence[Interval]) -> list[Interval]:
 
 
 def _along(piece: PoseTrajectory, share: float) -> int:
-    travelled = np.cumsum(np.linalg.norm(np.diff(piece.positions, axis=0), axis=1))
-    return int(np.searchsorted(travelled, share * travelled[-1]))
+    traveled = np.cumsum(np.linalg.norm(np.diff(piece.positions, axis=0), axis=1))
+    return int(np.searchsorted(traveled, share * traveled[-1]))
 
 
 def _finding(segments: Segments) -> str:

@@ -20,6 +20,7 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-un
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from noslip._typing import Floats
 from noslip.constraints.blade import Blade
 from noslip.errors import InputError
 from noslip.figures.quantities import (
@@ -35,13 +36,13 @@ from noslip.figures.style import (
     PALETTE,
     SMALL_FONT_SIZE,
     TWO_COLUMNS,
-    capitalised,
+    capitalized,
     new_figure,
     put_legend,
     short_name,
     write_title,
 )
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 PATH: dict[str, Any] = {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.3}
 DESIRED: dict[str, Any] = {"color": PALETTE["black"], "linestyle": ":", "linewidth": 1.2}
@@ -64,7 +65,7 @@ SCALPEL: Floats = np.array(
 )
 """Outline of a blade and its handle in the body's x-z plane, the tip at the origin, length 1."""
 BLADE_LENGTH = 0.33
-"""Of the path's largest extent; metres, of a tool that stays in place."""
+"""Of the path's largest extent; meters, of a tool that stays in place."""
 ARROW_LENGTH = 0.45
 """Of the blade's length."""
 AT_REST = 1e-3
@@ -86,13 +87,13 @@ def blade_snapshots(
     """Draw the blade along the path of each motion, a panel a motion, all to the same scale.
 
     A blade lies in the body's x-z plane with its tip on the path; the green arrow is the body's
-    y axis, along which it must not move.  The blade's colour is the share of the speed that
+    y axis, along which it must not move.  The blade's color is the share of the speed that
     nevertheless goes that way.
 
     Parameters
     ----------
     motions : PoseTrajectory or mapping of them by name
-        The paper's figure has the demonstration, the constrained and the optimised motion.
+        The paper's figure has the demonstration, the constrained and the optimized motion.
     desired : PoseTrajectory, optional
         The path that should have been cut: dotted; the largest distance from it is told, and
         how far from its end the motion ends.
@@ -119,7 +120,7 @@ def blade_snapshots(
         plot_blades(ax, motion, blades=blades, size=size, scale=scale)
         told = []
         if len(shown) > 1:
-            told += [f"{letter}   {capitalised(short_name(name))}"]
+            told += [f"{letter}   {capitalized(short_name(name))}"]
             told += [f"{slips[0].verb} {slips[0].amount(name)}"]
         if desired is not None:
             ax.plot(*(scale * desired.positions.T), zorder=3, **DESIRED)
@@ -158,7 +159,7 @@ def plot_blades(
     size : float, optional
         Length of a blade and its handle (m); by default ``BLADE_LENGTH`` of the path's extent.
     scale : float
-        Units of the axes a metre.
+        Units of the axes a meter.
 
     Returns
     -------
@@ -187,7 +188,7 @@ def plot_blades(
 
 
 def blade_corners(motion: PoseTrajectory, where: NDArray[np.intp], size: float) -> Floats:
-    """Return the blade's outline at some samples, shape (samples, corners, 3), metres, world."""
+    """Return the blade's outline at some samples, shape (samples, corners, 3), meters, world."""
     outline = size * np.column_stack([SCALPEL[:, 0], np.zeros(len(SCALPEL)), SCALPEL[:, 1]])
     turned = np.einsum("nij,kj->nki", motion.rotations[where].as_matrix(), outline)
     return np.asarray(motion.positions[where, None] + turned)
@@ -198,8 +199,8 @@ def equally_far_apart(motion: PoseTrajectory, count: int) -> NDArray[np.intp]:
     steps = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1)
     if not steps.any():
         steps = np.diff(motion.times)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    nearest = np.searchsorted(travelled, np.linspace(0, travelled[-1], count))
+    traveled = np.concatenate([[0.0], np.cumsum(steps)])
+    nearest = np.searchsorted(traveled, np.linspace(0, traveled[-1], count))
     return np.unique(np.minimum(nearest, len(motion) - 1))
 
 
@@ -260,7 +261,7 @@ def _frame(panels: list[Any], unit: str) -> None:
 
 
 def _arrange(figure: Figure, panels: list[Any]) -> Axes:
-    """Put panels of equal scales side by side, as large as they fit; return axes for a colour bar.
+    """Put panels of equal scales side by side, as large as they fit; return axes for a color bar.
 
     The layouts of matplotlib give 3-D axes a square each, of which a flat box fills little.
     """
@@ -283,9 +284,9 @@ def _arrange(figure: Figure, panels: list[Any]) -> Axes:
 
     for index, ax in enumerate(panels):
         row, column = divmod(index, columns)
-        centre = (column + 0.5) * side - LABEL_ROOM / 2 + EDGE
+        center = (column + 0.5) * side - LABEL_ROOM / 2 + EDGE
         middle = height - TITLE_ROOM - row * pitch - HEADING_ROOM - inches * high / 2
-        ax.set_position(place(centre - side / 2, middle - side / 2, side, side))
+        ax.set_position(place(center - side / 2, middle - side / 2, side, side))
         ax.title.set_position((0.5, 0.5 + (inches * high / 2 + EDGE) / side))
         ax.set_box_aspect(spans)
         ax.apply_aspect()

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.figures.quantities import (
     ANGLES,
@@ -33,7 +34,7 @@ from noslip.figures.style import (
     PALETTE,
     SMALL_FONT_SIZE,
     TWO_COLUMNS,
-    capitalised,
+    capitalized,
     dress,
     log_axis,
     new_figure,
@@ -46,7 +47,7 @@ from noslip.figures.style import (
     write_title,
 )
 from noslip.primitives.pose import as_demonstrations
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 PROGRESS = "share of the motion's time (%)"
 GRID: Floats = np.linspace(0, 100, 201)
@@ -66,7 +67,7 @@ def demonstration_spread(
     *,
     title: str | None = None,
 ) -> Figure:
-    """Show several motions of one task over normalised time: each, their mean and their spread.
+    """Show several motions of one task over normalized time: each, their mean and their spread.
 
     The paper's figure A, given demonstrations, and B, given what was learned from them.  Panels:
     x, y and z; roll, pitch and yaw (extrinsic xyz); for each row of the constraints its signed
@@ -179,7 +180,7 @@ def orientation_adjustments(
 ) -> Figure:
     """Show by how much learning changed roll, pitch and yaw of each demonstration.
 
-    The paper's figure C, over normalised time; one colour a trial, the largest change of each
+    The paper's figure C, over normalized time; one color a trial, the largest change of each
     angle named.
 
     Parameters
@@ -213,7 +214,7 @@ def orientation_adjustments(
         curves = [change[:, column] for change in changes]
         for share, curve, style in zip(progress, curves, styles, strict=True):
             ax.plot(share, curve, **style)
-        ax.axhline(0, color=PALETTE["grey"], linewidth=0.6, zorder=1)
+        ax.axhline(0, color=PALETTE["gray"], linewidth=0.6, zorder=1)
         ax.set_xlim(0, 100)
         dress(ax, PROGRESS, f"adjustment of {angle} (°)")
         largest = int(np.argmax(peaks[:, column]))
@@ -286,15 +287,15 @@ def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTraje
         return f"{count}: paths of {length(min(paths))} to {length(max(paths))}"
     worst = max(rows, key=prominence)
     if worst.is_limit:
-        return f"{capitalised(worst.name)} of {count}: {_limit_finding(worst)}"
+        return f"{capitalized(worst.name)} of {count}: {_limit_finding(worst)}"
     peak = f"{number(max(worst.peaks.values()))} {worst.unit}"
     if all(map(worst.hides, motions)):
-        return f"{capitalised(worst.name)} of {count}: at most {peak}"
+        return f"{capitalized(worst.name)} of {count}: at most {peak}"
     mean = _sampled(_residual_curves(worst, motions)).mean(axis=0)
     at = int(np.argmax(np.abs(mean)))
     signed = f"{'+' if mean[at] > 0 else '−'}{number(abs(mean[at]))} {worst.unit}"
     return (
-        f"{capitalised(worst.name)} of {count}: mean up to {signed} "
+        f"{capitalized(worst.name)} of {count}: mean up to {signed} "
         f"(at {GRID[at]:.0f} % of the time), largest {peak}"
     )
 

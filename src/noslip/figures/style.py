@@ -1,4 +1,4 @@
-"""What all figures share: colours, line styles, sizes, and saving."""
+"""What all figures share: colors, line styles, sizes, and saving."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from matplotlib.ticker import ScalarFormatter
 
 from noslip._arguments import positive
 from noslip._files import write_beside
+from noslip._typing import Floats
 from noslip.errors import InputError
-from noslip.trajectory import Floats
 
 PALETTE = {
     "blue": "#0072B2",
@@ -32,9 +32,9 @@ PALETTE = {
     "orange": "#E69F00",
     "sky": "#56B4E9",
     "black": "#000000",
-    "grey": "#999999",
+    "gray": "#999999",
 }
-"""Okabe and Ito's colours, which the colour-blind can tell apart; grey for their yellow, which
+"""Okabe and Ito's colors, which the color-blind can tell apart; gray for their yellow, which
 is too pale for a line on white."""
 
 ONE_COLUMN, TWO_COLUMNS = 3.5, 7.16
@@ -58,27 +58,27 @@ FORBIDDEN_SHARE = 0.12
 DECADES = 1e-5
 """Share of the smallest curve's peak at which a logarithmic axis ends: zeros lie below."""
 
-_REFERENCE = {"color": PALETTE["grey"], "linestyle": "-", "linewidth": 3.2, "zorder": 1.9}
+_REFERENCE = {"color": PALETTE["gray"], "linestyle": "-", "linewidth": 3.2, "zorder": 1.9}
 _NAMED: dict[str, dict[str, Any]] = {
     "demonstration": _REFERENCE,
     "regular": {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1},
     "constrained": {"color": PALETTE["vermillion"], "linestyle": (0, (5, 2)), "linewidth": 1.4},
-    "optimised": {"color": PALETTE["black"], "linestyle": (0, (1, 1.8)), "linewidth": 1.7},
+    "optimized": {"color": PALETTE["black"], "linestyle": (0, (1, 1.8)), "linewidth": 1.7},
 }
-_NAMED["optimized"] = _NAMED["optimised"]
+_NAMED["optimized"] = _NAMED["optimized"]
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.8)), (0, (5, 1.5, 1, 1.5)))
 _SAVING = Lock()
 
 
 def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return colour, dashes and width of the line of each motion.
+    """Return color, dashes and width of the line of each motion.
 
-    The motions of the paper have styles of their own: the demonstration is broad and grey and
-    lies underneath, the regular primitive is solid, the constrained one dashed, the optimised one
-    dotted, so that lines which coincide are all seen.  Others take the remaining colours in turn.
+    The motions of the paper have styles of their own: the demonstration is broad and gray and
+    lies underneath, the regular primitive is solid, the constrained one dashed, the optimized one
+    dotted, so that lines which coincide are all seen.  Others take the remaining colors in turn.
     """
     styles: dict[str, dict[str, Any]] = {}
-    free = zip(cycle(c for c in PALETTE.values() if c != PALETTE["grey"]), cycle(_DASHES))
+    free = zip(cycle(c for c in PALETTE.values() if c != PALETTE["gray"]), cycle(_DASHES))
     names = list(names)
     taken = {_NAMED[name]["color"] for name in names if name in _NAMED}
     for name in names:
@@ -93,7 +93,7 @@ def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 
 def trial_styles(count: int) -> list[dict[str, Any]]:
-    """Return one thin line's style a trial: a colour each, then the same colours dashed."""
+    """Return one thin line's style a trial: a color each, then the same colors dashed."""
     colors = list(PALETTE.values())
     return [
         {
@@ -187,7 +187,7 @@ def span_at_least(ax: Axes, curves: Iterable[Floats], least: float) -> None:
 
 
 def shade_forbidden(ax: Axes, curves: Iterable[Floats], least: float) -> None:
-    """Grey and hatch where a margin would be negative; zero is always in sight.
+    """Gray and hatch where a margin would be negative; zero is always in sight.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def shade_forbidden(ax: Axes, curves: Iterable[Floats], least: float) -> None:
     bottom = low - FORBIDDEN_SHARE * span
     ax.set_ylim(bottom, low + 1.06 * span)
     ax.axhspan(bottom, 0, facecolor="0.93", edgecolor="0.78", hatch="////", linewidth=0, zorder=0.5)
-    ax.axhline(0, color=PALETTE["grey"], linewidth=0.8, zorder=1)
+    ax.axhline(0, color=PALETTE["gray"], linewidth=0.8, zorder=1)
 
 
 def log_axis(ax: Axes, sizes: Iterable[Floats], least_top: float) -> None:
@@ -227,7 +227,7 @@ def short_name(name: str) -> str:
     return re.sub("^_", " _", name.replace("$", r"\$"))
 
 
-def capitalised(name: str) -> str:
+def capitalized(name: str) -> str:
     """Return a name as a sentence begins with it; a file's name stays as it is."""
     return name if set(name) & set("./\\") else name[:1].upper() + name[1:]
 

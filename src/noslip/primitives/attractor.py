@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip import _arguments
-
-Floats = NDArray[np.float64]
+from noslip._typing import Floats
 
 
 @dataclass(frozen=True)

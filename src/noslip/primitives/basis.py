@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from noslip._typing import Floats
 from noslip.primitives.phase import Phase
-
-Floats = NDArray[np.float64]
 
 CACHED = 2048
 """Steps whose activations are kept together."""
@@ -23,9 +21,9 @@ NEGLIGIBLE = -40.0
 
 @dataclass(frozen=True)
 class Basis:
-    """Normalised Gaussians, spaced evenly in time (and so geometrically in phase).
+    """Normalized Gaussians, spaced evenly in time (and so geometrically in phase).
 
-    Each is as wide (one standard deviation) as its distance to the next centre: any smooth force
+    Each is as wide (one standard deviation) as its distance to the next center: any smooth force
     is then matched to about 1e-6 of the path with 100 functions.
     """
 
@@ -34,7 +32,7 @@ class Basis:
 
     @cached_property
     def centers(self) -> Floats:
-        """Centres in phase, shape (count,)."""
+        """Centers in phase, shape (count,)."""
         return self.phase.at(np.linspace(0.0, 1.0, self.count)) if self.count > 1 else np.ones(1)
 
     @cached_property
@@ -57,7 +55,7 @@ class Basis:
         """Activations of the functions that matter at these phases, and which those are.
 
         The others are lost in the rounding of the sum.  A Gaussian is largest, of a stretch of
-        phases, where the stretch comes nearest to its centre: within it or at one of its ends.
+        phases, where the stretch comes nearest to its center: within it or at one of its ends.
         """
         low, high = phases.min(), phases.max()
         ends = (np.array([[low], [high]]) - self.centers) / self.widths

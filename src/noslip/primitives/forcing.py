@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.primitives.basis import Basis
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +22,7 @@ class ForcingTerm:
     ----------
     basis : Basis
     weights : array, shape (basis.count, d)
-        theta, one column a dimension; metres or radians (time normalised by the duration).
+        theta, one column a dimension; meters or radians (time normalized by the duration).
     """
 
     basis: Basis

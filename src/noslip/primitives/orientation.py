@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.primitives.attractor import Attractor
 from noslip.primitives.basis import Basis
 from noslip.primitives.forcing import ForcingTerm
 from noslip.primitives.winding import Winding
 from noslip.trajectory import continuous_quaternions
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +25,7 @@ class OrientationDMP:
     ----------
     attractor : Attractor
     forcing : ForcingTerm
-        In radians, time normalised by the duration, world frame.
+        In radians, time normalized by the duration, world frame.
     start_quaternion : array, shape (4,)
         (qw, qx, qy, qz).  Kept as numbers, since SciPy's rotations change their last bits when
         they are written and read.

@@ -8,10 +8,11 @@ from functools import cached_property
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.primitives.attractor import Attractor
 from noslip.primitives.basis import Basis
@@ -21,7 +22,6 @@ from noslip.primitives.position import PositionDMP
 from noslip.primitives.stepping import AT_ONCE, CLOCK, KICK, STATE_SIZE, Stepper, step_table
 from noslip.trajectory import PoseTrajectory
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 SAMPLES_PER_BASIS_FUNCTION = 5
@@ -71,7 +71,7 @@ class State:
     phase : float
         From 1 down to ``exp(-alpha_s)`` at the end.
     position : array, shape (3,)
-        Metres.
+        Meters.
     rotation : Rotation
         Or a unit quaternion (qw, qx, qy, qz) where one is made; also ``goal_rotation``.
     linear_velocity, angular_velocity : array, shape (3,)
@@ -252,7 +252,7 @@ class ConstrainedMotion(PoseTrajectory):
             array.flags.writeable = False
         motion.__dict__.update(
             arrays,
-            # Each step has normalised them; SciPy would take a fifth of the rollout's time.
+            # Each step has normalized them; SciPy would take a fifth of the rollout's time.
             rotations=Rotation(states[:, [4, 5, 6, 3]], normalize=False, copy=False),
             constraint_names=constraint_names,
             limit_names=limit_names,
@@ -345,7 +345,7 @@ class PoseDMP:
         alpha, beta, alpha_s : float
             The paper's constants, 25, 6.25 and 1 by default.
         ridge : float
-            Regularisation, relative to the basis functions' mean square.
+            Regularization, relative to the basis functions' mean square.
 
         Raises
         ------
@@ -397,7 +397,7 @@ class PoseDMP:
         Parameters
         ----------
         goal_position, start_position : array, shape (3,), optional
-            Metres; the demonstrated ones by default.
+            Meters; the demonstrated ones by default.
         goal_rotation, start_rotation : Rotation, optional
         duration : float, optional
             tau (s).  The motion keeps its shape; only its speed changes.

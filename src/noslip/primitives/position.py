@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from noslip._typing import Floats
 from noslip.primitives.attractor import Attractor
 from noslip.primitives.basis import Basis
 from noslip.primitives.forcing import ForcingTerm
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +24,11 @@ class PositionDMP:
     ----------
     attractor : Attractor
     forcing : ForcingTerm
-        In metres, time normalised by the duration.
+        In meters, time normalized by the duration.
     start, goal : array, shape (3,)
-        Demonstrated, metres.
+        Demonstrated, meters.
     start_velocity : array, shape (3,)
-        Metres per duration.
+        Meters per duration.
     """
 
     attractor: Attractor
@@ -53,7 +51,7 @@ class PositionDMP:
         Parameters
         ----------
         positions : sequence of arrays, shape (N_i, 3)
-            From the first sample of a demonstration to its last, metres.
+            From the first sample of a demonstration to its last, meters.
         """
         forces = []
         for path in positions:

@@ -16,16 +16,15 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.primitives.forcing import ForcingTerm
 from noslip.primitives.orientation import OrientationDMP
 from noslip.primitives.position import PositionDMP
-
-Floats = NDArray[np.float64]
 
 Scaling = Literal["none", "difference", "rotation-dilation"]
 
@@ -57,7 +56,7 @@ def scaled_position(
           section 3.2).  Into the opposite direction it turns about the vertical.  A demonstration
           that ends where it began says nothing about a direction; it is not scaled.
     start_position, goal_position : array, shape (3,), optional
-        Metres; the learned ones by default.
+        Meters; the learned ones by default.
 
     Returns
     -------
@@ -105,7 +104,7 @@ def _matrix(position: PositionDMP, scaling: Scaling, start: Floats, goal: Floats
     """S, shape (3, 3)."""
     if scaling == "none":
         return np.eye(3)
-    # In metres: how far the force alone would move the attractor.
+    # In meters: how far the force alone would move the attractor.
     reach = np.abs(position.forcing.weights).max() / position.attractor.stiffness
     stretch = _difference if scaling == "difference" else _rotation_dilation
     return stretch(position.goal - position.start, goal - start, _CLOSED * reach)

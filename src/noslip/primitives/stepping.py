@@ -14,18 +14,15 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from noslip._typing import Expression, Floats
 from noslip.codegen.library import Native
 from noslip.rotations import (
-    Expression,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
     quaternion_product,
 )
-
-Floats = NDArray[np.float64]
 
 STATE_SIZE = 13
 """Position (3), quaternion (4), linear (3) and angular velocity (3)."""

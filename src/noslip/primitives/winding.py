@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.trajectory import continuous_quaternions
-
-Floats = NDArray[np.float64]
 
 FARTHEST_FROM_GOAL = 0.75 * np.pi
 """Beyond this angle to a fixed goal the logarithm comes near its jump at pi."""

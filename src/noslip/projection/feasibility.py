@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
 from noslip.projection.pointwise import least_change, project_velocities
 from noslip.trajectory import PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 _EVERYTHING = (1.0,) * 6
 _MOST_ITERATIONS = 60

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
+from noslip._typing import Floats
 from noslip.constraints.declaration import axis_index
 from noslip.constraints.system import ConstraintSystem
 from noslip.trajectory import PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 REACH = 0.005
 """Of the path's extent: nothing nearer than that says where a tool is heading."""
@@ -141,7 +140,7 @@ def _stretches(moving: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
 
 
 def _smoothed(values: Floats, weights: Floats, smoothing: float) -> Floats:
-    """Minimise ``sum w |x - value|^2 + smoothing |x''|^2`` with time normalised."""
+    """Minimize ``sum w |x - value|^2 + smoothing |x''|^2`` with time normalized."""
     count = len(values)
     if count < 4 or not values.any():
         return values

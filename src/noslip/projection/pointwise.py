@@ -27,15 +27,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
 from noslip import _arguments
+from noslip._typing import Expression, Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
 from noslip.primitives.stepping import Coupled, Coupling, StepSymbols
 from noslip.projection.quadratic import Pushes, least_push
-from noslip.rotations import Expression, quaternion_exp, quaternion_product
+from noslip.rotations import quaternion_exp, quaternion_product
 from noslip.trajectory import PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 POSITION_ONLY: tuple[float, ...] = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """M^-1 of the paper: infinite rotational inertia, so that only the position gives way."""
@@ -214,7 +213,7 @@ class _Step:
             if iteration < approaching:
                 rows[self.at_position, :] = self.start_rows[self.at_position, :]
                 # Nearest to the unconstrained velocities.  Multipliers are corrected, not found
-                # anew: what the regularisation leaves out of one pass the next makes up for.
+                # anew: what the regularization leaves out of one pass the next makes up for.
                 reach += ca.mtimes(rows, velocities - self.unconstrained)
                 impulses, pushes = self._push(rows, reach, iteration, impulses, pushes, False)
                 parts = _columns(self.weights, rows, impulses)
@@ -276,7 +275,7 @@ class _Step:
 
         Where constraints or limits all but contradict each other, a fixed number of passes may not
         suffice: a hard limit or an equality is missed, or the tool is turned by more than a step's
-        linearisation can bear.  Then the better of two takes their place: to stand still, which
+        linearization can bear.  Then the better of two takes their place: to stand still, which
         violates no limit that allows it, or to heed the equalities alone.
         """
         rest = ca.DM([float(weight == 0) for weight in self.metric]) * velocities
@@ -338,7 +337,7 @@ class _Step:
                 reach += ca.mtimes(rows, velocities - self.unconstrained)
                 normal = A @ ca.diag(self.weights) @ A.T
                 left = reach[: self.equalities.size, :] - normal @ held
-                held += _solve_regularised(normal, left, self.floor)
+                held += _solve_regularized(normal, left, self.floor)
                 velocities = self.unconstrained + ca.diag(self.weights) @ A.T @ held
             else:
                 more = self._hold(rows, reach)[: self.equalities.size, :]
@@ -349,7 +348,7 @@ class _Step:
         if self.limits.size:
             return _LIMIT_APPROACHING, _LIMIT_RESTORING
         if not ca.depends_on(self.jacobian, self.unknown):
-            # One row is divided by exactly; several are regularised, which further passes undo.
+            # One row is divided by exactly; several are regularized, which further passes undo.
             # Rows as before the step, along which position level pushes, are not those it ends on.
             if self.at_position:
                 return _APPROACHING, 2
@@ -376,13 +375,13 @@ class _Step:
         known = ca.SX(m, 1) if restoring else before[:m, :]
         left = reach[:m, :] - ca.mtimes(normal, known)
         if not k:
-            return known + _solve_regularised(normal, left, self.floor), None
+            return known + _solve_regularized(normal, left, self.floor), None
         # Limits of unit norm, in the freedom that the equalities leave.
         pushed = ca.mtimes(ca.diag(self.weights), G.T)
         norms = ca.sqrt(ca.sum2(G * pushed.T) + _SMALLEST_PIVOT)
         pushed, reached = pushed / ca.repmat(norms.T, 6, 1), reach[m:, :] / norms
         both = ca.mtimes(A, pushed)
-        solved = _solve_regularised(normal, ca.horzcat(left, both), self.floor)
+        solved = _solve_regularized(normal, ca.horzcat(left, both), self.floor)
         across = ca.mtimes(G / ca.repmat(norms, 1, 6), weighted)
         Q = ca.mtimes(pushed.T, G.T) / ca.repmat(norms.T, k, 1) - ca.mtimes(across, solved[:, 1:])
         q = ca.mtimes(across, known + solved[:, 0]) - reached
@@ -407,7 +406,7 @@ class _Step:
         m = self.equalities.size
         A = rows[:m, :]
         normal = A @ ca.diag(self.weights) @ A.T
-        held = _solve_regularised(normal, reach[:m, :], self.floor)
+        held = _solve_regularized(normal, reach[:m, :], self.floor)
         return ca.vertcat(held, ca.SX(self.limits.size, 1))
 
 
@@ -518,7 +517,7 @@ def _barrier_rates(limits: ConstraintSystem, s: StepSymbols) -> list[Expression]
     return [s.barrier_rate if rate is None else ca.SX(rate) for rate in rates]
 
 
-def _solve_regularised(matrix: Expression, right: Expression, floor: Expression) -> Expression:
+def _solve_regularized(matrix: Expression, right: Expression, floor: Expression) -> Expression:
     """Solve a positive semi-definite system; dependent and vanished rows do no harm."""
     size = matrix.shape[0]
     if size == 0:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from noslip.rotations import Expression
+from noslip._typing import Expression
 
 REGULAR = 1e-11
 """Added to the diagonal of Q, whose rows have unit norm: keeps dependent rows solvable."""
@@ -28,7 +28,7 @@ _FLAT = 1e-9
 """A driven row that moves less than this per unit of its multiplier cannot be satisfied."""
 _NEVER = 1e300
 _INEXACT = 30.0
-"""What the regularisation leaves of a row, over REGULAR and its multiplier, and a margin."""
+"""What the regularization leaves of a row, over REGULAR and its multiplier, and a margin."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Trajectory projection: the feasible trajectory nearest to a given one.
 
 Unknown at each sample are a rotation correction delta (``R = Exp(delta) R_ref``) and, unless held,
-a displacement of the position.  Minimised is, with time normalised by the duration and L the path's
+a displacement of the position.  Minimized is, with time normalized by the duration and L the path's
 length,
 
     ``int (w_p |p - p_ref|^2 + mu_p |p'' - p_ref''|^2) / L^2 + w_R u |delta|^2 + mu_R |delta''|^2``
@@ -11,7 +11,7 @@ subject to the constraints on the discrete motion that the primitive will run, `
 so nothing pulls the tool round while it rests.  Only the acceleration of the *correction* costs, so
 a feasible trajectory comes back unchanged.
 
-The paper's "orientation optimised for zero constraint force" is the case with the position held; a
+The paper's "orientation optimized for zero constraint force" is the case with the position held; a
 new goal or start is the case with other boundary values.
 
 Newton steps on the optimality conditions, whose matrix is banded when samples and multipliers are
@@ -24,34 +24,26 @@ is a row like an equality's, with ``-s / mu`` on its diagonal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, Literal, get_args
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.linalg.lapack import dgbsv
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError
+from noslip.projection.band import Band
 from noslip.projection.blend import spread
 from noslip.projection.heading import turn_edge_into_path
-from noslip.rotations import (
-    Expression,
-    quaternion_conjugate,
-    quaternion_exp,
-    quaternion_log,
-    quaternion_product,
-)
+from noslip.projection.stage import Entries, stage_function
 from noslip.trajectory import PoseTrajectory
 
-Floats = NDArray[np.float64]
 End = Literal["free", "position", "rotation", "pose"]
 
 POSITION_WEIGHT = 1e5
@@ -64,21 +56,21 @@ _REST_WEIGHT = 1e-3
 _TURNED_REFERENCE = 1.2 * np.pi
 """Beyond this turn, nearest means nearest to the turned demonstration: Exp is singular at 2 pi."""
 _LARGEST_TURN = 0.7
-"""Longest Newton step (rad): the linearisation holds for little more."""
+"""Longest Newton step (rad): the linearization holds for little more."""
 _GAUSS_NEWTON_STEPS = 2
 """Steps without the constraints' curvature, before multipliers are worth trusting."""
 _NEAR = 0.05
 """A careful attempt uses the curvature only once its steps are shorter than this (rad)."""
 _ATTEMPTS = ((1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (1000.0, False, 1))
 """Factor on the rotation's smoothing, whether careful, factor on the iterations allowed."""
-_DUAL_REGULARISATION = 1e-12
+_DUAL_REGULARIZATION = 1e-12
 _STEP_TOLERANCE = 1e-6
 _STILL = 1e-3
 """Longest step (rad, or path lengths) of an iteration that may end for want of patience."""
 _RESIDUAL_TOLERANCE = 1e-11
 """Relative to the path's mean speed (velocity level) or length (position level)."""
 _LIMIT_ATTEMPTS = ((1.0, 1e-2, False), (1.0, 1.0, False), (1.0, 1.0, True), (100.0, 1.0, True))
-"""Factor on the rotation's smoothing, first tau over the step in time normalised, careful."""
+"""Factor on the rotation's smoothing, first tau over the step in time normalized, careful."""
 _LAST_BARRIER = 1e-11
 _LIMIT_TOLERANCE = 1e-8
 """As for equalities, of which no such precision is asked."""
@@ -476,7 +468,7 @@ class _Problem:
 
         self.fixed = self._fix(boundaries)
         self._weigh(*weights)
-        self._evaluate = _stage_function(system, hold_position, count)
+        self._evaluate = stage_function(system, hold_position, count)
         self.parameters = self._stage_parameters()
         # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
         self.active = np.ones((count, rows), dtype=bool)
@@ -568,7 +560,7 @@ class _Problem:
     ) -> ProjectedTrajectory:
         """Iterate from the first guess; ``careful`` converges from farther, and more slowly.
 
-        With limits, ``barrier`` is the first tau over the step in time normalised.
+        With limits, ``barrier`` is the first tau over the step in time normalized.
         """
         multipliers = np.zeros((self.count, self.rows))
         heeded = self.active & self.is_limit
@@ -641,13 +633,13 @@ class _Problem:
     def _newton_step(
         self,
         value: Floats,
-        jacobian: _Entries,
-        curvature: _Entries | None,
+        jacobian: Entries,
+        curvature: Entries | None,
         multipliers: Floats,
         barrier: float,
     ) -> tuple[Floats, Floats]:
         reaches_over = "acceleration" in self.limits.row_levels
-        band = _Band(self.count, self.stage, self.unknowns if reaches_over else 0)
+        band = Band(self.count, self.stage, self.unknowns if reaches_over else 0)
         for j in range(self.unknowns):
             band.add_bending(j, self.bending[j])
             band.add(0, j, j, self.weights[:, j])
@@ -664,7 +656,7 @@ class _Problem:
             (a, i), (b, j) = divmod(row, self.unknowns), divmod(column, self.unknowns)
             band.add_between(a - 1, i, b - 1, j, entries)
         heeded = self.active & self.is_limit
-        softness = np.where(self.active, _DUAL_REGULARISATION, 1.0)
+        softness = np.where(self.active, _DUAL_REGULARIZATION, 1.0)
         softness[heeded] = self.slack[heeded] / -multipliers[heeded]
         for row in range(self.rows):
             i = self.unknowns + row
@@ -672,7 +664,7 @@ class _Problem:
 
         right = np.zeros((self.count, self.stage))
         right[:, : self.unknowns] = -self._cost_gradient()
-        asked = -value - _DUAL_REGULARISATION * multipliers
+        asked = -value - _DUAL_REGULARIZATION * multipliers
         asked[heeded] = self.slack[heeded] - value[heeded] - barrier / multipliers[heeded]
         right[:, self.unknowns :] = asked
         right[:, self.unknowns :][~self.active] = 0.0
@@ -740,147 +732,3 @@ def _room(values: Floats, steps: Floats) -> float:
     """Fraction of the steps that leaves positive values positive."""
     falling = steps < 0
     return float(np.min(-_TO_THE_BOUNDARY * values[falling] / steps[falling], initial=1.0))
-
-
-_Entries = dict[tuple[int, int], Floats]
-"""Structural nonzeros of a stage's matrix: (row, column) -> value at each stage."""
-
-
-_Evaluation = Callable[[Floats, Floats, Floats], tuple[Floats, _Entries, _Entries]]
-
-
-# Building and differentiating the graph takes as long as two Newton steps.
-@lru_cache(maxsize=16)
-def _stage_function(system: ConstraintSystem, hold_position: bool, count: int) -> _Evaluation:
-    """Residual, Jacobian and curvature of the constraints of one step, for all steps at once.
-
-    Rows of equalities come first, then those of limits.
-    """
-    unknowns = 3 if hold_position else 6
-    z = [ca.SX.sym(f"z_{name}", unknowns) for name in ("before", "here", "after")]
-    q = [ca.SX.sym(f"q_{name}", 4) for name in ("before", "here", "after")]
-    p, v, v_after = ca.SX.sym("p", 3), ca.SX.sym("v", 3), ca.SX.sym("v_after", 3)
-    time, time_step, length = ca.SX.sym("t"), ca.SX.sym("dt"), ca.SX.sym("L")
-    equalities, limits = system.equalities, system.limits
-    rows = system.size
-    multipliers = ca.SX.sym("lambda", rows)
-
-    turned = [
-        quaternion_product(quaternion_exp(part[:3]), reference)
-        for part, reference in zip(z, q, strict=True)
-    ]
-
-    def rate(first: int) -> Expression:
-        turn = quaternion_product(turned[first + 1], quaternion_conjugate(turned[first]))
-        return quaternion_log(turn) / time_step
-
-    position, velocity, next_velocity = p, v, v_after
-    if not hold_position:
-        position = p + length * z[1][3:]
-        velocity = v + length * (z[1][3:] - z[0][3:]) / time_step
-        next_velocity = v_after + length * (z[2][3:] - z[1][3:]) / time_step
-    state = (time, position, turned[1], velocity, rate(0))
-    linear = (next_velocity - velocity) / time_step
-    angular = (rate(1) - rate(0)) / time_step
-    phi = ca.vertcat(equalities.residual(*state), limits.residual(*state, linear, angular))
-    jacobian = ca.jacobian(phi, ca.vertcat(*z))
-    curvature, _ = ca.hessian(ca.dot(multipliers, phi), ca.vertcat(*z))
-    parameters = ca.vertcat(*q, p, v, v_after, time, time_step, length)
-    outputs = ca.vertcat(ca.densify(phi), *jacobian.nonzeros(), *curvature.nonzeros())
-    function = ca.Function("stage", [*z, parameters, multipliers], [ca.cse(outputs)])
-    mapped = function.map(count)
-    jacobian_places = _places(jacobian)
-    curvature_places = _places(curvature)
-    width = outputs.shape[0]
-
-    def evaluate(
-        unknown: Floats, stage_parameters: Floats, weights: Floats
-    ) -> tuple[Floats, _Entries, _Entries]:
-        previous = np.concatenate([unknown[:1], unknown[:-1]])
-        following = np.concatenate([unknown[1:], unknown[-1:]])
-        result = np.empty((count, width))
-        arguments = [
-            np.ascontiguousarray(a)
-            for a in (previous, unknown, following, stage_parameters, weights)
-        ]
-        buffer, run = mapped.buffer()
-        for index, argument in enumerate(arguments):
-            buffer.set_arg(index, argument.data)
-        buffer.set_res(0, result.data)
-        run()
-        columns = np.ascontiguousarray(result.T)
-        split = rows + len(jacobian_places)
-        return (
-            result[:, :rows],
-            dict(zip(jacobian_places, columns[rows:split], strict=True)),
-            dict(zip(curvature_places, columns[split:], strict=True)),
-        )
-
-    return evaluate
-
-
-def _places(matrix: ca.SX) -> list[tuple[int, int]]:
-    rows, columns = matrix.sparsity().get_triplet()
-    return list(zip(rows, columns, strict=True))
-
-
-class _Band:
-    """A banded matrix of stages, in LAPACK's layout.
-
-    Entry (i, j) of stages k and k + s stands at row ``2 w + i - j - s n`` and column
-    ``(k + s) n + j``, with n unknowns a stage and w = 2 n diagonals on either side; a few more
-    where entries two stages apart are not on a block's diagonal alone.
-    """
-
-    def __init__(self, count: int, stage: int, more: int) -> None:
-        self.count, self.stage, self.width = count, stage, 2 * stage + more
-        self.storage = np.zeros((3 * self.width + 1, count * stage), order="F")
-        self.view = self.storage.reshape((-1, stage, count), order="F")
-
-    def add(self, shift: int, i: int, j: int, values: Floats) -> None:
-        """Add ``values[k]`` at (stage k, i) x (stage k + shift, j)."""
-        row = 2 * self.width + i - j - shift * self.stage
-        first, last = max(0, -shift), self.count - max(0, shift)
-        self.view[row, j, first + shift : last + shift] += values[first:last]
-
-    def add_transposed(self, shift: int, i: int, j: int, values: Floats) -> None:
-        """Add ``values[k]`` at (stage k + shift, j) x (stage k, i)."""
-        row = 2 * self.width + j - i + shift * self.stage
-        first, last = max(0, -shift), self.count - max(0, shift)
-        self.view[row, i, first:last] += values[first:last]
-
-    def add_between(self, a: int, i: int, b: int, j: int, values: Floats) -> None:
-        """Add ``values[k]`` at (stage k + a, i) x (stage k + b, j), with a and b from -1 to 1."""
-        row = 2 * self.width + i - j - (b - a) * self.stage
-        first, last = max(0, -a, -b), self.count - max(0, a, b)
-        self.view[row, j, first + b : last + b] += values[first:last]
-
-    def add_bending(self, j: int, strength: float) -> None:
-        """Add ``strength * D^T D`` of the second differences of unknown j."""
-        diagonal, beside = np.full(self.count, 6.0), np.full(self.count, -4.0)
-        diagonal[[0, -1]], diagonal[[1, -2]] = 1.0, 5.0
-        beside[[0, -2]] = -2.0
-        self.add(0, j, j, strength * diagonal)
-        self.add(1, j, j, strength * beside)
-        self.add_transposed(1, j, j, strength * beside)
-        apart = np.full(self.count, strength)
-        self.add(2, j, j, apart)
-        self.add(-2, j, j, apart)
-
-    def fix(self, k: int, j: int) -> None:
-        """Make unknown j of stage k stay as it is."""
-        column = k * self.stage + j
-        low, high = (
-            max(0, column - self.width),
-            min(self.count * self.stage, column + self.width + 1),
-        )
-        others = np.arange(low, high)
-        self.storage[2 * self.width + column - others, others] = 0.0
-        self.storage[2 * self.width + others - column, column] = 0.0
-        self.storage[2 * self.width, column] = 1.0
-
-    def solve(self, right: Floats) -> Floats:
-        _, _, solution, info = dgbsv(
-            self.width, self.width, self.storage, right, overwrite_ab=True, overwrite_b=True
-        )
-        return solution if info == 0 else np.full_like(right, np.nan)

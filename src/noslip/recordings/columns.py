@@ -7,12 +7,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip import _pose_files as files
+from noslip._typing import Floats
 from noslip.errors import RecordingError
-
-Floats = NDArray[np.float64]
 
 POSE = files.POSITION_NAMES + files.QUATERNION_NAMES
 _OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")

@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip import _pose_files as files
+from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._extras import need
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.recordings.tables import arrow_table, numbers
 from noslip.trajectory import PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 INFO = Path("meta") / "info.json"
 STAMP_TOLERANCE = 1e-4

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip import _pose_files as files
+from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._extras import need, reading
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.trajectory import PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 SUFFIXES = (".hdf5", ".h5")
 EEF_POSE = "robot0_eef_pos,robot0_eef_quat[3,0:3]"

@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip import _pose_files as files
+from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.recordings._extras import need, reading
 from noslip.recordings.columns import POSE, Column, pose_columns, stacked
 from noslip.trajectory import CSV_COLUMNS, PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 SUFFIXES = (".parquet", ".feather")
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from noslip import _pose_files as files
+from noslip._typing import Floats
 from noslip.errors import RecordingError
 
-Floats = NDArray[np.float64]
 Key = tuple[str, str]
 """Frame and child frame; the latter is empty where a message names none."""
 

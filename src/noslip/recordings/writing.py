@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from noslip._files import write_beside
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.recordings._extras import need
 from noslip.recordings.tables import table_bytes
 from noslip.recordings.tum import tum_text
 from noslip.trajectory import PoseTrajectory
 
-Floats = NDArray[np.float64]
 Storage = Literal["sqlite3", "mcap"]
 
 WRITABLE = (".csv", ".npz", ".tum", ".parquet", ".feather", ".mcap", "")
@@ -82,7 +82,7 @@ def write_joints(
     names : sequence of str, length J
         Of the joints.
     positions, velocities : array, shape (N, J)
-        Radians (metres of a sliding joint), and per second; the latter None where unknown.
+        Radians (meters of a sliding joint), and per second; the latter None where unknown.
     path : path
         ``.csv``: columns ``t``, the names, and the names with ``_velocity``.  ``.mcap``, or
         without suffix for the folder of a ROS 2 bag: see :func:`write_bag`.
@@ -141,7 +141,7 @@ def write_bag(
     joint_times : array, shape (N,), optional
         Seconds, increasing, on the clock of ``poses``.
     joint_positions, joint_velocities : array, shape (N, J), optional
-        Written to ``joint_topic`` as ``sensor_msgs/JointState``; radians (metres of a sliding
+        Written to ``joint_topic`` as ``sensor_msgs/JointState``; radians (meters of a sliding
         joint), and per second.
     frame, topic, joint_topic : str
     storage : {"sqlite3", "mcap"}

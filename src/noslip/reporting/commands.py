@@ -6,7 +6,7 @@ import dataclasses
 import shlex
 from collections.abc import Sequence
 
-from noslip.constraints.catalogue import CATALOGUE, specification
+from noslip.constraints.catalog import CATALOG, specification
 from noslip.constraints.declaration import Constraint, described
 from noslip.learning import BARRIER_RATE, ConstrainedDMP
 from noslip.projection.metric import inverse_metric
@@ -24,7 +24,7 @@ def declaration(constraint: Constraint) -> str:
     if data["type"] == "declared":
         return described(constraint)
     # What a constraint is about comes first, what all limits share last.
-    fields = sorted(dataclasses.fields(CATALOGUE[data["type"]]), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
+    fields = sorted(dataclasses.fields(CATALOG[data["type"]]), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
     told = [
         f"{f.name}={data['arguments'][f.name]!r}"
         for f in fields

@@ -146,7 +146,7 @@ def report(
         replace(d, name=name) for d, name in zip(demonstrations, _short_names(sources), strict=True)
     ]
     motion, regular = dmp.rollout(), dmp.regular.rollout()
-    motions: dict[str, PoseTrajectory] = {"regular": regular, "optimised": motion}
+    motions: dict[str, PoseTrajectory] = {"regular": regular, "optimized": motion}
     if shown:
         motions = {"demonstration": _worst(shown, dmp), **motions}
     verdict = check(motion, dmp.constraints) if dmp.constraints else None
@@ -191,7 +191,7 @@ def _short_names(paths: Sequence[str]) -> list[str]:
 
 
 def _title(motions: Mapping[str, PoseTrajectory], dmp: ConstrainedDMP) -> str:
-    motion = motions["optimised"]
+    motion = motions["optimized"]
     if not dmp.constraints:
         path, duration = length(motion.path_length), number(motion.duration)
         return f"A path of {path} in {duration} s, learned without constraints"
@@ -420,7 +420,7 @@ def _merits(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> Table
     )
     note = (
         "Regular: the ordinary primitive, fitted to the recordings without constraints.  "
-        "Optimised: the primitive's own motion."
+        "Optimized: the primitive's own motion."
     )
     if "demonstration" in motions and len(dmp.record) > 1:
         note += f"  Demonstration: {reference.name}, of all the one that violates them most."
@@ -440,7 +440,7 @@ def _settings(dmp: ConstrainedDMP) -> Table:
         ("attractor α, β", f"{dmp.position.attractor.alpha:g}, {dmp.position.attractor.beta:g}"),
         ("phase α_s", _plain(dmp.phase.alpha_s)),
         ("inverse metric, diagonal of M⁻¹", ", ".join(map(number, dmp.inverse_metric))),
-        ("stabilisation, per duration", _plain(dmp.stabilization)),
+        ("stabilization, per duration", _plain(dmp.stabilization)),
         ("barrier rate, per duration", _plain(dmp.barrier_rate)),
     ]
     smoothing = sorted({record.smoothing for record in dmp.record})
@@ -479,7 +479,7 @@ def _pictures(
 ) -> Iterable[Picture]:
     held = dmp.constraints
     first = next(iter(motions))
-    pair = {first: motions[first], "optimised": motion}
+    pair = {first: motions[first], "optimized": motion}
     draws: list[tuple[str, Callable[[], Figure]]] = [
         (
             "Where the motions go, how they turn, and how well the constraints hold.",
@@ -498,7 +498,7 @@ def _pictures(
     if Blade() in held:
         draws.append(
             (
-                "The blade along the path, coloured by the share of its speed that goes sideways.",
+                "The blade along the path, colored by the share of its speed that goes sideways.",
                 lambda: blade_snapshots(pair),
             )
         )
@@ -538,11 +538,11 @@ def _speeds(motions: Mapping[str, PoseTrajectory]) -> Figure:
     name_lines(figure, motions)
     moving, turning = (
         float(np.linalg.norm(velocities, axis=1).max())
-        for velocities in motions["optimised"].step_velocities()
+        for velocities in motions["optimized"].step_velocities()
     )
     write_title(
         figure,
-        f"Optimised moves at up to {amount(moving, 'm/s')} and turns at up to "
+        f"Optimized moves at up to {amount(moving, 'm/s')} and turns at up to "
         f"{amount(turning, 'rad/s')}",
     )
     return figure

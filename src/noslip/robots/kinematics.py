@@ -9,7 +9,7 @@ is solved by DAQP (Arnström et al. 2022).  Where the arm may fall behind, the t
 unknown too: a share ``y`` of the step that it waits takes ``y`` of the target's own velocity off
 ``e / h``, at a small price.  The row is that of the *step*: its residual is the
 constraint at the step's end, with the velocities that lead there, ``v = (p+ - p) / h`` and
-``w = Log(R+ R^T) / h``, as everywhere in this library; so it is linearised at the iterate and
+``w = Log(R+ R^T) / h``, as everywhere in this library; so it is linearized at the iterate and
 solved again until the forward kinematics themselves satisfy it.  What joints cannot track
 therefore falls into directions that the constraint allows and, if the clock may wait, into delay.
 
@@ -25,6 +25,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.robots.model import NEAR, Robot, required
 from noslip.rotations import (
@@ -34,10 +35,9 @@ from noslip.rotations import (
     quaternion_product,
     rotation_matrix,
 )
-from noslip.trajectory import Floats
 
 LEVER = 0.2
-"""Metres that weigh as much as a radian."""
+"""Meters that weigh as much as a radian."""
 WEIGHTS = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
 """Of a pose's error: m, then rad."""
 REGULAR = 1e-6
@@ -50,7 +50,7 @@ ITERATIONS = 5
 EXACT = 1e-9
 """Residual of a row (its unit, over the step at position level) at which a step is done."""
 LINEAR = 1e-8
-"""Pose (m, rad) that linearising may have missed when a step is done."""
+"""Pose (m, rad) that linearizing may have missed when a step is done."""
 PRIMAL_TOLERANCE = 1e-11
 APART = 0.005
 """Least distance that is left between a pair of bodies (m)."""

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.errors import InputError, MissingDependencyError
-from noslip.trajectory import Floats
 
 TABLE_SIZE = (1.2, 1.2, 0.02)
 """Half sizes of the table (m)."""
@@ -149,7 +149,7 @@ class Robot:
         Returns
         -------
         positions : array, shape (3,) or (N, 3)
-            Metres.
+            Meters.
         rotations : Rotation
             Tool to base; one, or N.
 

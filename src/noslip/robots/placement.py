@@ -17,10 +17,11 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.robots.kinematics import APART, WEIGHTS, InverseKinematics
 from noslip.robots.model import NEAR, Robot
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 Level = Literal["recorded", "tool"]
 SAMPLES = 30
@@ -56,7 +57,7 @@ class Placement:
     Attributes
     ----------
     position : array, shape (3,)
-        Metres.
+        Meters.
     rotation : Rotation
     """
 
@@ -95,7 +96,7 @@ class Placement:
         turn = Rotation.from_rotvec([0, 0, _arguments.finite("yaw", yaw)])
         if level == "tool":
             turn = turn * _upright(motion)
-        return cls(_arguments.vector("placement", middle) - turn.apply(_centre(motion)), turn)
+        return cls(_arguments.vector("placement", middle) - turn.apply(_center(motion)), turn)
 
     def apply(self, motion: PoseTrajectory) -> PoseTrajectory:
         """Return a motion as the arm's base sees it."""
@@ -115,7 +116,7 @@ class Placement:
 
     def middle(self, motion: PoseTrajectory) -> Floats:
         """Where the middle of a motion's path lies (m, the base's frame)."""
-        return np.asarray(self.rotation.apply(_centre(motion)) + self.position)
+        return np.asarray(self.rotation.apply(_center(motion)) + self.position)
 
     def numbers(self, motion: PoseTrajectory, level: Level = "recorded") -> tuple[Floats, float]:
         """Middle (m) and yaw (rad) from which :meth:`of` makes this placement of a motion."""
@@ -149,7 +150,7 @@ class Candidate:
     margin: float
 
 
-def _centre(motion: PoseTrajectory) -> Floats:
+def _center(motion: PoseTrajectory) -> Floats:
     """Middle of the box around a path."""
     return np.asarray((motion.positions.min(axis=0) + motion.positions.max(axis=0)) / 2)
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Slerp
 
 from noslip import _arguments
 from noslip._files import write_beside
+from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError, NoslipError
@@ -31,7 +32,7 @@ from noslip.robots.placement import (
     place,
     postures,
 )
-from noslip.trajectory import Floats, PoseTrajectory
+from noslip.trajectory import PoseTrajectory
 
 Constraints = ConstraintSystem | Constraint | Sequence[Constraint]
 TIME_STEP = 1e-3
@@ -348,7 +349,7 @@ def timed(
     """Return a motion at an arm's rate, from rest to rest.
 
     The clock runs with a quintic step's smoothness from 0 to 1 over the ramp, and back at the end,
-    so that a motion of duration T takes ``T + ramp``.  A path sampled anew fulfils constraints on
+    so that a motion of duration T takes ``T + ramp``.  A path sampled anew fulfills constraints on
     its steps only to the order of the step: it is projected onto them
     (:func:`noslip.project_trajectory`).
 

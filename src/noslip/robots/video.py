@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from noslip._files import write_beside
+from noslip._typing import Floats
 from noslip.errors import InputError, MissingDependencyError
 from noslip.robots.model import Robot, mujoco_warnings, required
-from noslip.trajectory import Floats
 
 FRAMES_PER_SECOND = 30
 SIZE = (480, 640)

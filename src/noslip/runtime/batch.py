@@ -8,10 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.codegen.library import Library
 from noslip.errors import InputError
 from noslip.learning import ConstrainedDMP
@@ -19,8 +20,6 @@ from noslip.primitives.pose import ProjectStart
 from noslip.primitives.stepping import STATE_SIZE
 from noslip.runtime.numbers import Struct
 from noslip.trajectory import PoseTrajectory
-
-Floats = NDArray[np.float64]
 
 _TOGETHER = 64
 """Motions a call: few enough for progress to be seen, enough for the call not to count."""
@@ -63,7 +62,7 @@ class Motions:
 
     @property
     def positions(self) -> Floats:
-        """Metres, shape (M, N, 3)."""
+        """Meters, shape (M, N, 3)."""
         return self.states[:, :, 0:3]
 
     @property
@@ -118,7 +117,7 @@ def rollout_many(
     ----------
     dmp : ConstrainedDMP
     goals, starts : array, shape (M, 3), optional
-        Metres; those of the primitive by default.
+        Meters; those of the primitive by default.
     goal_rotations, start_rotations : Rotation, M of them, optional
     durations : array, shape (M,), optional
         Seconds.  What is given at all is given for each motion.

@@ -22,10 +22,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.adaptation import REPLANNED_SAMPLES
 from noslip.errors import InputError, NoslipError
 from noslip.learning import ConstrainedDMP
@@ -33,8 +34,6 @@ from noslip.primitives.pose import DONE, State
 from noslip.runtime import engine
 from noslip.runtime.engine import Compiled, Memory, Virtual
 from noslip.runtime.steering import Guidance
-
-Floats = NDArray[np.float64]
 
 TOLERANCE = 2e-3
 """Of the path's length: farther off its path a tool is led back by a new plan."""

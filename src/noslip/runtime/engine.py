@@ -8,7 +8,6 @@ from __future__ import annotations
 from math import ceil, exp, isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip.codegen.library import Library
 from noslip.errors import InputError, NoslipError
@@ -16,8 +15,6 @@ from noslip.learning import ConstrainedDMP
 from noslip.primitives.pose import DONE, State
 from noslip.primitives.stepping import STATE_SIZE, STEP_SIZE
 from noslip.runtime.numbers import Struct
-
-Floats = NDArray[np.float64]
 
 TIME, FRACTION = 0, 1
 MOVING = slice(2, 2 + STATE_SIZE)

@@ -6,11 +6,11 @@ import ctypes
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from noslip._typing import Floats
 from noslip.learning import ConstrainedDMP
 
-Floats = NDArray[np.float64]
 Number = int | float | Floats
 
 _ARRAYS = ("centers", "widths", "weights", "knot_quaternions", "knot_splines")

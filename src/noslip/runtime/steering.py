@@ -19,24 +19,21 @@ from math import isfinite
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from noslip._typing import Expression
 from noslip.constraints.system import ConstraintSystem
 from noslip.primitives.stepping import STATE_SIZE
 from noslip.rotations import (
-    Expression,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
     quaternion_product,
 )
 
-Floats = NDArray[np.float64]
-
 SLOW = 0.1
 """Speed, over the mean speed of the motion, below which a turn is not relied upon."""
 LARGEST_TURN = 0.5
-"""rad; the linearisation holds for little more."""
+"""rad; the linearization holds for little more."""
 RETURN_RATE = 8.0
 """k of the steering, per duration."""
 DEADBAND = 0.1
@@ -90,7 +87,7 @@ class Guidance:
     ----------
     system : ConstraintSystem
     path_length : float
-        Metres.
+        Meters.
     duration : float
         Seconds.
     tolerance : float

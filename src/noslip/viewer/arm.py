@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments, robots
-from noslip.constraints.catalogue import restore
+from noslip._typing import Floats
+from noslip.constraints.catalog import restore
 from noslip.constraints.declaration import Constraint
 from noslip.errors import InputError, NoslipError
 from noslip.robots.model import required
@@ -27,14 +28,12 @@ from noslip.viewer.tool import Part
 if TYPE_CHECKING:
     import viser
 
-Floats = NDArray[np.float64]
-
 SUMMARY = "summary.json"
 FIELDS = ("robot", "model", "tool", "placement", "constraints")
 """Of the summary, by which the arm and its motion are found again."""
 DRAWN_GROUPS = 3
 """MuJoCo's viewer shows groups 0 to 2; collision shapes are in later ones by custom."""
-DEFAULT_COLOUR = (0.5, 0.5, 0.5, 1.0)
+DEFAULT_COLOR = (0.5, 0.5, 0.5, 1.0)
 """Of a geom that was given none; it then has its material's."""
 ENDLESS = 1.0
 """Half the side of a plane without end (m)."""
@@ -86,7 +85,7 @@ class Arm:
         Returns
         -------
         positions : array, shape (G, 3)
-            Metres.
+            Meters.
         quaternions : array, shape (G, 4)
             Unit, scalar first.
         """
@@ -114,7 +113,7 @@ class Arm:
                 f"{node}/{number}",
                 part.vertices,
                 part.faces,
-                color=part.colour,
+                color=part.color,
                 position=positions[number],
                 wxyz=quaternions[number],
                 side="double",
@@ -140,18 +139,18 @@ class Arm:
         chosen = np.flatnonzero(shown if shown.any() else ~shown)
         geoms, parts = [], []
         for geom in chosen.tolist():
-            colour = self._colour(geom)
-            mesh = self._mesh(geom) if colour[3] > 0 else None
+            color = self._color(geom)
+            mesh = self._mesh(geom) if color[3] > 0 else None
             if mesh is not None:
-                red, green, blue = (round(255 * float(share)) for share in colour[:3])
+                red, green, blue = (round(255 * float(share)) for share in color[:3])
                 geoms.append(geom)
                 parts.append(Part(*mesh, (red, green, blue)))
         return np.array(geoms, dtype=np.intp), parts
 
-    def _colour(self, geom: int) -> Floats:
+    def _color(self, geom: int) -> Floats:
         model = self.robot.model
         own, material = model.geom_rgba[geom], model.geom_matid[geom]
-        if material >= 0 and np.allclose(own, DEFAULT_COLOUR):
+        if material >= 0 and np.allclose(own, DEFAULT_COLOR):
             own = model.mat_rgba[material]
         return np.asarray(own, dtype=np.float64)
 

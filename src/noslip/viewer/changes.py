@@ -6,16 +6,15 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.errors import NoslipError
 from noslip.learning import ConstrainedDMP
 from noslip.primitives.pose import ConstrainedMotion, State
 from noslip.projection.metric import inverse_metric
-
-Floats = NDArray[np.float64]
 
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
 """Of an adaptation while a goal is dragged."""
@@ -31,7 +30,7 @@ class Wish:
     Attributes
     ----------
     goal_position, start_position : array, shape (3,), or None
-        Metres.
+        Meters.
     goal_rotation, start_rotation : Rotation or None
     duration : float or None
         Seconds.

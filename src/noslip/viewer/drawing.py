@@ -9,19 +9,18 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from noslip._typing import Floats
 from noslip.figures.style import PALETTE
 from noslip.primitives.pose import State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm
 from noslip.viewer.scene import Track, rgb
-from noslip.viewer.shapes import COLOURS, OPACITIES, Shape
+from noslip.viewer.shapes import COLORS, OPACITIES, Shape
 from noslip.viewer.tool import Part
 
-Floats = NDArray[np.float64]
-
-ARROW_COLOURS = {"lateral": "purple", "velocity": "green", "force": "black"}
+ARROW_COLORS = {"lateral": "purple", "velocity": "green", "force": "black"}
 """Of :meth:`noslip.viewer.scene.Track.arrows`, by their names in the palette."""
-GHOST = rgb(PALETTE["grey"])
+GHOST = rgb(PALETTE["gray"])
 GHOST_OPACITY = 0.3
 TRAIL_WIDTH, GHOST_WIDTH = 3.5, 1.5
 """Pixels."""
@@ -45,7 +44,7 @@ class Drawing:
     server : viser.ViserServer
     tool : sequence of Part
         In the tool's frame; drawn once a motion; an arm has its own.
-    centre : array, shape (3,)
+    center : array, shape (3,)
         Of the scene (m).
     size : float
         Of the scene (m): of the arrows, the camera's distance, the grid.
@@ -60,7 +59,7 @@ class Drawing:
         server: viser.ViserServer,
         tool: Sequence[Part],
         *,
-        centre: Floats,
+        center: Floats,
         size: float,
         floor: float = 0.0,
         arm: Floats | None = None,
@@ -80,15 +79,15 @@ class Drawing:
             section_size=10 * cell,
             cell_color=(225, 225, 225),
             section_color=(205, 205, 205),
-            position=(centre[0], centre[1], floor),
+            position=(center[0], center[1], floor),
             infinite_grid=False,
         )
         camera = server.initial_camera
         # To the left of the middle, for on the right is the panel.
-        camera.look_at = centre + size * np.array([0.25, 0.0, 0.1])
-        camera.position = centre + size * np.array([0.1, -1.2, 1.0])
+        camera.look_at = center + size * np.array([0.25, 0.0, 0.1])
+        camera.position = center + size * np.array([0.1, -1.2, 1.0])
         if arm is not None:
-            camera.look_at, camera.position = _across(centre, arm)
+            camera.look_at, camera.position = _across(center, arm)
         away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
         camera.near, camera.far = 0.01 * size, max(100 * size, 10 * away)
         camera.fov = np.radians(50)
@@ -102,7 +101,7 @@ class Drawing:
                 f"/constraints/{number}_{shape.name.replace('/', '_')}",
                 shape.vertices,
                 shape.faces,
-                color=COLOURS[shape.kind],
+                color=COLORS[shape.kind],
                 opacity=OPACITIES[shape.kind],
                 side="double",
                 cast_shadow=False,
@@ -119,7 +118,7 @@ class Drawing:
             Of its nodes; see :func:`noslip.viewer.scene.node_name`.
         track : Track
         worst : float
-            Violation that has the last colour.
+            Violation that has the last color.
         follower : Follower, optional
             What moves along; drawn with the motion's first drawing.
         """
@@ -158,7 +157,7 @@ class Drawing:
             nodes[arrow] = scene.add_arrows(
                 f"/motions/{name}/{arrow}",
                 np.zeros((1, 2, 3)),
-                rgb(PALETTE[ARROW_COLOURS[arrow]]),
+                rgb(PALETTE[ARROW_COLORS[arrow]]),
                 shaft_radius=0.004 * self.size,
                 head_radius=0.01 * self.size,
                 head_length=0.03 * self.size,
@@ -251,7 +250,7 @@ class Drawing:
                 f"{node}/{number}",
                 part.vertices,
                 part.faces,
-                color=GHOST if ghost else part.colour,
+                color=GHOST if ghost else part.color,
                 opacity=GHOST_OPACITY if ghost else None,
                 flat_shading=True,
                 side="double",
@@ -261,13 +260,13 @@ class Drawing:
         return frame
 
 
-def _across(centre: Floats, arm: Floats) -> tuple[Floats, Floats]:
+def _across(center: Floats, arm: Floats) -> tuple[Floats, Floats]:
     """Where a camera looks, and stands, that sees an arm behind its work."""
-    points = np.vstack([arm, centre])
+    points = np.vstack([arm, center])
     low, high = points.min(axis=0), points.max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     up = np.array([0.0, 0.0, 1.0])
-    ahead = (centre - arm[0]) * (1 - up)
+    ahead = (center - arm[0]) * (1 - up)
     far = float(np.linalg.norm(ahead))
     ahead = ahead / far if far > 0 else np.array([1.0, 0.0, 0.0])
     place = middle + 1.3 * size * (0.75 * ahead + 0.6 * np.cross(ahead, up) + 0.35 * up)
@@ -277,14 +276,14 @@ def _across(centre: Floats, arm: Floats) -> tuple[Floats, Floats]:
 
 
 def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Colours of corners as viser's lines take them: they are not converted from sRGB there."""
+    """Colors of corners as viser's lines take them: they are not converted from sRGB there."""
     share = colors / 255.0
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.round(255 * linear), dtype=np.uint8)
 
 
 def legend(worst: float, unit: str, arrows: Mapping[str, object]) -> str:
-    """Return what the colours mean, as HTML."""
+    """Return what the colors mean, as HTML."""
     stops = ", ".join(PALETTE[name] for name in ("blue", "orange", "vermillion"))
     told = [
         f'<div style="height:8px;border-radius:4px;background:linear-gradient(to right,{stops})">'
@@ -293,8 +292,8 @@ def legend(worst: float, unit: str, arrows: Mapping[str, object]) -> str:
     ]
     names = {"lateral": "lateral axis", "velocity": "velocity", "force": "constraint force"}
     told += [
-        f'<span style="color:{PALETTE[colour]}">&#10142;</span> {names[arrow]}&ensp;'
-        for arrow, colour in ARROW_COLOURS.items()
+        f'<span style="color:{PALETTE[color]}">&#10142;</span> {names[arrow]}&ensp;'
+        for arrow, color in ARROW_COLORS.items()
         if arrow in arrows
     ]
     return "".join(told)

@@ -23,7 +23,7 @@ from noslip.viewer.tool import Part, scalpel
 
 Shown = PoseTrajectory | ConstrainedDMP | Simulation
 LEAST_WORST = 1e-3
-"""Violation that has the last colour, at least: what holds must not look as if it did not."""
+"""Violation that has the last color, at least: what holds must not look as if it did not."""
 TOOL_LENGTH = 0.45
 """Of the scalpel, over the scene's size."""
 
@@ -103,15 +103,15 @@ def drawn(
 ) -> Drawing:
     """Draw entries on a server, at the beginning of their motions."""
     motions = [entry.track.motion for entry in shown.values()]
-    centre, size = extent(motions)
+    center, size = extent(motions)
     constraints = unique([c for e in shown.values() for c in e.track.system.constraints])
     if tool is None:
         tool = suitable_scalpel(motions, constraints, size)
     low = min(float(motion.positions[:, 2].min()) for motion in motions)
     arms = (entry.follower for entry in shown.values())
     points = next((arm.points for arm in arms if isinstance(arm, Arm)), None)
-    drawing = Drawing(server, tool, centre=centre, size=size, floor=low, arm=points)
-    drawing.add_shapes(shapes(constraints, centre, size))
+    drawing = Drawing(server, tool, center=center, size=size, floor=low, arm=points)
+    drawing.add_shapes(shapes(constraints, center, size))
     for name, entry in shown.items():
         drawing.put(name, entry.track, worst(shown), entry.follower)
     drawing.move(0.0)
@@ -133,12 +133,12 @@ def suitable_scalpel(
 
 
 def worst(shown: Mapping[str, Entry]) -> float:
-    """Violation that has the last colour: the largest of all motions."""
+    """Violation that has the last color: the largest of all motions."""
     return max(LEAST_WORST, *(float(entry.track.violation.max()) for entry in shown.values()))
 
 
 def key(shown: Mapping[str, Entry], track: Track) -> str:
-    """Return what the colours of the trails and of a motion's arrows mean, as HTML."""
+    """Return what the colors of the trails and of a motion's arrows mean, as HTML."""
     largest = max((entry.track for entry in shown.values()), key=lambda t: t.violation.max())
     unit = largest.report.worst.unit if largest.report else ""
     return legend(worst(shown), unit, track.arrows(len(track.motion) // 2, 1.0))

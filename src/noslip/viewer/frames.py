@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.moving_frame import InMovingFrame
-
-Floats = NDArray[np.float64]
 
 
 class Frame:

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.errors import InputError, NoslipError
 from noslip.figures.style import PALETTE
@@ -31,8 +31,6 @@ from noslip.viewer.entries import Entry, Shown, drawn, entries, key, unique, wor
 from noslip.viewer.scene import Track, cursor, node_name
 from noslip.viewer.tool import Part
 from noslip.viewer.uploads import read_upload
-
-Floats = NDArray[np.float64]
 
 FRAME = 1 / 30
 """Seconds between two pictures while it plays."""
@@ -360,7 +358,7 @@ class Page:
                 {"label": key, "stroke": PALETTE[LINES[i % len(LINES)]], "width": 1.5}
                 for i, key in enumerate(key for key in curves if key != "t")
             ]
-            series.append({"label": "now", "stroke": PALETTE["grey"], "width": 1.5})
+            series.append({"label": "now", "stroke": PALETTE["gray"], "width": 1.5})
             with self._chart_folder:
                 self._charts[name] = self.server.gui.add_uplot(
                     tuple(cursor(curves, self.time, low, high)),
@@ -417,7 +415,7 @@ class Page:
         self._follow(replace(self.entry.wish, **asked), coarse=coarse)
 
     def _redraw(self, name: str) -> None:
-        """Draw a motion anew, and the others where the colours' scale changed."""
+        """Draw a motion anew, and the others where the colors' scale changed."""
         now = worst(self.entries)
         for other, entry in self.entries.items():
             if other == name or now != self._worst:
@@ -601,9 +599,9 @@ def _pad(content: str) -> str:
     return f'<div style="padding:4px 12px;font-size:13px;line-height:1.4">{content}</div>'
 
 
-def _note(text: str, colour: str = "black") -> str:
+def _note(text: str, color: str = "black") -> str:
     lines = html.escape(text).replace("\n", "<br>")
-    return _pad(f'<span style="color:{PALETTE[colour]}">{lines}</span>') if text else ""
+    return _pad(f'<span style="color:{PALETTE[color]}">{lines}</span>') if text else ""
 
 
 def _table(told: Mapping[str, str]) -> str:

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from noslip._typing import Floats
 from noslip.comparison import compare
 from noslip.constraints.check import CheckReport, amount, check, step_residuals
 from noslip.constraints.declaration import UNITS, Constraint, axis_index
@@ -27,7 +28,6 @@ from noslip.primitives.pose import ConstrainedMotion, State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.frames import Frame
 
-Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 MOST_SEGMENTS = 1000
@@ -48,7 +48,7 @@ def rgb(color: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
-SLIP_COLOURS = tuple(rgb(PALETTE[name]) for name in ("blue", "orange", "vermillion"))
+SLIP_COLORS = tuple(rgb(PALETTE[name]) for name in ("blue", "orange", "vermillion"))
 """Of no violation, half of the largest, and the largest."""
 
 
@@ -285,12 +285,12 @@ class Track:
         return told
 
     def trail(self, worst: float) -> tuple[Floats, Bytes]:
-        """Segments of the path, shape (S, 2, 3), and their colours, shape (S, 2, 3) of bytes.
+        """Segments of the path, shape (S, 2, 3), and their colors, shape (S, 2, 3) of bytes.
 
         Parameters
         ----------
         worst : float
-            Violation that has the last colour.
+            Violation that has the last color.
         """
         last = len(self.points) - 1
         cuts = _cuts(last, MOST_SEGMENTS)
@@ -298,8 +298,8 @@ class Track:
         segments = np.stack([ends[:-1], ends[1:]], axis=1)
         # A step belongs to the sample where it ends.
         sizes = np.maximum.reduceat(self.violation[1:], cuts)
-        colours = slip_colours(sizes, worst)
-        return segments, np.repeat(colours[:, None], 2, axis=1)
+        colors = slip_colors(sizes, worst)
+        return segments, np.repeat(colors[:, None], 2, axis=1)
 
     def charts(self) -> dict[str, dict[str, Floats]]:
         """Curves over time, at most ``CHART_POINTS`` long; each chart has its times as ``t``.
@@ -353,11 +353,11 @@ class Track:
         ]
 
 
-def slip_colours(sizes: Floats, worst: float) -> Bytes:
-    """Colours of violations, shape (N, 3) of bytes: blue where there is none."""
+def slip_colors(sizes: Floats, worst: float) -> Bytes:
+    """Colors of violations, shape (N, 3) of bytes: blue where there is none."""
     share = np.clip(sizes / worst, 0.0, 1.0) if worst > 0 else np.zeros_like(sizes)
-    places = np.linspace(0.0, 1.0, len(SLIP_COLOURS))
-    channels = [np.interp(share, places, channel) for channel in zip(*SLIP_COLOURS, strict=True)]
+    places = np.linspace(0.0, 1.0, len(SLIP_COLORS))
+    channels = [np.interp(share, places, channel) for channel in zip(*SLIP_COLORS, strict=True)]
     return np.round(np.stack(channels, axis=1)).astype(np.uint8)
 
 
@@ -380,7 +380,7 @@ def cursor(curves: Mapping[str, Floats], time: float, low: float, high: float) -
 
 
 def extent(motions: list[PoseTrajectory]) -> tuple[Floats, float]:
-    """Centre (m), shape (3,), and size (m) of a scene: of the box about all paths."""
+    """Center (m), shape (3,), and size (m) of a scene: of the box about all paths."""
     points = np.concatenate([motion.positions for motion in motions])
     low, high = points.min(axis=0), points.max(axis=0)
     # A tool that only turns has no path; it is looked at from 10 cm.

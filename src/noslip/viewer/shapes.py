@@ -11,18 +11,17 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.formula import surface_value
 from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
-from noslip.constraints.remote_centre import RemoteCentre
+from noslip.constraints.remote_center import RemoteCenter
 from noslip.figures.style import PALETTE
 from noslip.viewer.frames import Frame
 from noslip.viewer.scene import rgb
-
-Floats = NDArray[np.float64]
 
 REACH = 0.75
 """Half the side of what has no end, such as a plane, over the scene's size."""
@@ -35,12 +34,12 @@ GRID = 41
 NEWTON_STEPS = 30
 _ON_SURFACE = 1e-9
 """m, from the surface: the most at which a point counts as on it, over the scene's size."""
-COLOURS = {
+COLORS = {
     "contact": rgb(PALETTE["sky"]),
     "limit": rgb(PALETTE["orange"]),
     "keep-out": rgb(PALETTE["vermillion"]),
     "mark": rgb(PALETTE["green"]),
-    "frame": rgb(PALETTE["grey"]),
+    "frame": rgb(PALETTE["gray"]),
 }
 OPACITIES = {"contact": 0.25, "limit": 0.2, "keep-out": 0.35, "mark": 1.0, "frame": 1.0}
 
@@ -53,9 +52,9 @@ class Shape:
     ----------
     name : str
     kind : str
-        Of ``COLOURS``.
+        Of ``COLORS``.
     vertices : array, shape (V, 3)
-        Metres.
+        Meters.
     faces : array, shape (F, 3)
         Indices of vertices.
     frame : Frame or None
@@ -75,20 +74,20 @@ class Shape:
         return self.frame.pose(time)
 
 
-def shapes(constraints: Iterable[Constraint], centre: ArrayLike, size: float) -> list[Shape]:
+def shapes(constraints: Iterable[Constraint], center: ArrayLike, size: float) -> list[Shape]:
     """Return what constraints look like near a scene; those without a place are left out.
 
     Parameters
     ----------
     constraints : iterable of Constraint
         One in a moving frame moves with it, and so do the frame's axes, at the point of it that is
-        the scene's centre at the beginning.
-    centre : array, shape (3,)
+        the scene's center at the beginning.
+    center : array, shape (3,)
         Of the scene (m): what has no end is drawn about the point nearest to it.
     size : float
         Of the scene (m).
     """
-    middle, found = np.asarray(centre, dtype=np.float64), []
+    middle, found = np.asarray(center, dtype=np.float64), []
     for constraint in constraints:
         if isinstance(constraint, InMovingFrame):
             frame = Frame(constraint)
@@ -108,27 +107,27 @@ def shapes(constraints: Iterable[Constraint], centre: ArrayLike, size: float) ->
 _Drawn = tuple[str, Floats, NDArray[np.int64]]
 
 
-def _drawn(constraint: Constraint, centre: Floats, size: float) -> _Drawn | None:
+def _drawn(constraint: Constraint, center: Floats, size: float) -> _Drawn | None:
     match constraint:
         case PlaneContact(point=point, normal=normal):
-            return "contact", *_patch(point, normal, 0.0, centre, size)
-        case SphereContact(centre=middle, radius=radius):
+            return "contact", *_patch(point, normal, 0.0, center, size)
+        case SphereContact(center=middle, radius=radius):
             return "contact", *_ball(middle, radius)
         case CylinderContact(point=point, axis=axis, radius=radius):
-            return "contact", *_tube(point, axis, radius, centre, size)
+            return "contact", *_tube(point, axis, radius, center, size)
         case SurfaceContact():
-            return _surface(constraint, centre, size)
+            return _surface(constraint, center, size)
         case HalfSpace(point=point, normal=normal):
-            return "limit", *_patch(point, normal, 0.0, centre, size)
+            return "limit", *_patch(point, normal, 0.0, center, size)
         case DepthLimit(surface_point=point, normal=normal, depth=depth):
-            return "limit", *_patch(point, normal, depth, centre, size)
+            return "limit", *_patch(point, normal, depth, center, size)
         case Box():
-            return "limit", *_sides(constraint, centre, size)
-        case KeepOutSphere(centre=middle, radius=radius):
+            return "limit", *_sides(constraint, center, size)
+        case KeepOutSphere(center=middle, radius=radius):
             return "keep-out", *_ball(middle, radius)
         case KeepOutCapsule(start=start, end=end, radius=radius):
             return "keep-out", *_capsule(start, end, radius)
-        case RemoteCentre(point=point):
+        case RemoteCenter(point=point):
             return "mark", *_ball(point, MARK * size)
     return None
 
@@ -159,25 +158,25 @@ def _basis(normal: ArrayLike) -> tuple[Floats, Floats, Floats]:
     return u, np.cross(n, u), n
 
 
-def _patch(point: ArrayLike, normal: ArrayLike, below: float, centre: Floats, size: float) -> _Mesh:
+def _patch(point: ArrayLike, normal: ArrayLike, below: float, center: Floats, size: float) -> _Mesh:
     """Return a square of the plane through a point, or that far below it."""
     u, v, n = _basis(normal)
-    middle = centre - ((centre - np.asarray(point)) @ n + below) * n
+    middle = center - ((center - np.asarray(point)) @ n + below) * n
     corners = [
         middle + REACH * size * (a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
     return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def _ball(centre: ArrayLike, radius: float) -> _Mesh:
+def _ball(center: ArrayLike, radius: float) -> _Mesh:
     vertices, faces = _mesh(trimesh.creation.icosphere(subdivisions=3, radius=radius))
-    return vertices + np.asarray(centre), faces
+    return vertices + np.asarray(center), faces
 
 
-def _tube(point: ArrayLike, axis: ArrayLike, radius: float, centre: Floats, size: float) -> _Mesh:
+def _tube(point: ArrayLike, axis: ArrayLike, radius: float, center: Floats, size: float) -> _Mesh:
     """Return the length of an endless cylinder that lies beside the scene; open at its ends."""
     u, v, n = _basis(axis)
-    middle = np.asarray(point) + ((centre - np.asarray(point)) @ n) * n
+    middle = np.asarray(point) + ((center - np.asarray(point)) @ n) * n
     turn = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
     ring = radius * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v)
     half = REACH * size * n
@@ -200,11 +199,11 @@ def _capsule(start: ArrayLike, end: ArrayLike, radius: float) -> _Mesh:
     return np.asarray(start) + vertices @ np.stack(_basis(along)), faces
 
 
-def _sides(box: Box, centre: Floats, size: float) -> _Mesh:
+def _sides(box: Box, center: Floats, size: float) -> _Mesh:
     """Return the sides of a box that there are; what is open ends where the scene does."""
     reach = REACH * size
-    low = np.array([c - reach if s is None else s for s, c in zip(box.lower, centre, strict=True)])
-    high = np.array([c + reach if s is None else s for s, c in zip(box.upper, centre, strict=True)])
+    low = np.array([c - reach if s is None else s for s, c in zip(box.lower, center, strict=True)])
+    high = np.array([c + reach if s is None else s for s, c in zip(box.upper, center, strict=True)])
     low, high = np.minimum(low, high), np.maximum(low, high)
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     faces = []
@@ -217,7 +216,7 @@ def _sides(box: Box, centre: Floats, size: float) -> _Mesh:
     return np.where(corners == 1, high, low), np.array(faces)
 
 
-def _surface(contact: SurfaceContact, centre: Floats, size: float) -> _Drawn | None:
+def _surface(contact: SurfaceContact, center: Floats, size: float) -> _Drawn | None:
     """Points of a grid beside the scene, moved onto ``f = 0`` along the gradient at its middle.
 
     Where no point of the surface is found, there is a hole.
@@ -226,7 +225,7 @@ def _surface(contact: SurfaceContact, centre: Floats, size: float) -> _Drawn | N
     f = surface_value(contact.surface, p)
     function = ca.Function("surface", [p], [f, ca.jacobian(f, p)])
 
-    middle, reach = centre[None], REACH * size
+    middle, reach = center[None], REACH * size
     for _ in range(NEWTON_STEPS):
         off, slope = _value_at(function, middle)
         square = float(np.sum(slope**2))

@@ -10,10 +10,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.constraints.declaration import axis_index
 from noslip.errors import InputError
-
-Floats = NDArray[np.float64]
 
 SUFFIXES = (".stl", ".obj", ".glb")
 STEEL, HANDLE = (168, 176, 186), (62, 74, 90)
@@ -28,19 +27,19 @@ _SHAFT_HALF = 0.022
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A triangle mesh of one colour, in the frame of the tool, or of an arm's geom.
+    """A triangle mesh of one color, in the frame of the tool, or of an arm's geom.
 
     Attributes
     ----------
     vertices : array, shape (V, 3)
-        Metres.
+        Meters.
     faces : array, shape (F, 3)
-    colour : 3 bytes
+    color : 3 bytes
     """
 
     vertices: Floats
     faces: NDArray[np.int64]
-    colour: tuple[int, int, int]
+    color: tuple[int, int, int]
 
 
 def scalpel(
@@ -51,7 +50,7 @@ def scalpel(
     Parameters
     ----------
     length : float
-        Metres.
+        Meters.
     edge, lateral : str
         The body axes along which it cuts, and across which it is flat.
     flip : bool
@@ -68,8 +67,8 @@ def scalpel(
         # A half turn about the edge: the lateral axis changes its sign alone, and it has none.
         frame[1:] *= -1
     return [
-        Part(length * vertices @ frame, faces, colour)
-        for (vertices, faces), colour in ((blade, STEEL), (shaft, HANDLE))
+        Part(length * vertices @ frame, faces, color)
+        for (vertices, faces), color in ((blade, STEEL), (shaft, HANDLE))
     ]
 
 
@@ -81,7 +80,7 @@ def load_tool(path: str | Path, *, scale: float = 1.0) -> list[Part]:
     path : path
         ``.stl``, ``.obj`` or ``.glb``.
     scale : float
-        Metres per unit of the file; 0.001 for one drawn in millimetres.
+        Meters per unit of the file; 0.001 for one drawn in millimeters.
 
     Raises
     ------
@@ -89,7 +88,7 @@ def load_tool(path: str | Path, *, scale: float = 1.0) -> list[Part]:
         If it cannot be read, or holds no triangles.
     """
     path = Path(path)
-    scale = _arguments.positive("tool scale", scale, "metres per unit")
+    scale = _arguments.positive("tool scale", scale, "meters per unit")
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: a tool is a mesh in {', '.join(SUFFIXES)}")
     if not path.is_file():

@@ -37,7 +37,7 @@ static void force_at(const noslip_primitive *p, noslip_real fraction, int first,
     noslip_real place = fraction * (noslip_real)(count - 1) + REAL(0.5), nearest, sum = 0;
     int middle, i, j, side;
     for (j = first; j < last; ++j) force[j] = 0;
-    /* Centres are evenly spaced in time; from the nearest, or the outermost, both ways until the
+    /* Centers are evenly spaced in time; from the nearest, or the outermost, both ways until the
      * Gaussians vanish.  Its exponent is taken out, so that no phase leaves all of them at zero. */
     if (!(place > 0)) place = 0;
     middle = (int)smaller(place, (noslip_real)(count - 1));

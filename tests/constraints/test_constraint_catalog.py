@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from noslip import Blade, Constraint, ConstraintError, position_constraint, velocity_constraint
-from noslip.constraints import ConstraintSystem, catalogue
-from noslip.constraints.catalogue import parse_constraint, restore, specification
+from noslip.constraints import ConstraintSystem, catalog
+from noslip.constraints.catalog import parse_constraint, restore, specification
 
 RULES = '''
 """Rules of one user."""
@@ -65,7 +65,7 @@ def test_names_and_calls_with_literals_are_understood(text: str, expected: Blade
 
 
 def test_names_may_have_hyphens(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(catalogue.CATALOGUE, "scalpel-blade", Blade)
+    monkeypatch.setitem(catalog.CATALOG, "scalpel-blade", Blade)
     for text in ("scalpel-blade", "scalpel_blade", "scalpel-blade(edge='-x')"):
         assert isinstance(parse_constraint(text), Blade)
     # Only the name's hyphens; those of arguments are signs.

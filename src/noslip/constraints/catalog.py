@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from noslip._typing import Expression
 from noslip.constraints.blade import Blade
 from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
 from noslip.constraints.declaration import Constraint, Motion, constraint_function, described
@@ -18,15 +19,14 @@ from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
 from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
-from noslip.constraints.remote_centre import RemoteCentre
+from noslip.constraints.remote_center import RemoteCenter
 from noslip.constraints.rolling import RollingDisc, RollingSphere
 from noslip.constraints.tool_axis import ToolAxis
 from noslip.constraints.travel import ForwardOnly, TurningRadius
 from noslip.constraints.wheel import Wheel
 from noslip.errors import ConstraintError
-from noslip.rotations import Expression
 
-CATALOGUE: dict[str, type[Constraint]] = {
+CATALOG: dict[str, type[Constraint]] = {
     "blade": Blade,
     "needle": Needle,
     "wheel": Wheel,
@@ -36,7 +36,7 @@ CATALOGUE: dict[str, type[Constraint]] = {
     "sphere-contact": SphereContact,
     "cylinder-contact": CylinderContact,
     "surface-contact": SurfaceContact,
-    "remote-centre": RemoteCentre,
+    "remote-center": RemoteCenter,
     "tool-axis": ToolAxis,
     "in-moving-frame": InMovingFrame,
     "half-space": HalfSpace,
@@ -58,7 +58,7 @@ def parse_constraint(text: str) -> Constraint:
     Parameters
     ----------
     text : str
-        A catalogue name (``blade``), a call with literal arguments (``blade(lateral='z')``), or a
+        A catalog name (``blade``), a call with literal arguments (``blade(lateral='z')``), or a
         constraint of the user's own as ``file.py:name``; that file is imported.
 
     Raises
@@ -87,8 +87,8 @@ def parse_constraint(text: str) -> Constraint:
 
 
 def build(name: str, arguments: dict[str, Any]) -> Constraint:
-    """Return a catalogue constraint with the given arguments."""
-    factory = CATALOGUE.get(name.replace("_", "-"))
+    """Return a catalog constraint with the given arguments."""
+    factory = CATALOG.get(name.replace("_", "-"))
     if factory is None:
         raise ConstraintError(f"no constraint is called {name!r}; known are {_known()}")
     known = [f.name for f in dataclasses.fields(factory) if f.init]  # type: ignore[arg-type]
@@ -100,7 +100,7 @@ def build(name: str, arguments: dict[str, Any]) -> Constraint:
 
 def specification(constraint: Constraint) -> dict[str, Any]:
     """Return plain data from which :func:`restore` makes the same constraint again."""
-    for name, factory in CATALOGUE.items():
+    for name, factory in CATALOG.items():
         if type(constraint) is factory:
             fields = dataclasses.fields(constraint)  # type: ignore[arg-type]
             arguments = {f.name: getattr(constraint, f.name) for f in fields if f.init}
@@ -202,4 +202,4 @@ def _from_file(path: Path, name: str) -> Constraint:
 
 
 def _known() -> str:
-    return ", ".join(sorted(CATALOGUE))
+    return ", ".join(sorted(CATALOG))

@@ -1,4 +1,4 @@
-"""The equalities of the catalogue: against NumPy, the literature, and held step by step."""
+"""The equalities of the catalog: against NumPy, the literature, and held step by step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip.constraints import ConstraintSystem
-from noslip.constraints.catalogue import CATALOGUE, parse_constraint, restore, specification
+from noslip.constraints.catalog import CATALOG, parse_constraint, restore, specification
 from noslip.constraints.formula import surface_value
 
 Floats = NDArray[np.float64]
@@ -177,7 +177,7 @@ def plane_contact(rng: Rng) -> Case:
 
 def sphere_contact(rng: Rng) -> Case:
     c = ns.SphereContact(three(rng), float(rng.uniform(0.01, 2)), three(rng))
-    return c, lambda i: np.linalg.norm(i.at(c.reference_point).p - c.centre) - c.radius
+    return c, lambda i: np.linalg.norm(i.at(c.reference_point).p - c.center) - c.radius
 
 
 def cylinder_contact(rng: Rng) -> Case:
@@ -201,8 +201,8 @@ def surface_contact(rng: Rng) -> Case:
     return c, oracle
 
 
-def remote_centre(rng: Rng) -> Case:
-    c = ns.RemoteCentre(three(rng), two_axes(rng)[0], three(rng))
+def remote_center(rng: Rng) -> Case:
+    c = ns.RemoteCenter(three(rng), two_axes(rng)[0], three(rng))
 
     def oracle(i: Instant) -> Any:
         away = np.array(c.point) - i.at(c.reference_point).p
@@ -279,14 +279,14 @@ CASES: dict[str, Callable[[Rng], Case]] = {
     "sphere contact": sphere_contact,
     "cylinder contact": cylinder_contact,
     "surface contact": surface_contact,
-    "remote centre": remote_centre,
+    "remote center": remote_center,
     "parallel tool axis": parallel_axis,
     "tilted tool axis": tilted_axis,
     "tool axis on a surface": axis_on_surface,
     "in moving frame": in_moving_frame,
 }
 FIXED = [name for name in CASES if name != "in moving frame"]
-EQUALITIES = [name for name, kind in CATALOGUE.items() if kind.relation == "zero"]
+EQUALITIES = [name for name, kind in CATALOG.items() if kind.relation == "zero"]
 EXAMPLES = settings(max_examples=15)
 
 every = pytest.mark.parametrize("name", CASES)
@@ -298,9 +298,9 @@ def case(name: str, seed: int) -> tuple[Any, Oracle, Instant]:
     return constraint, oracle, Instant.random(rng)
 
 
-def test_every_equality_of_the_catalogue_is_tested_here() -> None:
+def test_every_equality_of_the_catalog_is_tested_here() -> None:
     drawn = {type(CASES[name](np.random.default_rng(0))[0]) for name in CASES}
-    assert drawn == {CATALOGUE[name] for name in EQUALITIES}
+    assert drawn == {CATALOG[name] for name in EQUALITIES}
 
 
 @every
@@ -324,7 +324,7 @@ def test_conditions_on_velocities_are_rates_of_conditions_on_poses(name: str, se
         h = 1e-5
         ahead, behind = (np.atleast_1d(oracle(instant.after(s * h))) for s in (1, -1))
         expected = (ahead - behind) / (2 * h)
-    # Far from an axis or a centre, or the difference quotient is of no use.
+    # Far from an axis or a center, or the difference quotient is of no use.
     scale = 1e3 * max(1.0, np.abs(phi).max())
     np.testing.assert_allclose(phi, expected, rtol=0, atol=1e-8 * scale)
     assert np.all(np.isfinite(rows))
@@ -353,7 +353,7 @@ def test_a_reference_point_is_the_same_constraint_elsewhere(name: str, seed: int
     )
 
 
-POINTS, DIRECTIONS = ("point", "centre"), ("normal", "direction")
+POINTS, DIRECTIONS = ("point", "center"), ("normal", "direction")
 
 
 def turned_world(constraint: Any, Q: Floats, s: Floats) -> Any:
@@ -395,7 +395,7 @@ def literal(constraint: Any) -> str:
         value = getattr(constraint, f.name)
         if f.init:
             arguments.append(f"{f.name}={list(value) if isinstance(value, tuple) else value!r}")
-    name = next(name for name, kind in CATALOGUE.items() if kind is type(constraint))
+    name = next(name for name, kind in CATALOG.items() if kind is type(constraint))
     return f"{name}({', '.join(arguments)})"
 
 
@@ -417,8 +417,8 @@ def test_each_is_built_from_its_text(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("name", EQUALITIES)
 def test_all_arguments_have_defaults(name: str) -> None:
-    assert parse_constraint(name) == CATALOGUE[name]()
-    assert ConstraintSystem(CATALOGUE[name]()).size > 0
+    assert parse_constraint(name) == CATALOG[name]()
+    assert ConstraintSystem(CATALOG[name]()).size > 0
 
 
 @every
@@ -453,7 +453,7 @@ def tilting(t: Any) -> Any:
         ns.SurfaceContact(bowl, unit="mm"),
         ns.ToolAxis(surface=bowl, angle=0.3),
         ns.InMovingFrame("needle(curvature=2)", frame=swaying),
-        ns.InMovingFrame(ns.RemoteCentre(), frame=tilting),
+        ns.InMovingFrame(ns.RemoteCenter(), frame=tilting),
     ],
     ids=["surface", "tool axis", "swaying", "tilting"],
 )
@@ -496,14 +496,14 @@ def test_a_curved_needle_follows_a_circle_of_its_curvature(seed: int) -> None:
     start = Rotation.random(random_state=rng)
     still = Instant(0.0, np.zeros(3), start.as_matrix(), np.zeros(3), np.zeros(3))
     x, b = still.axis(shaft), still.axis(bevel)
-    centre = np.cross(b, x) / kappa
+    center = np.cross(b, x) / kappa
     angle = rng.uniform(0, 6)
     turn = Rotation.from_rotvec(np.sign(kappa) * angle * b)
-    p = centre + turn.apply(-centre)
+    p = center + turn.apply(-center)
     v = speed * turn.apply(x)
-    assert np.linalg.norm(p - centre) == pytest.approx(1 / abs(kappa))
+    assert np.linalg.norm(p - center) == pytest.approx(1 / abs(kappa))
     instant = Instant(0.0, p, (turn * start).as_matrix(), v, kappa * speed * b)
-    assert np.abs(v @ (p - centre)) < 1e-12
+    assert np.abs(v @ (p - center)) < 1e-12
     np.testing.assert_allclose(residual(needle, instant), 0, rtol=0, atol=1e-12)
     rolling = replace(instant, w=instant.w + 3 * instant.axis(shaft))
     np.testing.assert_allclose(residual(needle, rolling), 0, rtol=0, atol=1e-12)
@@ -578,15 +578,15 @@ def test_a_ball_rolls_at_radius_times_rate(seed: int) -> None:
 def test_contacts_vanish_on_their_surface_and_measure_the_distance_off_it(seed: int) -> None:
     rng = np.random.default_rng(seed)
     i, off = Instant.random(rng), rng.uniform(-0.05, 1)
-    centre, radius, tip = three(rng), float(rng.uniform(0.1, 2)), three(rng)
+    center, radius, tip = three(rng), float(rng.uniform(0.1, 2)), three(rng)
     n, along = unit(three(rng)), unit(three(rng))
     across = unit(np.cross(along, n))
     for contact, foot, out in (
-        (ns.PlaneContact(centre, tuple(n), tip), centre + 3 * across, n),
-        (ns.SphereContact(centre, radius, tip), centre + radius * n, n),
+        (ns.PlaneContact(center, tuple(n), tip), center + 3 * across, n),
+        (ns.SphereContact(center, radius, tip), center + radius * n, n),
         (
-            ns.CylinderContact(centre, tuple(along), radius, tip),
-            centre + radius * across - 2 * along,
+            ns.CylinderContact(center, tuple(along), radius, tip),
+            center + radius * across - 2 * along,
             across,
         ),
     ):
@@ -607,7 +607,7 @@ def test_a_sphere_and_its_formula_are_the_same_surface() -> None:
     "constraint", [ns.SphereContact(), ns.CylinderContact(), ns.RollingDisc(axle="z")], ids=repr
 )
 def test_where_a_form_is_singular_its_derivatives_are_finite(constraint: Any) -> None:
-    # At the centre, on the axis, or lying flat.
+    # At the center, on the axis, or lying flat.
     state = (0.0, np.zeros(3), [1.0, 0, 0, 0], np.ones(3), np.ones(3))
     for numbers in ConstraintSystem(constraint).instant(*state):
         assert np.all(np.isfinite(numbers))
@@ -618,12 +618,12 @@ def test_where_a_form_is_singular_its_derivatives_are_finite(constraint: Any) ->
 @given(seeds)
 def test_an_instrument_pivots_about_its_incision_and_slides_through_it(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    i, centre, shaft = Instant.random(rng), three(rng), two_axes(rng)[0]
+    i, center, shaft = Instant.random(rng), three(rng), two_axes(rng)[0]
     tip = three(rng)
-    instrument = ns.RemoteCentre(centre, shaft, tip)
+    instrument = ns.RemoteCenter(center, shaft, tip)
     depth, slide = rng.normal(size=2)
-    p = centre + depth * i.axis(shaft)
-    v = np.cross(i.w, p - np.array(centre)) + slide * i.axis(shaft)
+    p = center + depth * i.axis(shaft)
+    v = np.cross(i.w, p - np.array(center)) + slide * i.axis(shaft)
     arm = i.R @ tip
     there = replace(i, p=p - arm, v=v - np.cross(i.w, arm))
     value, phi, _ = ConstraintSystem(instrument).instant(*there.state)
@@ -652,7 +652,7 @@ def test_a_parallel_tool_axis_has_two_rows(angle: float) -> None:
     assert ConstraintSystem(ns.ToolAxis(angle=0.5)).size == 1
 
 
-def test_a_torch_at_a_right_angle_to_a_sphere_points_at_its_centre() -> None:
+def test_a_torch_at_a_right_angle_to_a_sphere_points_at_its_center() -> None:
     tool = ns.ToolAxis("-z", surface="x**2 + y**2 + z**2 - 1")
     rng = np.random.default_rng(0)
     i = Instant.random(rng)
@@ -770,13 +770,13 @@ BAD: list[tuple[type, dict[str, Any], str]] = [
     (ns.RollingSphere, {"normal": (0, 0)}, "rolling-sphere: normal"),
     (ns.PlaneContact, {"point": 0}, "plane-contact: point"),
     (ns.PlaneContact, {"normal": [0, 0, 0]}, "plane-contact: normal"),
-    (ns.SphereContact, {"centre": "here"}, "sphere-contact: centre"),
+    (ns.SphereContact, {"center": "here"}, "sphere-contact: center"),
     (ns.SphereContact, {"radius": "big"}, "sphere-contact: radius"),
     (ns.CylinderContact, {"axis": (0, 0, np.nan)}, "cylinder-contact: axis"),
     (ns.CylinderContact, {"radius": np.inf}, "cylinder-contact: radius"),
     (ns.CylinderContact, {"point": None}, "cylinder-contact: point"),
-    (ns.RemoteCentre, {"point": [[0, 0, 0]]}, "remote-centre: point"),
-    (ns.RemoteCentre, {"shaft": "shaft"}, "remote-centre: shaft"),
+    (ns.RemoteCenter, {"point": [[0, 0, 0]]}, "remote-center: point"),
+    (ns.RemoteCenter, {"shaft": "shaft"}, "remote-center: shaft"),
     (ns.ToolAxis, {"axis": (0, 0, 1)}, "tool-axis: axis"),
     (ns.ToolAxis, {"direction": (0, 0, 0)}, "tool-axis: direction"),
     (ns.ToolAxis, {"angle": 45}, "tool-axis: angle"),
@@ -953,13 +953,13 @@ def starting_on(name: str, rng: Rng, i: Instant) -> Any:
     if name == "plane contact":
         return replace(c, point=p + np.cross(c.normal, n))
     if name == "sphere contact":
-        return replace(c, radius=radius, centre=p - radius * n)
+        return replace(c, radius=radius, center=p - radius * n)
     if name == "cylinder contact":
         across = unit(np.cross(c.axis, n))
         return replace(c, radius=radius, point=p - radius * across + np.array(c.axis))
     if name == "surface contact":
         return replace(c, surface=f"{c.surface} - ({float(surface_value(c.surface, ca.SX(p)))})")
-    if name == "remote centre":
+    if name == "remote center":
         return replace(c, point=p + 0.5 * radius * i.axis(c.shaft))
     if "tool axis" in name:
         aside = unit(np.cross(i.axis(c.axis), n))
@@ -995,7 +995,7 @@ def compatible(names: Sequence[str], rng: Rng, start: Instant) -> list[Any]:
 
 LEAST_ROWS = {
     name: {"curved needle": 4, "rolling disc": 3, "rolling sphere": 3, "in moving frame": 1}.get(
-        name, 2 if name in ("needle", "wheel", "remote centre", "parallel tool axis") else 1
+        name, 2 if name in ("needle", "wheel", "remote center", "parallel tool axis") else 1
     )
     for name in CASES
 }
@@ -1056,7 +1056,7 @@ def test_a_wheel_that_also_touches_its_plane_is_held() -> None:
     assert np.abs(motion.constraint_residuals).max() <= 1e-10
 
 
-@pytest.mark.parametrize("name", ["sphere contact", "remote centre", "tilted tool axis"])
+@pytest.mark.parametrize("name", ["sphere contact", "remote center", "tilted tool axis"])
 def test_a_start_beside_the_constraint_comes_back_to_it(name: str) -> None:
     rng = np.random.default_rng(2)
     start = start_of(0)

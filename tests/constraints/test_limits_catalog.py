@@ -1,4 +1,4 @@
-"""The catalogue's limits: margins against NumPy formulas, slopes everywhere, text and JSON."""
+"""The catalog's limits: margins against NumPy formulas, slopes everywhere, text and JSON."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from noslip import (
     TurningRadius,
 )
 from noslip.constraints import ConstraintSystem
-from noslip.constraints.catalogue import CATALOGUE, build, parse_constraint, restore, specification
+from noslip.constraints.catalog import CATALOG, build, parse_constraint, restore, specification
 from noslip.constraints.declaration import constraint_function
 from noslip.constraints.limit import Limit
 
@@ -204,10 +204,10 @@ def test_infinite_sides_of_a_box_are_left_out() -> None:
 
 @given(moments, vectors(), sizes(), vectors())
 def test_keep_out_sphere_is_the_distance_to_it(
-    m: Moment, centre: Vector, radius: float, r: Vector
+    m: Moment, center: Vector, radius: float, r: Vector
 ) -> None:
-    found = margins(KeepOutSphere(centre, radius, r), m)
-    expected = math.dist(m.place(r), centre) - radius
+    found = margins(KeepOutSphere(center, radius, r), m)
+    expected = math.dist(m.place(r), center) - radius
     np.testing.assert_allclose(found, [expected], **CLOSE)
 
 
@@ -233,10 +233,10 @@ def test_keep_out_capsule_is_the_distance_to_it(
 
 @given(moments, vectors(), sizes(), vectors())
 def test_a_capsule_without_length_is_a_sphere(
-    m: Moment, centre: Vector, radius: float, r: Vector
+    m: Moment, center: Vector, radius: float, r: Vector
 ) -> None:
-    capsule = margins(KeepOutCapsule(centre, centre, radius, r), m)
-    np.testing.assert_allclose(capsule, margins(KeepOutSphere(centre, radius, r), m), **CLOSE)
+    capsule = margins(KeepOutCapsule(center, center, radius, r), m)
+    np.testing.assert_allclose(capsule, margins(KeepOutSphere(center, radius, r), m), **CLOSE)
 
 
 @given(moments, sizes(), vectors())
@@ -406,7 +406,7 @@ def test_slopes_are_those_of_finite_differences(limit: Limit, m: Moment) -> None
     for k, step in enumerate(h * np.eye(24)):
         ahead, here, back = (margin(start + s * step) for s in (1, 0, -1))
         one, other = (ahead - here) / h, (here - back) / h
-        # Next to a kink (a sphere's centre, rest) the slopes on both sides differ.
+        # Next to a kink (a sphere's center, rest) the slopes on both sides differ.
         smooth = np.abs(one - other) < 1e-4
         middle = (ahead - back) / (2 * h)
         np.testing.assert_allclose(found[smooth, k], middle[smooth], rtol=0, atol=2e-4)
@@ -425,7 +425,7 @@ def test_slopes_are_those_of_finite_differences(limit: Limit, m: Moment) -> None
         Moment((-0.1, 0.3, -0.2)),
         Moment((1e-13, 0, 0), (0, 0, 0), (1e-300, 0, 0), (1e-13, 0, 0), (1e-20, 0, 0)),
     ],
-    ids=["centre", "on the axis", "end", "beyond", "start", "oblique", "tip at centre", "tiny"],
+    ids=["center", "on the axis", "end", "beyond", "start", "oblique", "tip at center", "tiny"],
 )
 def test_slopes_are_finite_and_bounded_at_singular_points(limit: Limit, m: Moment) -> None:
     found = slopes(limit, m)
@@ -447,7 +447,7 @@ def test_slopes_are_finite_and_bounded_at_singular_points(limit: Limit, m: Momen
 
 @given(st.floats(1e-3, 10), vectors(), st.sampled_from([0, 1e-16, 1e-13, 1e-10, 1e-6, 1.0]))
 def test_margins_are_never_overestimated(scale: float, unit: Vector, size: float) -> None:
-    """Neither at a sphere's centre nor at rest; the error is within 1e-9 of the limit's scale."""
+    """Neither at a sphere's center nor at rest; the error is within 1e-9 of the limit's scale."""
     x, y, z = (size * scale * u for u in unit)
     length = math.hypot(x, y, z)
     slack = 4e-16 * (scale + length)
@@ -473,8 +473,8 @@ def test_normals_of_any_length_do(normal: Vector) -> None:
 
 
 @pytest.mark.parametrize(("name", "limit"), NAMES.items())
-def test_each_limit_is_in_the_catalogue_and_has_defaults(name: str, limit: type[Limit]) -> None:
-    assert CATALOGUE[name] is limit
+def test_each_limit_is_in_the_catalog_and_has_defaults(name: str, limit: type[Limit]) -> None:
+    assert CATALOG[name] is limit
     made = parse_constraint(name)
     assert made == limit()
     assert (made.name, made.relation) == (name, "nonnegative")
@@ -515,7 +515,7 @@ def test_levels_and_units(limit: Limit, level: str, units: list[str]) -> None:
         ("depth-limit(surface_point=(0, 0, .1))", DepthLimit(surface_point=(0, 0, 0.1))),
         ("box(lower=(None, -1, None), upper=[1, 2, 1e999])", Box((None, -1, None), (1, 2, None))),
         (
-            "keep-out-sphere(centre=[.1, 0, 0], radius=1, priority=9, barrier_rate=2.5)",
+            "keep-out-sphere(center=[.1, 0, 0], radius=1, priority=9, barrier_rate=2.5)",
             KeepOutSphere((0.1, 0, 0), 1.0, priority=9, barrier_rate=2.5),
         ),
         (
@@ -589,7 +589,7 @@ def wrong(limit: type[Limit], **arguments: Any) -> tuple[type[Limit], dict[str, 
         wrong(Box, reference_point=()),
         wrong(KeepOutSphere, radius=0),
         wrong(KeepOutSphere, radius=None),
-        wrong(KeepOutSphere, centre=(0, 0, 0, 0)),
+        wrong(KeepOutSphere, center=(0, 0, 0, 0)),
         wrong(KeepOutSphere, reference_point="tip"),
         wrong(KeepOutCapsule, radius=-1),
         wrong(KeepOutCapsule, start=(0, math.nan, 0)),

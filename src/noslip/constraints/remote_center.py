@@ -1,4 +1,4 @@
-"""A shaft through a fixed point: the remote centre of motion of keyhole surgery."""
+"""A shaft through a fixed point: the remote center of motion of keyhole surgery."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, Motion
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, other_axes, point, settle
-from noslip.rotations import Expression
 
 
 @dataclass(frozen=True)
-class RemoteCentre(Constraint):
+class RemoteCenter(Constraint):
     """The shaft's line passes through a point: ``(R e_1) . (c - p) = (R e_2) . (c - p) = 0``.
 
     Holonomic: the trocar constraint of laparoscopic robots, whose instruments pivot about the
@@ -32,7 +32,7 @@ class RemoteCentre(Constraint):
     shaft: str = "z"
     reference_point: Triple = ORIGIN
 
-    name = "remote-centre"
+    name = "remote-center"
     level = "position"
 
     def __post_init__(self) -> None:

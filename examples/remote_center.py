@@ -9,7 +9,7 @@ import noslip as ns
 from noslip.figures import save_figure, style
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("--out", default="remote_centre.png", help="the picture's file")
+parser.add_argument("--out", default="remote_center.png", help="the picture's file")
 out = parser.parse_args().out
 
 # The tip draws a figure of eight 10 cm below the port; the shaft, body z, points up to it roughly.
@@ -24,7 +24,7 @@ lean = np.arctan2(toward[:, 0], np.hypot(toward[:, 1], toward[:, 2]))
 swing[:, 1] = lean + 0.08 * np.sin(3 * np.pi * s)
 hand = ns.PoseTrajectory(6 * s, tip, Rotation.from_euler("XYZ", swing), name="demonstration")
 
-port = ns.RemoteCentre(point=PORT, shaft="z")
+port = ns.RemoteCenter(point=PORT, shaft="z")
 dmp = ns.learn(hand, [port])
 motion = dmp.rollout()
 

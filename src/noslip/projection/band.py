@@ -1,0 +1,70 @@
+"""A banded matrix of stages, and its solution by LAPACK."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg.lapack import dgbsv
+
+from noslip._typing import Floats
+
+
+class Band:
+    """A banded matrix of stages, in LAPACK's layout.
+
+    Entry (i, j) of stages k and k + s stands at row ``2 w + i - j - s n`` and column
+    ``(k + s) n + j``, with n unknowns a stage and w = 2 n diagonals on either side; a few more
+    where entries two stages apart are not on a block's diagonal alone.
+    """
+
+    def __init__(self, count: int, stage: int, more: int) -> None:
+        self.count, self.stage, self.width = count, stage, 2 * stage + more
+        self.storage = np.zeros((3 * self.width + 1, count * stage), order="F")
+        self.view = self.storage.reshape((-1, stage, count), order="F")
+
+    def add(self, shift: int, i: int, j: int, values: Floats) -> None:
+        """Add ``values[k]`` at (stage k, i) x (stage k + shift, j)."""
+        row = 2 * self.width + i - j - shift * self.stage
+        first, last = max(0, -shift), self.count - max(0, shift)
+        self.view[row, j, first + shift : last + shift] += values[first:last]
+
+    def add_transposed(self, shift: int, i: int, j: int, values: Floats) -> None:
+        """Add ``values[k]`` at (stage k + shift, j) x (stage k, i)."""
+        row = 2 * self.width + j - i + shift * self.stage
+        first, last = max(0, -shift), self.count - max(0, shift)
+        self.view[row, i, first:last] += values[first:last]
+
+    def add_between(self, a: int, i: int, b: int, j: int, values: Floats) -> None:
+        """Add ``values[k]`` at (stage k + a, i) x (stage k + b, j), with a and b from -1 to 1."""
+        row = 2 * self.width + i - j - (b - a) * self.stage
+        first, last = max(0, -a, -b), self.count - max(0, a, b)
+        self.view[row, j, first + b : last + b] += values[first:last]
+
+    def add_bending(self, j: int, strength: float) -> None:
+        """Add ``strength * D^T D`` of the second differences of unknown j."""
+        diagonal, beside = np.full(self.count, 6.0), np.full(self.count, -4.0)
+        diagonal[[0, -1]], diagonal[[1, -2]] = 1.0, 5.0
+        beside[[0, -2]] = -2.0
+        self.add(0, j, j, strength * diagonal)
+        self.add(1, j, j, strength * beside)
+        self.add_transposed(1, j, j, strength * beside)
+        apart = np.full(self.count, strength)
+        self.add(2, j, j, apart)
+        self.add(-2, j, j, apart)
+
+    def fix(self, k: int, j: int) -> None:
+        """Make unknown j of stage k stay as it is."""
+        column = k * self.stage + j
+        low, high = (
+            max(0, column - self.width),
+            min(self.count * self.stage, column + self.width + 1),
+        )
+        others = np.arange(low, high)
+        self.storage[2 * self.width + column - others, others] = 0.0
+        self.storage[2 * self.width + others - column, column] = 0.0
+        self.storage[2 * self.width, column] = 1.0
+
+    def solve(self, right: Floats) -> Floats:
+        _, _, solution, info = dgbsv(
+            self.width, self.width, self.storage, right, overwrite_ab=True, overwrite_b=True
+        )
+        return solution if info == 0 else np.full_like(right, np.nan)
