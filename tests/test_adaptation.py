@@ -52,9 +52,7 @@ def peak_rate(motion: ns.PoseTrajectory) -> float:
     return float(np.linalg.norm(motion.step_velocities()[1], axis=1).max())
 
 
-def reaches(
-    motion: ns.ConstrainedMotion, goal: Floats, turned: Rotation, length: float
-) -> tuple[bool, str]:
+def reaches(motion: ns.Motion, goal: Floats, turned: Rotation, length: float) -> tuple[bool, str]:
     """Whether a motion ends in a pose and satisfies its constraints throughout."""
     off = float(np.linalg.norm(motion.positions[-1] - goal)) / length
     turn = degrees(motion.rotations[-1], turned)
@@ -63,9 +61,7 @@ def reaches(
     return good, f"off by {off:.2g} of the path and {turn:.2g} degrees, residual {residual:.2g}"
 
 
-def assert_reaches(
-    motion: ns.ConstrainedMotion, goal: Any, turned: Rotation, length: float
-) -> None:
+def assert_reaches(motion: ns.Motion, goal: Any, turned: Rotation, length: float) -> None:
     good, found = reaches(motion, np.asarray(goal), turned, length)
     assert good, found
 

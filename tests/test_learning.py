@@ -20,7 +20,7 @@ from noslip import (
     ConstraintError,
     ConvergenceError,
     InputError,
-    Motion,
+    Instant,
     PoseDMP,
     PoseTrajectory,
     check,
@@ -107,12 +107,12 @@ def distances(motion: PoseTrajectory, demonstration: PoseTrajectory) -> Floats:
 
 
 @position_constraint
-def table(motion: Motion) -> Any:
+def table(motion: Instant) -> Any:
     return motion.position[2]
 
 
 @velocity_constraint
-def no_roll(motion: Motion) -> Any:
+def no_roll(motion: Instant) -> Any:
     return ca.dot(motion.rotation[:, 0], motion.angular_velocity)
 
 
@@ -529,7 +529,7 @@ def test_the_impossible_is_refused_by_the_demonstrations_name() -> None:
 
 def test_contradictions_are_named_and_nothing_else() -> None:
     @position_constraint
-    def ceiling(motion: Motion) -> Any:
+    def ceiling(motion: Instant) -> Any:
         return motion.position[2] - 1
 
     message = refusal(ConstraintError, lambda: learn(cut(1), [BLADE, table, ceiling]))

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from noslip import (
     ConstrainedDMP,
-    ConstrainedMotion,
     InputError,
+    Motion,
     Needle,
     PoseTrajectory,
     Wheel,
@@ -172,7 +172,7 @@ def learned(
     return recording, demonstration, learn(demonstration, family.constraint)
 
 
-def assert_held(motion: ConstrainedMotion, family: Family) -> None:
+def assert_held(motion: Motion, family: Family) -> None:
     assert np.all(np.isfinite(motion.positions))
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL
     assert slip(motion, family) <= RESIDUAL

@@ -111,7 +111,7 @@ def assert_goes_on(
     goal: Any,
     turned: Rotation,
     length: float,
-) -> ns.ConstrainedMotion:
+) -> ns.Motion:
     """A re-planned motion begins as the state is, and ends at the goal."""
     motion = new.rollout()
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL

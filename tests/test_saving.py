@@ -22,7 +22,7 @@ from noslip import (
     ConstrainedDMP,
     Constraint,
     InputError,
-    Motion,
+    Instant,
     PoseTrajectory,
     learn,
     load_primitive,
@@ -48,11 +48,11 @@ def own_rules() -> list[Constraint]:
     height = 0.3
 
     @velocity_constraint(name="no twist")
-    def no_twist(motion: Motion) -> Any:
+    def no_twist(motion: Instant) -> Any:
         return motion.rotation[:, 0].T @ motion.angular_velocity
 
     @position_constraint
-    def on_the_table(motion: Motion) -> Any:
+    def on_the_table(motion: Instant) -> Any:
         return motion.position[2] - height + 0.01 * motion.time
 
     return [no_twist, Blade(lateral="-y"), on_the_table]

@@ -14,9 +14,9 @@ from noslip.constraints import (
     ForwardOnly,
     HalfSpace,
     InMovingFrame,
+    Instant,
     KeepOutCapsule,
     KeepOutSphere,
-    Motion,
     Needle,
     PlaneContact,
     RemoteCenter,
@@ -48,7 +48,7 @@ from noslip.errors import (
 )
 from noslip.learning import ConstrainedDMP, learn
 from noslip.many import LearnedEach, learn_each
-from noslip.primitives import ConstrainedMotion, OrientationDMP, PoseDMP, PositionDMP, State
+from noslip.primitives import Motion, OrientationDMP, PoseDMP, PositionDMP, State
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import project_trajectory
 from noslip.recordings import BagTopic, bag_topics, write_bag, write_joints, write_recording
@@ -65,7 +65,6 @@ __all__ = [
     "Box",
     "CheckReport",
     "ConstrainedDMP",
-    "ConstrainedMotion",
     "Constraint",
     "ConstraintError",
     "Controller",
@@ -76,6 +75,7 @@ __all__ = [
     "HalfSpace",
     "InMovingFrame",
     "InputError",
+    "Instant",
     "KeepOutCapsule",
     "KeepOutSphere",
     "LearnedEach",

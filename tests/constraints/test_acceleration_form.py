@@ -18,7 +18,7 @@ from noslip import (
     Blade,
     Constraint,
     ConstraintError,
-    Motion,
+    Instant,
     position_constraint,
     velocity_constraint,
 )
@@ -84,7 +84,7 @@ RULES = [(rule, "velocity") for rule in VELOCITY_RULES] + [
 def declared(rule: Rule, level: str) -> Constraint:
     declare = velocity_constraint if level == "velocity" else position_constraint
 
-    def residual(motion: Motion) -> Any:
+    def residual(motion: Instant) -> Any:
         return rule(motion)
 
     return declare(name=rule.__name__)(residual)

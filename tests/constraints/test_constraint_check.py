@@ -22,8 +22,8 @@ from noslip import (
     Box,
     ConstraintError,
     InputError,
+    Instant,
     KeepOutSphere,
-    Motion,
     Needle,
     PoseTrajectory,
     SpeedLimit,
@@ -63,12 +63,12 @@ def straight(
 
 
 @position_constraint
-def plane(motion: Motion) -> Any:
+def plane(motion: Instant) -> Any:
     return motion.position[2] - 0.1
 
 
 @velocity_constraint
-def needle(motion: Motion) -> Any:
+def needle(motion: Instant) -> Any:
     return motion.rotation[:, 1:].T @ motion.linear_velocity
 
 
@@ -202,7 +202,7 @@ def test_each_constraint_gets_its_own_rows() -> None:
 @given(seeds, st.sampled_from([0.0, 12.5, -300.0]))
 def test_time_counts_from_the_first_sample(seed: int, start: float) -> None:
     @position_constraint
-    def rising(motion: Motion) -> Any:
+    def rising(motion: Instant) -> Any:
         return motion.position[2] - 0.25 * motion.time
 
     times = irregular(seed, start=start)
@@ -216,7 +216,7 @@ def test_time_counts_from_the_first_sample(seed: int, start: float) -> None:
 
 def test_angular_velocities_are_those_of_the_steps() -> None:
     @velocity_constraint
-    def spin(motion: Motion) -> Any:
+    def spin(motion: Instant) -> Any:
         return motion.angular_velocity
 
     times = irregular(5)
@@ -245,7 +245,7 @@ def test_recorded_velocities_are_not_asked() -> None:
 
 def test_a_residual_that_is_no_number_is_refused_by_the_constraints_name() -> None:
     @velocity_constraint
-    def undefined(motion: Motion) -> Any:
+    def undefined(motion: Instant) -> Any:
         return ca.sqrt(motion.position[0] - 10) * motion.linear_velocity[0]
 
     motion = straight(irregular(7), 1.0, np.array([1.0, 0, 0]), Rotation.identity())
@@ -418,7 +418,7 @@ def test_quantities_without_unit_are_told_without() -> None:
 
 def test_limits_of_ones_own_count_like_those_of_the_catalog() -> None:
     @keep_nonnegative
-    def low(motion: Motion) -> Any:
+    def low(motion: Instant) -> Any:
         return 0.02 - motion.position[2]
 
     motion = wandering(8)

@@ -14,7 +14,7 @@ from noslip import (
     Blade,
     Constraint,
     ConstraintError,
-    Motion,
+    Instant,
     position_constraint,
     velocity_constraint,
 )
@@ -32,7 +32,7 @@ def residual(constraint: Constraint) -> list[float]:
 
 def test_a_decorated_function_is_a_constraint() -> None:
     @velocity_constraint
-    def no_lateral_slip(motion: Motion) -> Any:
+    def no_lateral_slip(motion: Instant) -> Any:
         """Keep to the edge."""
         return motion.rotation[:, 1].T @ motion.linear_velocity
 
@@ -45,7 +45,7 @@ def test_a_decorated_function_is_a_constraint() -> None:
 
 def test_a_decorator_takes_a_name() -> None:
     @position_constraint(name="table")
-    def stay(motion: Motion) -> Any:
+    def stay(motion: Instant) -> Any:
         return motion.position[2]
 
     assert (stay.name, stay.level) == ("table", "position")
@@ -78,7 +78,7 @@ def test_a_class_may_be_a_constraint() -> None:
         def __init__(self, radius: float) -> None:
             self.radius = radius
 
-        def residual(self, motion: Motion) -> Any:
+        def residual(self, motion: Instant) -> Any:
             return motion.linear_velocity[0] - self.radius * motion.angular_velocity[1]
 
     assert residual(Wheel(2.0)) == [0.0]
@@ -88,7 +88,7 @@ def test_rotation_columns_are_the_body_axes_in_the_world() -> None:
     turn = Rotation.from_euler("xyz", [0.3, -0.7, 1.1])
 
     @position_constraint
-    def forward(motion: Motion) -> Any:
+    def forward(motion: Instant) -> Any:
         return motion.rotation[:, 0]
 
     found = ConstraintSystem(forward).residuals(
@@ -108,11 +108,11 @@ def refusal(constraint: Any) -> str:
     return message
 
 
-def explodes(motion: Motion) -> Any:
+def explodes(motion: Instant) -> Any:
     raise ZeroDivisionError("division\nby zero")
 
 
-def asks_if(motion: Motion) -> Any:
+def asks_if(motion: Instant) -> Any:
     return motion.linear_velocity[0] if motion.position[2] > 0 else 0.0
 
 

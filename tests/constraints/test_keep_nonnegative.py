@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import Constraint, ConstraintError, Motion, NoslipError, keep_nonnegative
+from noslip import Constraint, ConstraintError, Instant, NoslipError, keep_nonnegative
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.catalog import restore, specification
-from noslip.constraints.declaration import AcceleratedMotion
+from noslip.constraints.declaration import AcceleratedInstant
 
 INSTANT = (
     0.5,
@@ -33,16 +33,16 @@ def margin(limit: Constraint) -> list[float]:
     return list(ConstraintSystem(limit).residuals(*INSTANT)[0])
 
 
-def above(motion: Motion) -> Any:
+def above(motion: Instant) -> Any:
     """Stay above the table."""
     return motion.position[2] - 0.1
 
 
-def slow(motion: Motion) -> Any:
+def slow(motion: Instant) -> Any:
     return 9 - ca.sumsqr(motion.linear_velocity)
 
 
-def gentle(motion: AcceleratedMotion) -> Any:
+def gentle(motion: AcceleratedInstant) -> Any:
     return [
         10 - motion.linear_acceleration[2],
         motion.time - motion.angular_acceleration[1] * motion.linear_velocity[0],
@@ -54,7 +54,7 @@ def gentle(motion: AcceleratedMotion) -> Any:
 
 def test_a_decorated_function_is_an_inequality() -> None:
     @ns.keep_nonnegative
-    def above_the_table(motion: Motion) -> Any:
+    def above_the_table(motion: Instant) -> Any:
         """Stay above the table."""
         return motion.position[2]
 

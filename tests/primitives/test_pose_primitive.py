@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from noslip import InputError, PoseDMP, PoseTrajectory, State
-from noslip.primitives.pose import ConstrainedMotion
+from noslip.primitives.pose import Motion
 
 Floats = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)
@@ -771,7 +771,7 @@ def test_generators_of_demonstrations_are_taken() -> None:
 
 def test_a_motion_introduces_itself_in_one_line(fitted: PoseDMP) -> None:
     motion = fitted.rollout()
-    assert isinstance(motion, ConstrainedMotion)
+    assert isinstance(motion, Motion)
     assert "\n" not in repr(motion)
 
 

@@ -16,7 +16,7 @@ from noslip import (
     Blade,
     ConvergenceError,
     InputError,
-    Motion,
+    Instant,
     PlaneContact,
     PoseTrajectory,
     position_constraint,
@@ -55,12 +55,12 @@ def turned(one: PoseTrajectory, other: PoseTrajectory, k: int) -> float:
 
 
 @position_constraint
-def breathing(motion: Motion) -> Any:
+def breathing(motion: Instant) -> Any:
     return motion.position[2] - 0.1 * ca.sin(3 * motion.time)
 
 
 @velocity_constraint
-def drifting(motion: Motion) -> Any:
+def drifting(motion: Instant) -> Any:
     lateral = motion.rotation[:, 1]
     return ca.dot(lateral, motion.linear_velocity) - 0.1 * ca.cos(2 * motion.time)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import ConstrainedDMP, ConstrainedMotion, Constraint, PoseDMP, PoseTrajectory
+from noslip import ConstrainedDMP, Constraint, Motion, PoseDMP, PoseTrajectory
 from noslip.constraints import ConstraintSystem
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
@@ -50,7 +50,7 @@ def primitive(seed: int = 0) -> PoseDMP:
 
 
 @cache
-def free_motion(seed: int = 0) -> ConstrainedMotion:
+def free_motion(seed: int = 0) -> Motion:
     return primitive(seed).rollout()
 
 
@@ -84,7 +84,7 @@ def wall(x: float, **settings: Any) -> ns.HalfSpace:
     return ns.HalfSpace(point=(x, 0, 0), normal=(-1, 0, 0), **settings)
 
 
-def accelerations(motion: ConstrainedMotion) -> Floats:
+def accelerations(motion: Motion) -> Floats:
     """Of each step but the first, from velocities alone, shape (N - 2, 6)."""
     velocities = np.hstack([motion.linear_velocities, motion.angular_velocities])
     return np.asarray(np.diff(velocities[1:], axis=0) / motion.times[1])
@@ -595,7 +595,7 @@ def at(r: tuple[float, float, float]) -> dict[str, Any]:
     return {"reference_point": r}
 
 
-def limits(rng: np.random.Generator, p: Floats, motion: ConstrainedMotion) -> dict[str, Any]:
+def limits(rng: np.random.Generator, p: Floats, motion: Motion) -> dict[str, Any]:
     """Limits that allow a start and some of which a motion meets; rest violates none."""
     path = motion.positions
     middle = path[int(rng.integers(len(path) // 3, 2 * len(path) // 3))]
@@ -745,7 +745,7 @@ def levers() -> dict[str, list[Constraint]]:
 
 
 @cache
-def reaching(name: str) -> tuple[ConstrainedMotion, ...]:
+def reaching(name: str) -> tuple[Motion, ...]:
     """Motions to goals all round, in the default length of a shared metric: that of a step."""
     dmp = constrained(levers()[name], shared(free_motion().path_length / STEPS))
     rng = np.random.default_rng(0)

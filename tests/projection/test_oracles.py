@@ -25,7 +25,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
-from noslip import Blade, Constraint, Motion, position_constraint, velocity_constraint
+from noslip import Blade, Constraint, Instant, position_constraint, velocity_constraint
 from noslip.constraints import ConstraintSystem
 from noslip.primitives.stepping import StepSymbols
 from noslip.projection.pointwise import POSITION_ONLY, coupling, gauss_acceleration
@@ -354,7 +354,7 @@ class Sleigh:
 
     @property
     def blade(self) -> Constraint:
-        def residual(motion: Motion) -> Any:
+        def residual(motion: Instant) -> Any:
             return ca.dot(motion.rotation[:, 1], motion.at((-self.arm, 0, 0)).linear_velocity)
 
         return velocity_constraint(residual, name="sleigh")
@@ -459,14 +459,14 @@ def arm_to_contact(axle: Any) -> Any:
 
 
 @velocity_constraint
-def rolling(motion: Motion) -> Any:
+def rolling(motion: Instant) -> Any:
     """The point of contact rests: no slip along or across, and none through the ground."""
     arm = arm_to_contact(motion.rotation[:, 1])
     return motion.linear_velocity + ca.cross(motion.angular_velocity, arm)
 
 
 @position_constraint
-def upright(motion: Motion) -> Any:
+def upright(motion: Instant) -> Any:
     return motion.rotation[2, 1]
 
 
@@ -561,7 +561,7 @@ SPHERE = 1.5
 
 
 @position_constraint
-def on_sphere(motion: Motion) -> Any:
+def on_sphere(motion: Instant) -> Any:
     return ca.norm_2(motion.position) - SPHERE
 
 
@@ -644,7 +644,7 @@ def test_a_swinging_beads_momentum_about_the_vertical_is_conserved() -> None:
 
 
 @position_constraint
-def rod(motion: Motion) -> Any:
+def rod(motion: Instant) -> Any:
     return ca.norm_2(motion.position) - 1
 
 
@@ -700,7 +700,7 @@ def test_a_bead_on_a_heaving_slope_slides_down_it_at_a_constant_acceleration() -
     down, across, normal = slope.as_matrix().T
 
     @position_constraint
-    def heaving(motion: Motion) -> Any:
+    def heaving(motion: Instant) -> Any:
         heave = amplitude * ca.sin(rate * motion.time)
         return ca.dot(ca.DM(normal), motion.position) - heave
 
@@ -723,7 +723,7 @@ def test_a_conveyor_carries_a_bead_at_its_own_speed() -> None:
     """``v_x = V(t)``; along y the bead is free and falls."""
 
     @velocity_constraint
-    def carried(motion: Motion) -> Any:
+    def carried(motion: Instant) -> Any:
         return motion.linear_velocity[0] - 0.5 - 0.3 * ca.sin(2 * motion.time)
 
     start = Start(velocity=[0.5, 0.2, 0])
@@ -748,7 +748,7 @@ def test_a_blade_on_a_belt_that_speeds_up_falls_back_like_one_on_a_slope() -> No
     belt, push, rate, speed = 0.3, 0.7, 2.0, 0.4
 
     @velocity_constraint
-    def no_slip_on_the_belt(motion: Motion) -> Any:
+    def no_slip_on_the_belt(motion: Instant) -> Any:
         moving = ca.vertcat(belt + push * motion.time, 0, 0)
         return ca.dot(motion.rotation[:, 1], motion.linear_velocity - moving)
 
@@ -776,7 +776,7 @@ def test_a_body_that_must_keep_its_speed_turns_into_its_fall() -> None:
     speed = 2.0
 
     @velocity_constraint
-    def isokinetic(motion: Motion) -> Any:
+    def isokinetic(motion: Instant) -> Any:
         return (ca.sumsqr(motion.linear_velocity) / speed**2 - 1) * speed
 
     def error(steps: int) -> float:
@@ -798,7 +798,7 @@ def test_appell_and_hamels_mechanism_slows_down_evenly(ratio: float, heading: fl
     """
 
     @velocity_constraint
-    def climbing(motion: Motion) -> Any:
+    def climbing(motion: Instant) -> Any:
         return motion.linear_velocity[2] - ratio * ca.norm_2(motion.linear_velocity[:2])
 
     direction = np.array([np.cos(heading), np.sin(heading), ratio])
@@ -819,7 +819,7 @@ class System:
 
     constraints: tuple[Constraint, ...]
     start: Start
-    noise: Callable[[Motion], Any]
+    noise: Callable[[Instant], Any]
     metric: tuple[float, ...] = POSITION_ONLY
     external: External = falling
 
@@ -834,7 +834,7 @@ class System:
         )
 
 
-def nearly(constraint: Constraint, noise: Callable[[Motion], Any]) -> Constraint:
+def nearly(constraint: Constraint, noise: Callable[[Instant], Any]) -> Constraint:
     """Another row that says almost the same, consistently."""
     declare = velocity_constraint if constraint.level == "velocity" else position_constraint
     return declare(name="nearly")(
@@ -847,7 +847,7 @@ def systems() -> dict[str, System]:
     normal = ca.DM(knife.plane.apply([0, 0, 1]))
     mix = ca.DM(np.random.default_rng(0).normal(size=(3, 3)))
 
-    def through_the_plane(motion: Motion) -> Any:
+    def through_the_plane(motion: Instant) -> Any:
         return ca.dot(normal, motion.linear_velocity)
 
     return {
@@ -1061,7 +1061,7 @@ def rows() -> dict[Any, Any]:
 
 
 @dataclass(frozen=True)
-class Instant:
+class RandomInstant:
     """A random state, a free acceleration and a metric."""
 
     state: tuple[Any, ...]
@@ -1069,7 +1069,7 @@ class Instant:
     metric: tuple[float, ...]
 
     @classmethod
-    def random(cls, seed: int) -> Instant:
+    def random(cls, seed: int) -> RandomInstant:
         rng = np.random.default_rng(seed)
         quaternion = Rotation.random(random_state=rng).as_quat(scalar_first=True)
         t, (p, v, w) = rng.uniform(0.2, 1), rng.normal(size=(3, 3))
@@ -1092,7 +1092,7 @@ def test_accelerations_solve_the_symbolic_constrained_equations(
     rows: Any, rules: Any, seed: int
 ) -> None:
     """Lagrange's equations ``M a = M a_u + A' l``, ``A a = b``, solved with 40 digits."""
-    instant = Instant.random(seed)
+    instant = RandomInstant.random(seed)
     with mpmath.workdps(40):
         found = [rows[rule](instant.numbers) for rule in rules]
         A = mpmath.matrix([row[:6] for row in found])
@@ -1115,7 +1115,7 @@ def test_repeated_and_dependent_rows_are_weighted_pseudoinverses(
     rules: Any, seed: int, more: int
 ) -> None:
     # Udwadia and Kalaba's a + M^-1/2 (A M^-1/2)^+ (b - A a), by NumPy, in any metric.
-    instant = Instant.random(seed)
+    instant = RandomInstant.random(seed)
     A, b = ConstraintSystem([DECLARED[rule] for rule in rules]).acceleration_form(*instant.state)
     assume(np.linalg.cond(A) < 30)
     mix = np.random.default_rng(seed).normal(size=(more, len(b)))
@@ -1139,7 +1139,7 @@ def test_a_step_under_linear_rules_is_the_pseudoinverse_too(
     goal, start, metric = rng.normal(size=6), rng.normal(size=6), rng.uniform(0.2, 5, 6)
 
     @velocity_constraint
-    def rule(motion: Motion) -> Any:
+    def rule(motion: Instant) -> Any:
         twist = ca.vertcat(motion.linear_velocity, motion.angular_velocity)
         return ca.mtimes(ca.DM(A), twist - ca.DM(goal))
 
@@ -1178,12 +1178,12 @@ def test_a_first_step_off_the_rules_tends_to_the_stabilized_acceleration(
     """
     declared = [DECLARED[rule] for rule in rules]
     for seed in range(3):
-        instant = Instant.random(seed)
+        instant = RandomInstant.random(seed)
         converges(first_step_error(declared, instant, kick), 10_000, accuracy=1e-3)
 
 
 def first_step_error(
-    constraints: Sequence[Constraint], instant: Instant, kick: float
+    constraints: Sequence[Constraint], instant: RandomInstant, kick: float
 ) -> Callable[[int], float]:
     t, p, quaternion, v, w = instant.state
     push = ca.DM(instant.unconstrained)

@@ -22,7 +22,7 @@ from noslip import (
     Constraint,
     ConstraintError,
     InputError,
-    Motion,
+    Instant,
     PoseDMP,
     PoseTrajectory,
     State,
@@ -51,27 +51,27 @@ CENTER = np.array([0.2, -0.3, 3.0])
 
 
 @velocity_constraint
-def needle(motion: Motion) -> Any:
+def needle(motion: Instant) -> Any:
     return motion.rotation[:, 1:].T @ motion.linear_velocity
 
 
 @position_constraint
-def sphere(motion: Motion) -> Any:
+def sphere(motion: Instant) -> Any:
     return ca.norm_2(motion.position - ca.DM(CENTER)) - 3
 
 
 @position_constraint
-def moving_plane(motion: Motion) -> Any:
+def moving_plane(motion: Instant) -> Any:
     return motion.position[2] - 0.1 * ca.sin(3 * motion.time)
 
 
 @position_constraint
-def upright(motion: Motion) -> Any:
+def upright(motion: Instant) -> Any:
     return motion.rotation[2, 0] - 0.3 * motion.position[0]
 
 
 @velocity_constraint
-def curving(motion: Motion) -> Any:
+def curving(motion: Instant) -> Any:
     # Not linear in the velocities, and about the rotation.
     spin = ca.dot(motion.rotation[:, 2], motion.angular_velocity)
     return spin - 0.3 * ca.sumsqr(motion.linear_velocity)
@@ -440,7 +440,7 @@ def test_the_papers_metric_leaves_the_rotation_as_it_is() -> None:
 def test_a_constraint_that_holds_anyway_does_no_work() -> None:
     # Flat demonstrations on a table.
     @position_constraint
-    def table(motion: Motion) -> Any:
+    def table(motion: Instant) -> Any:
         return motion.position[2]
 
     flat = replace(smooth(), positions=smooth().positions * [1, 1, 0], linear_velocities=None)
@@ -704,7 +704,7 @@ def test_a_metric_is_six_numbers_that_leave_something_free(
 # Position only, as in the paper, cannot hold a rule about rotations.
 def test_a_metric_that_cannot_hold_a_constraint_is_refused() -> None:
     @velocity_constraint
-    def no_roll(motion: Motion) -> Any:
+    def no_roll(motion: Instant) -> Any:
         return motion.rotation[:, 0].T @ motion.angular_velocity
 
     with pytest.raises(ConstraintError, match=r"'no roll'.*metric"):

@@ -21,7 +21,7 @@ from noslip import (
     Constraint,
     ConvergenceError,
     InputError,
-    Motion,
+    Instant,
     PoseTrajectory,
     check,
     position_constraint,
@@ -107,27 +107,27 @@ def change(result: ProjectedTrajectory, motion: PoseTrajectory) -> float:
 
 
 @position_constraint
-def table(motion: Motion) -> Any:
+def table(motion: Instant) -> Any:
     return motion.position[2]
 
 
 @position_constraint
-def ball(motion: Motion) -> Any:
+def ball(motion: Instant) -> Any:
     return ca.norm_2(motion.position - ca.DM([0.7, 0, -3])) - 3
 
 
 @position_constraint
-def lift(motion: Motion) -> Any:
+def lift(motion: Instant) -> Any:
     return motion.position[2] - 0.1 * ca.sin(3 * motion.time)
 
 
 @velocity_constraint
-def needle(motion: Motion) -> Any:
+def needle(motion: Instant) -> Any:
     return motion.rotation[:, 1:].T @ motion.linear_velocity
 
 
 @velocity_constraint
-def no_roll(motion: Motion) -> Any:
+def no_roll(motion: Instant) -> Any:
     return ca.dot(motion.rotation[:, 0], motion.angular_velocity)
 
 
@@ -673,7 +673,7 @@ def test_contradictory_options_are_refused_by_name(asked: dict[str, Any], named:
 
 
 @position_constraint
-def ceiling(motion: Motion) -> Any:
+def ceiling(motion: Instant) -> Any:
     return motion.position[2] - 1
 
 

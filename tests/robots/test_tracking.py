@@ -256,7 +256,7 @@ def test_the_clock_starts_and_stops_smoothly() -> None:
 
 def test_a_constraint_that_depends_on_time_does_not_stand_ramps(arm: robots.Robot) -> None:
     @ns.position_constraint
-    def keeps_pace(motion: ns.Motion) -> object:
+    def keeps_pace(motion: ns.Instant) -> object:
         return motion.position[0] - 0.1 * motion.time
 
     count = 1001

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip.constraints import ConstraintSystem
-from noslip.constraints.declaration import Motion
+from noslip.constraints.declaration import Instant
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
@@ -187,7 +187,7 @@ FLAT = [
 def residual_at(constraint: ns.Constraint, points: np.ndarray, time: float = 0.0) -> np.ndarray:
     """The constraint's own residual with the tool's origin at a point: what the shape must show."""
     p = ca.SX.sym("p", 3)
-    motion = Motion(ca.SX(time), p, ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3))
+    motion = Instant(ca.SX(time), p, ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3))
     function = ca.Function("residual", [p], [ca.vertcat(ca.SX(constraint.residual(motion)))])
     return np.array(function(points.T)).T
 

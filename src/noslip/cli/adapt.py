@@ -25,7 +25,7 @@ from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import Goal, end_errors
 from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import ConstrainedMotion
+from noslip.primitives.pose import Motion
 from noslip.primitives.scaling import Scaling
 from noslip.projection.trajectory import End
 from noslip.saving import load_primitive
@@ -226,7 +226,7 @@ class _Family:
         self.dmp = dmp
         self.original = dmp.rollout()
         self.angular_speed_peak = compare(self.original, self.original, ()).angular_speed_peak
-        self.motions: dict[str, ConstrainedMotion] = {}
+        self.motions: dict[str, Motion] = {}
         self.goals: dict[str, Goal] = {}
         self.outcomes: list[Outcome] = []
 

@@ -15,7 +15,7 @@ from noslip.cli import options, output
 from noslip.constraints.check import CheckReport, amount, check
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.primitives.pose import ConstrainedMotion, ProjectStart
+from noslip.primitives.pose import Motion, ProjectStart
 from noslip.recordings.writing import WRITABLE, WRITABLE_TOLD, write_recording
 from noslip.saving import load_primitive
 
@@ -156,7 +156,7 @@ def run(
         raise typer.Exit(1)
 
 
-def _gave_way(motion: ConstrainedMotion, limits: ConstraintSystem) -> list[dict[str, Any]]:
+def _gave_way(motion: Motion, limits: ConstraintSystem) -> list[dict[str, Any]]:
     """What of the limits gave way, as plain data; ``priority`` 0 is hard."""
     priorities = limits.per_row(limit.priority for limit in limits.constraints)
     known = dict(zip(limits.row_names, zip(limits.row_units, priorities, strict=True), strict=True))

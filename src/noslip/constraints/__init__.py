@@ -4,7 +4,7 @@ from noslip.constraints.blade import Blade
 from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
 from noslip.constraints.declaration import (
     Constraint,
-    Motion,
+    Instant,
     keep_nonnegative,
     position_constraint,
     velocity_constraint,
@@ -33,9 +33,9 @@ __all__ = [
     "ForwardOnly",
     "HalfSpace",
     "InMovingFrame",
+    "Instant",
     "KeepOutCapsule",
     "KeepOutSphere",
-    "Motion",
     "Needle",
     "PlaneContact",
     "RemoteCenter",

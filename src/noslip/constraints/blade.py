@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Motion, axis_index
+from noslip.constraints.declaration import Constraint, Instant, axis_index
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, point, settle
 from noslip.errors import ConstraintError
 
@@ -44,7 +44,7 @@ class Blade(Constraint):
                 f"blade: the lateral axis and the edge must differ, both are {self.edge!r}"
             )
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Lateral speed of the reference point (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
         return ca.dot(body_axis(motion, self.lateral), velocity)

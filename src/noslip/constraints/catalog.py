@@ -12,7 +12,7 @@ from typing import Any
 from noslip._typing import Expression
 from noslip.constraints.blade import Blade
 from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
-from noslip.constraints.declaration import Constraint, Motion, constraint_function, described
+from noslip.constraints.declaration import Constraint, Instant, constraint_function, described
 from noslip.constraints.expression import from_data, to_data
 from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
@@ -141,7 +141,7 @@ class _RestoredConstraint(Constraint):
         self.barrier_rate, self.priority = data.get("barrier_rate"), data.get("priority", 0)
         self._expression = data["expression"]
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         return from_data(self._expression, [*vars(motion).values()])
 
     def __repr__(self) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Motion
+from noslip.constraints.declaration import Constraint, Instant
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -46,7 +46,7 @@ class PlaneContact(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, normal=direction, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Signed distance (m)."""
         return ca.dot(unit_vector(self.normal), _from(self.point, self.reference_point, motion))
 
@@ -75,7 +75,7 @@ class SphereContact(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, center=point, radius=length, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Signed distance, positive outside (m)."""
         return safe_norm(_from(self.center, self.reference_point, motion)) - self.radius
 
@@ -107,7 +107,7 @@ class CylinderContact(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, axis=direction, radius=length, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Signed distance, positive outside (m)."""
         axis = unit_vector(self.axis)
         away = _from(self.point, self.reference_point, motion)
@@ -141,12 +141,12 @@ class SurfaceContact(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, surface=checked_surface, unit=_unit, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """What f is at the reference point, in its own unit."""
         return surface_value(self.surface, motion.at(self.reference_point).position)
 
 
-def _from(place: Triple, reference_point: Triple, motion: Motion) -> Expression:
+def _from(place: Triple, reference_point: Triple, motion: Instant) -> Expression:
     return motion.at(reference_point).position - ca.DM(list(place))
 
 

@@ -26,7 +26,7 @@ UNITS: dict[Level, str] = {"position": "m", "velocity": "m/s", "acceleration": "
 
 
 @dataclass(frozen=True)
-class Motion:
+class Instant:
     """What a constraint may be written in: CasADi expressions of one instant of the motion.
 
     Attributes
@@ -47,7 +47,7 @@ class Motion:
     linear_velocity: Expression
     angular_velocity: Expression
 
-    def at(self, reference_point: Sequence[float]) -> Motion:
+    def at(self, reference_point: Sequence[float]) -> Instant:
         """Motion of the frame moved to a body-fixed point: ``p + R r`` and ``v + w x R r``.
 
         Parameters
@@ -76,7 +76,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class AcceleratedMotion(Motion):
+class AcceleratedInstant(Instant):
     """A motion whose accelerations are known too, for inequalities at acceleration level.
 
     Attributes
@@ -88,7 +88,7 @@ class AcceleratedMotion(Motion):
     linear_acceleration: Expression
     angular_acceleration: Expression
 
-    def at(self, reference_point: Sequence[float]) -> AcceleratedMotion:
+    def at(self, reference_point: Sequence[float]) -> AcceleratedInstant:
         """Motion of a body-fixed point: its acceleration is ``a + alpha x R r + w x (w x R r)``."""
         if not any(reference_point):
             return self
@@ -142,7 +142,7 @@ class Constraint(ABC):
     edge: str | None = None
 
     @abstractmethod
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Return what must be zero, or not negative: a scalar, a column, or a list of scalars."""
 
 
@@ -163,7 +163,7 @@ class _DeclaredConstraint(Constraint):
         self.name = name or getattr(function, "__name__", "constraint").replace("_", " ")
         self.__doc__ = inspect.getdoc(function)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         return self.function(motion)
 
     def __repr__(self) -> str:
@@ -176,7 +176,7 @@ def described(constraint: Constraint) -> str:
 
 
 _KINDS: dict[Relation, str] = {"zero": "constraint", "nonnegative": "inequality"}
-# An inequality at acceleration level is given an AcceleratedMotion.
+# An inequality at acceleration level is given an AcceleratedInstant.
 _Function = Callable[[Any], Expression]
 
 
@@ -290,9 +290,9 @@ def keep_nonnegative(
     return _decorator("keep_nonnegative", function, make)
 
 
-def motion_symbols() -> AcceleratedMotion:
+def motion_symbols() -> AcceleratedInstant:
     """One instant of a motion, as symbols."""
-    return AcceleratedMotion(
+    return AcceleratedInstant(
         ca.SX.sym("t"),
         ca.SX.sym("p", 3),
         ca.SX.sym("R", 3, 3),
@@ -362,11 +362,11 @@ def constraint_function(constraint: Constraint) -> Any:
 MOST_PRIORITIES = 10
 
 
-def _column(constraint: Constraint, motion: AcceleratedMotion) -> Expression:
+def _column(constraint: Constraint, motion: AcceleratedInstant) -> Expression:
     """Evaluate a declaration; an error says what to change."""
-    given: Motion = motion
+    given: Instant = motion
     if constraint.level != "acceleration":
-        given = Motion(*list(vars(motion).values())[:5])
+        given = Instant(*list(vars(motion).values())[:5])
     try:
         value = constraint.residual(given)
         if value is None:
@@ -406,7 +406,7 @@ def _column(constraint: Constraint, motion: AcceleratedMotion) -> Expression:
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 
 
-def _levels(motion: AcceleratedMotion) -> dict[Level, Expression]:
+def _levels(motion: AcceleratedInstant) -> dict[Level, Expression]:
     """Quantities that a constraint of a level may depend on, and one below it may not."""
     return {
         "position": ca.vertcat(motion.position, ca.vec(motion.rotation)),

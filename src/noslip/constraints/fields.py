@@ -10,7 +10,7 @@ import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import AXES, Constraint, Motion, axis_index
+from noslip.constraints.declaration import AXES, Constraint, Instant, axis_index
 from noslip.errors import ConstraintError, InputError
 
 Triple = Sequence[float]
@@ -77,7 +77,7 @@ def axis(name: str, value: Any) -> str:
     return str(value)
 
 
-def body_axis(motion: Motion, name: str) -> Expression:
+def body_axis(motion: Instant, name: str) -> Expression:
     """World direction of a body axis such as ``"-x"``."""
     index, sign = axis_index(name)
     return sign * motion.rotation[:, index]

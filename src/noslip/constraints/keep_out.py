@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Motion
+from noslip.constraints.declaration import Instant
 from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
 from noslip.constraints.limit import ROUNDING, Limit, rounded_length
 
@@ -42,7 +42,7 @@ class KeepOutSphere(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, center=point, radius=length, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Distance to the sphere (m)."""
         position = motion.at(self.reference_point).position
         return _clearance(position - ca.DM(list(self.center)), self.radius)
@@ -77,7 +77,7 @@ class KeepOutCapsule(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, start=point, end=point, radius=length, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Distance to the capsule (m)."""
         axis = np.subtract(self.end, self.start)
         offset = motion.at(self.reference_point).position - ca.DM(list(self.start))

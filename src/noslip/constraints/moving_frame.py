@@ -12,7 +12,7 @@ import numpy as np
 from noslip import _arguments
 from noslip._typing import Expression
 from noslip.constraints.blade import Blade
-from noslip.constraints.declaration import Constraint, Motion
+from noslip.constraints.declaration import Constraint, Instant
 from noslip.constraints.fields import ORIGIN, Triple, number, point, settle
 from noslip.errors import ConstraintError
 from noslip.rotations import quaternion_exp, rotation_matrix
@@ -92,7 +92,7 @@ class InMovingFrame(Constraint):
             object.__setattr__(self, attribute, getattr(inner, attribute))
         self._require_frame()
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """The constraint's own residual on the relative motion, in its unit."""
         t = ca.SX.sym("t")
         c, R = self.pose(t)
@@ -101,7 +101,7 @@ class InMovingFrame(Constraint):
         c, R, c_rate, w = ca.substitute([c, R, ca.jacobian(c, t), w], [t], [motion.time])
         away = motion.position - c
         carried = c_rate + ca.cross(w, away)
-        relative = Motion(
+        relative = Instant(
             motion.time,
             ca.mtimes(R.T, away),
             ca.mtimes(R.T, motion.rotation),

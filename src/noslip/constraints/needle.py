@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import AXES, Constraint, Motion, axis_index
+from noslip.constraints.declaration import AXES, Constraint, Instant, axis_index
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -69,7 +69,7 @@ class Needle(Constraint):
         if self.curvature:
             object.__setattr__(self, "unit", "m/s, rad/s")
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Both lateral speeds (m/s); of a curved one, two angular speeds (rad/s) too."""
         velocity = motion.at(self.reference_point).linear_velocity
         sideways = [body_axis(motion, name) for name in other_axes(self.shaft)]

@@ -10,7 +10,7 @@ from typing import Any
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import UNITS, Motion
+from noslip.constraints.declaration import UNITS, Instant
 from noslip.constraints.fields import ORIGIN, Triple, point, settle
 from noslip.constraints.limit import Limit, rounded_length
 from noslip.errors import ConstraintError
@@ -38,7 +38,7 @@ class SpeedLimit(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, speed=_arguments.positive, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """How much faster the tool may move (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
         return self.speed - rounded_length(velocity, self.speed)
@@ -63,7 +63,7 @@ class AngularRateLimit(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, rate=_arguments.positive)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """How much faster the tool may turn (rad/s)."""
         return self.rate - rounded_length(motion.angular_velocity, self.rate)
 
@@ -102,7 +102,7 @@ class AccelerationLimit(Limit):
         angular = [] if self.angular is None else ["rad/s²"]
         return ", ".join(linear + angular)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """How much larger the accelerations may be (m/s^2, rad/s^2)."""
         rows = []
         if self.linear is not None:

@@ -13,7 +13,7 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import Motion
+from noslip.constraints.declaration import Instant
 from noslip.constraints.fields import ORIGIN, Triple, direction, point, settle, unit_vector
 from noslip.constraints.limit import Limit
 from noslip.errors import ConstraintError
@@ -47,7 +47,7 @@ class HalfSpace(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, normal=direction, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Distance to the plane, negative behind it (m)."""
         return _height(motion, self.point, self.normal, self.reference_point)
 
@@ -86,7 +86,7 @@ class DepthLimit(Limit):
             reference_point=point,
         )
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """How much deeper the tool may go (m)."""
         height = _height(motion, self.surface_point, self.normal, self.reference_point)
         return self.depth + height
@@ -121,7 +121,7 @@ class Box(Limit):
                     f"box: lower must be below upper, got {low} and {high} ({axis})"
                 )
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Distances to the sides (m): from the lower ones x, y, z, then from the upper ones."""
         position = motion.at(self.reference_point).position
         lower = [position[i] - side for i, side in enumerate(self.lower) if side is not None]
@@ -130,7 +130,7 @@ class Box(Limit):
 
 
 def _height(
-    motion: Motion, on_plane: Triple, normal: Triple, reference_point: Triple
+    motion: Instant, on_plane: Triple, normal: Triple, reference_point: Triple
 ) -> Expression:
     offset = motion.at(reference_point).position - ca.DM(list(on_plane))
     return ca.dot(unit_vector(normal), offset)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Motion
+from noslip.constraints.declaration import Constraint, Instant
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, other_axes, point, settle
 
 
@@ -38,7 +38,7 @@ class RemoteCenter(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, shaft=axis, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Where the point lies beside the shaft (m), along both perpendicular body axes."""
         away = ca.DM(list(self.point)) - motion.at(self.reference_point).position
         return ca.vertcat(*(ca.dot(body_axis(motion, e), away) for e in other_axes(self.shaft)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Motion
+from noslip.constraints.declaration import Constraint, Instant
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -54,7 +54,7 @@ class RollingDisc(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, radius=length, axle=axis, normal=direction, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Velocity of the disc's lowest point (m/s), world frame."""
         normal, axle = unit_vector(self.normal), body_axis(motion, self.axle)
         upward = normal - ca.dot(normal, axle) * axle
@@ -89,13 +89,13 @@ class RollingSphere(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, radius=length, normal=direction, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Velocity of the material point at the contact (m/s), world frame."""
         return _contact_velocity(
             motion.at(self.reference_point), self.radius * unit_vector(self.normal)
         )
 
 
-def _contact_velocity(center: Motion, above: Expression) -> Expression:
+def _contact_velocity(center: Instant, above: Expression) -> Expression:
     """Velocity of the point of the body that lies below its center."""
     return center.linear_velocity - ca.cross(center.angular_velocity, above)

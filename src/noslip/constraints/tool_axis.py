@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Motion
+from noslip.constraints.declaration import Constraint, Instant
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -68,7 +68,7 @@ class ToolAxis(Constraint):
         if self.surface is not None:
             settle(self, self.name, surface=checked_surface)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Sines of the angle's two parts, or the difference of the cosines; no unit."""
         if self.surface is None:
             toward = unit_vector(self.direction)

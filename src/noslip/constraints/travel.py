@@ -11,7 +11,7 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import Motion, axis_index
+from noslip.constraints.declaration import Instant, axis_index
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, length, point, settle
 from noslip.constraints.limit import Limit
 from noslip.errors import ConstraintError
@@ -42,7 +42,7 @@ class ForwardOnly(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, edge=axis, minimum=_arguments.not_negative, reference_point=point)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Speed along the edge, less the minimum (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
         return ca.dot(body_axis(motion, self.edge), velocity) - self.minimum
@@ -85,7 +85,7 @@ class TurningRadius(Limit):
                 f"{self.edge!r}"
             )
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Forward speed beyond what bends to the left, and to the right, need (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
         forward = ca.dot(body_axis(motion, self.edge), velocity)

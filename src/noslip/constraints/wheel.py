@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Motion, axis_index
+from noslip.constraints.declaration import Constraint, Instant, axis_index
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -59,7 +59,7 @@ class Wheel(Constraint):
             )
         object.__setattr__(self, "lateral", self.axle)
 
-    def residual(self, motion: Motion) -> Expression:
+    def residual(self, motion: Instant) -> Expression:
         """Speed along the axle, and off the ground (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
         slip = ca.dot(body_axis(motion, self.axle), velocity)

@@ -48,7 +48,7 @@ from noslip.figures.style import (
     span_at_least,
     write_title,
 )
-from noslip.primitives.pose import HELD, ConstrainedMotion
+from noslip.primitives.pose import HELD, Motion
 
 ROW_HEIGHT, AROUND_ROWS = 1.05, 1.15
 """Of a constraint's panels, and of title, time axis and legend together (inches)."""
@@ -67,7 +67,7 @@ _FORCE: dict[str, Any] = {"color": PALETTE["vermillion"], "linestyle": "-", "lin
 
 
 def constraint_history(
-    motion: ConstrainedMotion, constraints: Constraints = (), *, title: str | None = None
+    motion: Motion, constraints: Constraints = (), *, title: str | None = None
 ) -> Figure:
     """Show what each constraint and limit of a rollout did over time.
 
@@ -77,7 +77,7 @@ def constraint_history(
 
     Parameters
     ----------
-    motion : ConstrainedMotion
+    motion : Motion
         What :meth:`noslip.ConstrainedDMP.rollout` returns.
     constraints : Constraint or several, optional
         Those of the primitive: they know the units of residuals and margins, which a motion does
@@ -96,7 +96,7 @@ def constraint_history(
     InputError
         If the motion is no rollout with constraints, or the constraints are not the motion's.
     """
-    if not isinstance(motion, ConstrainedMotion):
+    if not isinstance(motion, Motion):
         raise InputError(
             f"constraint_history takes the rollout of a primitive, got a {type(motion).__name__}"
         )
@@ -127,7 +127,7 @@ def constraint_history(
 
 def plot_constraint(
     ax: Axes,
-    motion: ConstrainedMotion,
+    motion: Motion,
     constraints: Constraints,
     name: str,
     show: str = "residual",
@@ -137,7 +137,7 @@ def plot_constraint(
     Parameters
     ----------
     ax : Axes
-    motion : ConstrainedMotion
+    motion : Motion
     constraints : Constraint or several
         Those of the primitive.
     name : str
@@ -248,7 +248,7 @@ class _Held:
         return "reached" if self.margin <= HELD else f"≥ {self.told_margin}"
 
 
-def _held(motion: ConstrainedMotion, constraints: Constraints) -> list[_Held]:
+def _held(motion: Motion, constraints: Constraints) -> list[_Held]:
     system = as_system(constraints)
     known: dict[str, str] = dict(zip(system.row_names, system.row_units, strict=True))
     names = (*motion.constraint_names, *motion.limit_names)

@@ -22,7 +22,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
 from noslip.figures.style import capitalized, number, short_name
-from noslip.primitives.pose import HELD, ConstrainedMotion
+from noslip.primitives.pose import HELD, Motion
 from noslip.trajectory import PoseTrajectory
 
 Motions = PoseTrajectory | Mapping[str, PoseTrajectory]
@@ -179,12 +179,12 @@ def _longest(vectors: Floats) -> float:
     return float(np.linalg.norm(vectors, axis=1).max())
 
 
-def coupled(motions: Mapping[str, PoseTrajectory]) -> dict[str, ConstrainedMotion]:
+def coupled(motions: Mapping[str, PoseTrajectory]) -> dict[str, Motion]:
     """Return the rollouts among motions in which constraints or limits took part."""
     return {
         name: motion
         for name, motion in motions.items()
-        if isinstance(motion, ConstrainedMotion) and (motion.constraint_names or motion.limit_names)
+        if isinstance(motion, Motion) and (motion.constraint_names or motion.limit_names)
     }
 
 

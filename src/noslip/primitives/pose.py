@@ -155,7 +155,7 @@ class GaveWay:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class ConstrainedMotion(PoseTrajectory):
+class Motion(PoseTrajectory):
     """A rolled-out motion and what the constraints did to it.
 
     ``linear_velocities[k]`` and ``angular_velocities[k]`` belong to the step that led to sample k,
@@ -211,7 +211,7 @@ class ConstrainedMotion(PoseTrajectory):
         outputs: dict[str, Floats],
         constraint_names: tuple[str, ...],
         limit_names: tuple[str, ...],
-    ) -> ConstrainedMotion:
+    ) -> Motion:
         """Return what a stepper has made, which takes it over: only NaN is looked for.
 
         Parameters
@@ -391,7 +391,7 @@ class PoseDMP:
         time_step: float | None = None,
         project_start: ProjectStart = "velocity",
         pull_in: float | None = None,
-    ) -> ConstrainedMotion:
+    ) -> Motion:
         """Integrate the primitive from its start to the end of its duration.
 
         Parameters
@@ -414,7 +414,7 @@ class PoseDMP:
 
         Returns
         -------
-        ConstrainedMotion
+        Motion
             ``times`` start at 0, or where a re-planned motion begins.
         """
         state = self.initial_state(
@@ -448,7 +448,7 @@ class PoseDMP:
         outputs[0] = outputs[1]
         column, names = self.stepper.outputs, self._constraint_names
         outputs[0, column["values"]] = np.concatenate([state.constraint_residuals, state.margins])
-        return ConstrainedMotion.of_steps(
+        return Motion.of_steps(
             np.asarray(state.time + np.arange(steps + 1) * time_step),
             states,
             {name: outputs[:, part] for name, part in column.items()},

@@ -31,7 +31,7 @@ from noslip.figures.family import end_errors
 from noslip.figures.quantities import amount, finding, length, residual_rows
 from noslip.figures.style import name_lines, number, write_title
 from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import ConstrainedMotion
+from noslip.primitives.pose import Motion
 from noslip.reporting.commands import commands, declaration
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
@@ -270,7 +270,7 @@ def _files(files: Iterable[str]) -> Table:
 
 
 def _recordings(
-    dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory], motion: ConstrainedMotion
+    dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory], motion: Motion
 ) -> list[Table]:
     tables = []
     if demonstrations:
@@ -386,7 +386,7 @@ def _merits(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> Table
         assert off is not None and turned is not None
         speeds = np.linalg.norm(motion.step_velocities()[0], axis=1)
         forces: list[Cell] = ["–", "–"]
-        if isinstance(motion, ConstrainedMotion) and dmp.constraints and motion.row_forces.size:
+        if isinstance(motion, Motion) and dmp.constraints and motion.row_forces.size:
             sizes = np.split(motion.constraint_forces, 2, axis=1)
             peaks = [float(np.linalg.norm(size, axis=1).max()) for size in sizes]
             forces = [_amount(peaks[0], "m/s²"), _amount(peaks[1], "rad/s²")]
@@ -474,7 +474,7 @@ def _pictures(
     dmp: ConstrainedDMP,
     demonstrations: Sequence[PoseTrajectory],
     motions: Mapping[str, PoseTrajectory],
-    motion: ConstrainedMotion,
+    motion: Motion,
     progress: Callable[[int, int], None] | None,
 ) -> Iterable[Picture]:
     held = dmp.constraints

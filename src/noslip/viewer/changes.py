@@ -13,7 +13,7 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.errors import NoslipError
 from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import ConstrainedMotion, State
+from noslip.primitives.pose import Motion, State
 from noslip.projection.metric import inverse_metric
 
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
@@ -54,7 +54,7 @@ class Adapted:
     ----------
     primitive : ConstrainedDMP or None
         None if there is no such motion; ``message`` says why.
-    motion : ConstrainedMotion or None
+    motion : Motion or None
     residual : float
         Largest of the motion, in the constraints' units; nan without one.
     goal_error : float
@@ -66,7 +66,7 @@ class Adapted:
     """
 
     primitive: ConstrainedDMP | None
-    motion: ConstrainedMotion | None
+    motion: Motion | None
     residual: float
     goal_error: float
     milliseconds: float

@@ -24,7 +24,7 @@ from noslip.constraints.fields import ORIGIN
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.system import ConstraintSystem
 from noslip.figures.style import PALETTE
-from noslip.primitives.pose import ConstrainedMotion, State
+from noslip.primitives.pose import Motion, State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.frames import Frame
 
@@ -110,7 +110,7 @@ class Track:
     @cached_property
     def forces(self) -> Floats | None:
         """Linear part of the constraint force (m/s^2), shape (N, 3); None of a recording."""
-        if isinstance(self.motion, ConstrainedMotion) and self.motion.row_forces.size:
+        if isinstance(self.motion, Motion) and self.motion.row_forces.size:
             return self.motion.constraint_forces[:, :3]
         return None
 
