@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
 from noslip.projection.blend import spread
+from strategies import seeds
 
 Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 counts = st.integers(1, 5)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -18,20 +17,10 @@ import noslip as ns
 from noslip import Constraint, ConstraintError, PoseTrajectory, velocity_constraint
 from noslip.constraints import ConstraintSystem
 from noslip.projection.feasibility import project_pose, require_consistent
+from strategies import seeds, triple, unit
 
 Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 FULL = (1.0,) * 6
-
-
-def unit(rng: np.random.Generator) -> Floats:
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def triple(vector: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z
 
 
 def through(rng: np.random.Generator, p: Floats, R: Rotation, names: Sequence[str]) -> Any:

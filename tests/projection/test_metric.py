@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import ConstrainedDMP, Constraint, PoseDMP, PoseTrajectory
+from learned import constrained
+from noslip import PoseDMP, PoseTrajectory
 from noslip.constraints import ConstraintSystem
 from noslip.primitives.stepping import StepSymbols
 from noslip.projection.metric import inverse_metric
@@ -59,22 +60,6 @@ DEMONSTRATIONS = {"curved": curved, "back and forth": back_and_forth, "cusp": cu
 @cache
 def primitive(name: str) -> PoseDMP:
     return PoseDMP.fit(DEMONSTRATIONS[name](), basis_functions=40)
-
-
-def constrained(
-    name: str, constraints: Sequence[Constraint], metric: Sequence[float]
-) -> ConstrainedDMP:
-    plain = primitive(name)
-    return ConstrainedDMP(
-        position=plain.position,
-        orientation=plain.orientation,
-        phase=plain.phase,
-        duration=plain.duration,
-        steps=plain.steps,
-        constraints=tuple(constraints),
-        regular=plain,
-        inverse_metric=tuple(metric),
-    )
 
 
 # -------------------------------------------------------------------- names and weights
@@ -148,9 +133,9 @@ def test_lengths_out_of_range_are_refused_in_one_line(length: Any) -> None:
 
 def test_a_metric_that_cannot_hold_a_constraint_says_which_can() -> None:
     with pytest.raises(ns.ConstraintError, match=r"'tool-axis \[0\]'.*metric=.shared"):
-        constrained("curved", [ns.ToolAxis()], POSITION_ONLY).rollout()
+        constrained([ns.ToolAxis()], POSITION_ONLY, plain=primitive("curved")).rollout()
     with pytest.raises(ns.ConstraintError, match=r"'plane-contact'.*metric=.shared"):
-        constrained("curved", [ns.PlaneContact()], ROTATION_ONLY).rollout()
+        constrained([ns.PlaneContact()], ROTATION_ONLY, plain=primitive("curved")).rollout()
 
 
 # -------------------------------------------------------------------- who moves
@@ -159,7 +144,7 @@ def test_a_metric_that_cannot_hold_a_constraint_says_which_can() -> None:
 @pytest.mark.parametrize("name", DEMONSTRATIONS)
 def test_the_position_alone_leaves_every_bit_of_the_rotation(name: str) -> None:
     rules = [ns.Blade(), ns.HalfSpace(point=(0, 0, -0.01)), ns.SpeedLimit(speed=0.9)]
-    motion = constrained(name, rules, POSITION_ONLY).rollout()
+    motion = constrained(rules, POSITION_ONLY, plain=primitive(name)).rollout()
     free = primitive(name).rollout()
     np.testing.assert_array_equal(motion.rotations.as_quat(), free.rotations.as_quat())
     np.testing.assert_array_equal(motion.row_forces[:, :, 3:], 0.0)
@@ -169,8 +154,9 @@ def test_the_position_alone_leaves_every_bit_of_the_rotation(name: str) -> None:
 
 @pytest.mark.parametrize("h", [1 / 300, 1 / 2000])
 def test_the_rotation_alone_turns_a_moving_blade_into_its_path(h: float) -> None:
-    motion = constrained("curved", [ns.Blade()], ROTATION_ONLY).rollout(time_step=h)
-    free = primitive("curved").rollout(time_step=h)
+    plain = primitive("curved")
+    motion = constrained([ns.Blade()], ROTATION_ONLY, plain=plain).rollout(time_step=h)
+    free = plain.rollout(time_step=h)
     np.testing.assert_array_equal(motion.positions, free.positions)
     np.testing.assert_array_equal(motion.constraint_forces[:, :3], 0.0)
     # A slip at the start cannot be projected away; it decays.
@@ -228,8 +214,8 @@ def test_the_metrics_limits_are_the_position_and_the_rotation_alone() -> None:
     ends = {}
     for length in (1e-6, 1e4):
         metric = inverse_metric(BLADE, "shared", length, 1.0)
-        ends[length] = constrained("curved", [ns.Blade()], metric).rollout()
-    position = constrained("curved", [ns.Blade()], POSITION_ONLY).rollout()
+        ends[length] = constrained([ns.Blade()], metric, plain=primitive("curved")).rollout()
+    position = constrained([ns.Blade()], POSITION_ONLY, plain=primitive("curved")).rollout()
     np.testing.assert_allclose(ends[1e4].positions, position.positions, rtol=0, atol=1e-6)
     np.testing.assert_allclose(ends[1e-6].positions, free.positions, rtol=0, atol=1e-6)
 
@@ -239,7 +225,7 @@ def test_the_metrics_limits_are_the_position_and_the_rotation_alone() -> None:
 
 def greatest_turn(name: str, metric: Sequence[float], steps: int) -> float:
     """Largest angular acceleration near rest, which both motions pass at t = 0.5."""
-    motion = constrained(name, [ns.Blade()], metric).rollout(time_step=1 / steps)
+    motion = constrained([ns.Blade()], metric, plain=primitive(name)).rollout(time_step=1 / steps)
     if any(metric[:3]):
         assert np.abs(motion.constraint_residuals).max() <= 1e-10
     spins = motion.angular_velocities[1:]
