@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip import Constraint, PoseTrajectory
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
-
-Floats = NDArray[np.float64]
 
 
 class Steps(NamedTuple):
@@ -23,6 +21,10 @@ class Steps(NamedTuple):
     rotations: Rotation
     linear: Floats
     angular: Floats
+
+    def velocities_of(self, point: Sequence[float]) -> Floats:
+        """Velocities of a body's point."""
+        return self.linear + np.cross(self.angular, self.rotations.apply(point))
 
 
 def steps(motion: PoseTrajectory) -> Steps:
@@ -42,8 +44,8 @@ def speed_along(
 ) -> Floats:
     """Speed of a body's point along a body's axis in each step, shape (N - 1,)."""
     found = steps(motion)
-    velocities = found.linear + np.cross(found.angular, found.rotations.apply(point))
-    return np.asarray(np.einsum("ki,ki->k", found.rotations.apply(axis), velocities))
+    ahead = found.rotations.apply(axis)
+    return np.asarray(np.einsum("ki,ki->k", ahead, found.velocities_of(point)))
 
 
 def spin_about(motion: PoseTrajectory, axis: Sequence[float]) -> Floats:
@@ -55,6 +57,11 @@ def spin_about(motion: PoseTrajectory, axis: Sequence[float]) -> Floats:
 def slip(motion: PoseTrajectory) -> Floats:
     """Speed of each step along the tool's y axis, shape (N - 1,)."""
     return speed_along(motion, (0, 1, 0))
+
+
+def forward_speed(motion: PoseTrajectory) -> Floats:
+    """Speed of each step along the tool's x axis, shape (N - 1,)."""
+    return speed_along(motion, (1, 0, 0))
 
 
 def residuals(motion: PoseTrajectory, constraints: Sequence[Constraint]) -> Floats:
@@ -71,7 +78,7 @@ def residuals(motion: PoseTrajectory, constraints: Sequence[Constraint]) -> Floa
 
 def degrees(one: Rotation, other: Rotation) -> float:
     """Largest angle between rotations."""
-    return float(np.degrees((one * other.inv()).magnitude().max()))
+    return float(np.degrees(np.max((one * other.inv()).magnitude())))
 
 
 def apart(one: PoseTrajectory, other: PoseTrajectory) -> tuple[float, float]:

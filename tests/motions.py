@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip import PoseTrajectory
-
-Floats = NDArray[np.float64]
+from noslip._typing import Floats
 
 
 def eased(s: Floats) -> Floats:
@@ -37,15 +35,25 @@ def cut(height: float = 0.1) -> PoseTrajectory:
 
 
 def planar_cut(
-    bend: float = 0.6, *, beside: Floats | float = 0.0, count: int = 121
+    bend: float = 0.6, *, beside: float = 0.0, wavering: float = 0.0, count: int = 121
 ) -> PoseTrajectory:
-    """A curved planar cut of 0.1 m in 2 s; its blade is beside its path by an angle (rad)."""
+    """A curved planar cut of 0.1 m in 2 s; its blade is beside its path by angles (rad)."""
     t = np.linspace(0.0, 2.0, count)
     heading = bend * np.sin(np.pi * t / 2)
     # Each step goes along the blade as it stands at the step's end.
     velocities = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
     positions = np.cumsum(velocities, axis=0) * (t[1] - t[0])
-    return PoseTrajectory(t, positions, Rotation.from_euler("z", heading + beside))
+    held = Rotation.from_euler("z", heading + beside + wavering * np.sin(3 * t))
+    return PoseTrajectory(t, positions, held)
+
+
+def gentle_cut() -> PoseTrajectory:
+    """A curved cut of 0.1 m in 1.5 s, the blade turned only roughly into it."""
+    s = np.linspace(0, 1, 151)
+    u = eased(s)
+    path = np.column_stack([0.1 * u, 0.02 * np.sin(np.pi * u), 0 * u])
+    yaw = Rotation.from_euler("z", 0.4 * np.cos(np.pi * s))
+    return PoseTrajectory(1.5 * s, path, yaw, name="cut.csv")
 
 
 def waving(rng: np.random.Generator, s: Floats, waves: int = 3) -> Floats:

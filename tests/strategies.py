@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from noslip._typing import Floats
 
 seeds = st.integers(0, 2**32 - 1)
 AXES = ("x", "y", "z", "-x", "-y", "-z")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from measures import slip
@@ -27,7 +26,6 @@ from noslip import (
 )
 from strategies import seeds
 
-Floats = NDArray[np.float64]
 BLADE = Blade()
 LAST = 200
 

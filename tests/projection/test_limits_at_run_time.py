@@ -10,18 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import constrained, fitted
 from noslip import ConstrainedDMP, Constraint, Motion
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
 from strategies import seeds, triple, unit
 
-Floats = NDArray[np.float64]
 FULL = (1.0,) * 6
 STEPS = 200
 

@@ -8,13 +8,13 @@ import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from measures import slip
 from motions import along, waving
 from noslip import Blade, Constraint, PoseTrajectory, project_trajectory
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.projection.trajectory import (
     POSITION_SMOOTHING,
@@ -24,7 +24,6 @@ from noslip.projection.trajectory import (
 )
 from strategies import seeds
 
-Floats = NDArray[np.float64]
 BLADE = Blade()
 
 

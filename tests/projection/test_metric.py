@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
@@ -22,8 +22,7 @@ from noslip.constraints import ConstraintSystem
 from noslip.primitives.stepping import StepSymbols
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, coupling
-
-Floats = NDArray[np.float64]
+from refusals import refusal
 
 BLADE = ConstraintSystem(ns.Blade())
 ROTATION_ONLY = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
@@ -119,16 +118,12 @@ def test_the_default_is_the_position_where_that_can_hold_all(rules: Any, metric:
     ],
 )
 def test_other_metrics_are_refused_in_one_line(metric: Any) -> None:
-    with pytest.raises(ns.InputError, match="metric") as caught:
-        inverse_metric(BLADE, metric, None, 0.01)
-    assert "\n" not in str(caught.value)
+    assert "metric" in refusal(ns.InputError, inverse_metric, BLADE, metric, None, 0.01)
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf, "long", [1.0]])
 def test_lengths_out_of_range_are_refused_in_one_line(length: Any) -> None:
-    with pytest.raises(ns.InputError, match="metric_length") as caught:
-        inverse_metric(BLADE, "shared", length, 0.01)
-    assert "\n" not in str(caught.value)
+    assert "metric_length" in refusal(ns.InputError, inverse_metric, BLADE, "shared", length, 0.01)
 
 
 def test_a_metric_that_cannot_hold_a_constraint_says_which_can() -> None:
@@ -285,6 +280,4 @@ def test_learning_chooses_the_position_or_both_and_a_mean_steps_length() -> None
     ],
 )
 def test_learning_refuses_what_is_out_of_range_in_one_line(arguments: Any, match: str) -> None:
-    with pytest.raises(ns.InputError, match=match) as caught:
-        ns.learn(curved(), ns.Blade(), **arguments)
-    assert "\n" not in str(caught.value)
+    assert re.search(match, refusal(ns.InputError, ns.learn, curved(), ns.Blade(), **arguments))

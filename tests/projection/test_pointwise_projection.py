@@ -13,7 +13,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from learned import constrained, fitted
@@ -32,6 +31,7 @@ from noslip import (
     project_initial_velocity,
     velocity_constraint,
 )
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.primitives.stepping import StepSymbols
 from noslip.projection.pointwise import (
@@ -40,9 +40,8 @@ from noslip.projection.pointwise import (
     gauss_acceleration,
     project_velocities,
 )
+from refusals import refusal
 from strategies import seeds
-
-Floats = NDArray[np.float64]
 
 FULL = (1.0,) * 6
 UNEVEN = (1.0, 2.0, 3.0, 0.5, 4.0, 9.0)
@@ -645,9 +644,7 @@ def test_rollouts_start_with_a_velocity_that_the_constraints_allow(name: str) ->
 def test_a_metric_is_six_numbers_that_leave_something_free(
     metric: Any,
 ) -> None:
-    with pytest.raises(InputError, match="inverse_metric") as caught:
-        coupling(BLADE, inverse_metric=metric)
-    assert "\n" not in str(caught.value)
+    assert "inverse_metric" in refusal(InputError, coupling, BLADE, inverse_metric=metric)
 
 
 # Position only, as in the paper, cannot hold a rule about rotations.

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from noslip._typing import Floats
 from noslip.projection.quadratic import REGULAR, Pushes, least_push
 from strategies import seeds, unit
 
-Floats = NDArray[np.float64]
 MOST_ROWS = 8
 HARD = 1e9
 

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from measures import slip, speed_along, spin_about, steps
+from measures import forward_speed, slip, speed_along, spin_about, steps
 from motions import eased, facing
 from noslip import (
     Blade,
@@ -30,6 +29,7 @@ from noslip import (
     project_trajectory,
     velocity_constraint,
 )
+from noslip._typing import Floats
 from noslip.projection.trajectory import (
     POSITION_SMOOTHING,
     POSITION_WEIGHT,
@@ -39,7 +39,6 @@ from noslip.projection.trajectory import (
 from refusals import refusal
 from strategies import AXES, axis_vector, seeds
 
-Floats = NDArray[np.float64]
 BLADE = Blade()
 FORWARD = (1, 0, 0)
 
@@ -107,7 +106,7 @@ def test_arbitrary_orientations_are_projected_too(seed: int) -> None:
 def test_the_edge_leads_at_every_step(seed: int) -> None:
     for hold in (False, True):
         result = project_trajectory(facing(seed), BLADE, hold_position=hold)
-        assert speed_along(result.trajectory, FORWARD).min() >= 0
+        assert forward_speed(result.trajectory).min() >= 0
         assert result.backing == 0
 
 
@@ -132,7 +131,7 @@ def test_a_needle_moves_along_its_axis_alone(seed: int, hold: bool) -> None:
     found = project_trajectory(facing(seed), needle, hold_position=hold).trajectory
     for axis in np.eye(3)[1:]:
         assert np.abs(speed_along(found, axis)).max() <= 1e-10
-    assert np.abs(speed_along(found, FORWARD)).min() > 0.1
+    assert np.abs(forward_speed(found)).min() > 0.1
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -534,7 +533,7 @@ def test_a_motion_backwards_stays_backwards_and_is_reported(hold: bool) -> None:
     motion = sawing()
     result = project_trajectory(motion, BLADE, hold_position=hold)
     assert result.backing == 1
-    speed = speed_along(result.trajectory, FORWARD)
+    speed = forward_speed(result.trajectory)
     assert np.all(speed[10:110] > 0)
     assert np.all(speed[170:270] < 0)
     assert np.abs(slip(result.trajectory)).max() <= 1e-10
@@ -554,7 +553,7 @@ def test_a_tool_recorded_backwards_is_turned_round_by_its_edge() -> None:
     )
     result = project_trajectory(turned, Blade(edge="-x"))
     assert result.backing == 0
-    assert speed_along(result.trajectory, FORWARD).max() <= 0
+    assert forward_speed(result.trajectory).max() <= 0
 
 
 # -------------------------------------------------------------------- refused
