@@ -15,8 +15,7 @@ from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
@@ -46,8 +45,6 @@ MOST_SAMPLES = 2001
 """An adapted motion is as smooth as its primitive; more samples than these add nothing."""
 FEWEST_SAMPLES = 20
 _STATE_VECTORS = ("position", "linear_velocity", "angular_velocity", "goal_position")
-_PINNED = 3.0
-"""Steps in which the rotation at the start goes over into the shifted ones."""
 REPLANNED_SAMPLES = 201
 """Knots of a re-planned motion unless told otherwise."""
 _OFF = 1e-9
@@ -117,14 +114,11 @@ class Adapted:
     reference : PoseTrajectory
         What was projected: the unconstrained motion, moved to the boundary values.
     projected : ProjectedTrajectory
-    step : float
-        Of the projected trajectory, as a fraction of its duration.
     """
 
     primitive: PoseDMP
     reference: PoseTrajectory
     projected: ProjectedTrajectory
-    step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -587,8 +581,8 @@ def _carried_out(
     basis, attractor = dmp.position.forcing.basis, dmp.position.attractor
     samples = _samples_for(basis.count, steps)
     if len(trajectory) < samples:
-        at_velocity = bool(system.equalities.row_is_velocity.any())
-        trajectory = _refined(trajectory, samples, at_velocity)
+        times = np.linspace(trajectory.times[0], trajectory.times[-1], samples)
+        trajectory = trajectory.resampled(times=times)
     fitted = PoseDMP.fit(
         trajectory,
         basis_functions=basis.count,
@@ -600,26 +594,4 @@ def _carried_out(
         replace(fitted, steps=steps),
         task.reference[first:],
         projected,
-        1 / (len(trajectory) - 1),
-    )
-
-
-def _refined(trajectory: PoseTrajectory, samples: int, at_velocity: bool) -> PoseTrajectory:
-    """Return a trajectory on shorter steps that still satisfies velocity constraints, nearly.
-
-    These tie the rotation at the end of a step to the chord of the step, half a step earlier: on
-    shorter steps each rotation comes earlier, except at the start, where the pose is fixed; the
-    last one stays.
-    """
-    fractions = np.linspace(0.0, 1.0, samples)
-    lead = np.zeros(samples)
-    if at_velocity:
-        longer, shorter = 1 / (len(trajectory) - 1), 1 / (samples - 1)
-        lead = (longer - shorter) / 2 * np.minimum(fractions / (_PINNED * longer), 1.0)
-    known = np.linspace(0.0, 1.0, len(trajectory))
-    return PoseTrajectory(
-        trajectory.times[0] + trajectory.duration * fractions,
-        CubicSpline(known, trajectory.positions)(fractions),
-        RotationSpline(known, trajectory.rotations)(np.minimum(fractions + lead, 1.0)),
-        name=trajectory.name,
     )

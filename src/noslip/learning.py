@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from noslip.runtime.controller import Controller
     from noslip.runtime.export import Exported
 
-_NO_LEAD = 1e-9
 STABILIZATION = 20.0
 """How fast a violation at the start decays, per duration."""
 BARRIER_RATE = 300.0
@@ -121,8 +120,6 @@ class ConstrainedDMP(PoseDMP):
     barrier_rate : float
         Rate at which the margins of limits may shrink that name none of their own, per duration.
     record : tuple of LearningRecord
-    projected_step : float or None
-        Step of the projected demonstrations, as a fraction of the duration.
     begin : float
         Time at its start (s), for constraints that depend on it; that of the state from which it
         was re-planned.
@@ -136,7 +133,6 @@ class ConstrainedDMP(PoseDMP):
     stabilization: float = STABILIZATION
     barrier_rate: float = BARRIER_RATE
     record: tuple[LearningRecord, ...] = ()
-    projected_step: float | None = None
     begin: float = 0.0
     spread: Spread | None = None
 
@@ -152,7 +148,6 @@ class ConstrainedDMP(PoseDMP):
             self,
             position=self.regular.position,
             orientation=self.regular.orientation,
-            projected_step=None,
         )
 
     def _admissible(self, state: State, project: ProjectStart) -> State:
@@ -401,7 +396,6 @@ class ConstrainedDMP(PoseDMP):
             record=(LearningRecord.of(adapted.reference, adapted.projected),),
             # Of the whole motion, along its demonstrated way.
             spread=self.spread if whole and scaling == "none" else None,
-            projected_step=adapted.step,
             begin=begin,
         )
         found.take_over(self.system, self.stepper)
@@ -424,22 +418,12 @@ class ConstrainedDMP(PoseDMP):
     def stepper(self) -> Stepper:
         if not self.system.size:
             return super().stepper
-        return Stepper(coupling(self.system, inverse_metric=self.inverse_metric), self.system.size)
-
-    @property
-    def leading_step(self) -> float:
-        """Step, as a fraction of the duration, without lead of the orientation; 0 if all are."""
-        at_velocity = bool(self.system.equalities.row_is_velocity.any())
-        return self.projected_step if self.projected_step and at_velocity else 0.0
-
-    def _rotation_lead(self, step_fraction: float) -> float:
-        # A velocity constraint ties the rotation at the end of a step to the chord of the step,
-        # that is, to the motion half a step earlier.  What was learned from steps of one length is
-        # half the difference early or late in steps of another.
-        if not self.leading_step:
-            return 0.0
-        lead = (self.leading_step - step_fraction) / 2
-        return lead if abs(lead) > _NO_LEAD else 0.0
+        held = coupling(
+            self.system,
+            inverse_metric=self.inverse_metric,
+            push="steering" if any(self.inverse_metric[3:]) else "force",
+        )
+        return Stepper(held, self.system.size)
 
     @property
     def _begin(self) -> float:
@@ -597,8 +581,5 @@ def learn(
         stabilization=stabilization,
         barrier_rate=barrier_rate,
         record=tuple(record),
-        projected_step=(
-            float(np.mean([1 / (len(d) - 1) for d in projected])) if projected else None
-        ),
         spread=Spread.about(fitted, projected or sampled),
     )

@@ -48,7 +48,6 @@ def save_primitive(dmp: ConstrainedDMP, path: str | Path) -> Path:
         "barrier_rate": dmp.barrier_rate,
         "primitive": _parts(dmp),
         "regular": _parts(dmp.regular),
-        "projected_step": dmp.projected_step,
         "begin": dmp.begin,
         "spread": None if dmp.spread is None else _spread(dmp.spread),
         "learned_from": [asdict(record) for record in dmp.record],
@@ -126,11 +125,6 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         begin=read.finite({"begin": 0.0} | content, "begin"),
         spread=read.spread(content),
         record=tuple(read.records(content)),
-        projected_step=read.field(
-            content,
-            "projected_step",
-            lambda x: None if x is None else _arguments.positive("projected_step", x),
-        ),
     )
 
 

@@ -34,6 +34,8 @@ HELD_RESIDUAL = 1e-12
 """Residual that rounding causes, over the largest velocity, or 1."""
 DONE = 1 - 1e-9
 """Fraction of the duration from which on a motion has come to its end."""
+SAME_STEP = 1e-6
+"""Relative difference up to which a last step counts as equal: that of rounded times."""
 FEWEST_STEPS = 200
 """A rollout takes at least this many steps unless told otherwise."""
 
@@ -403,8 +405,7 @@ class PoseDMP:
             tau (s).  The motion keeps its shape; only its speed changes.
         time_step : float, optional
             Seconds.  By default the motion has as many samples as the demonstration (200 or more),
-            whatever its duration.  If the duration is no multiple of it, the last sample lies
-            beyond the duration by less than a step.
+            whatever its duration.  If the duration is no multiple of it, the last step is shorter.
         project_start : "velocity", "pose" or "nothing"
             What of a start that violates the constraints is replaced by the nearest that does not.
             By default the velocity (as in the paper).
@@ -438,18 +439,19 @@ class PoseDMP:
                 )
             wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
             steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
+        times = state.time + np.arange(steps + 1) * time_step
+        times[-1] = state.time + state.duration
         first = state.vector()
         states = np.empty((steps + 1, STATE_SIZE))
         # The acceleration of the first sample is that of the step which leaves it.
         outputs = np.empty((steps + 1, self.stepper.outputs["end"].stop))
         states[0] = first
-        table = self.steps_ahead(state, steps, time_step)
-        self.stepper.run(first, table, states[1:], outputs[1:])
+        self.stepper.run(first, self._table(state, times, time_step), states[1:], outputs[1:])
         outputs[0] = outputs[1]
         column, names = self.stepper.outputs, self._constraint_names
         outputs[0, column["values"]] = np.concatenate([state.constraint_residuals, state.margins])
         return Motion.of_steps(
-            np.asarray(state.time + np.arange(steps + 1) * time_step),
+            times,
             states,
             {name: outputs[:, part] for name, part in column.items()},
             names,
@@ -559,23 +561,6 @@ class PoseDMP:
         parts = (self.position, self.orientation)
         return np.hstack([p.forcing.weights / p.attractor.stiffness for p in parts])
 
-    def _offsets(
-        self, basis: Basis, begin: float, rotation_begin: float, steps: int, h: float, state: State
-    ) -> Floats:
-        """Forces over ``alpha beta`` for each step: position (3), rotation (3)."""
-        alpha, starting = self.position.attractor.alpha, state.previous_step == 0.0
-        weights = self.offset_weights
-        offsets = basis.stepping_forces(begin, steps, h, alpha, weights, starting=starting)
-        if rotation_begin != begin:
-            offsets[:, 3:] = basis.stepping_forces(
-                rotation_begin, steps, h, alpha, weights[:, 3:], starting=starting
-            )
-        return offsets
-
-    def _rotation_lead(self, step_fraction: float) -> float:
-        """How far the orientation is ahead of the phase, as a fraction of the duration."""
-        return 0.0
-
     @property
     def _begin(self) -> float:
         """Time at the start (s)."""
@@ -599,12 +584,31 @@ class PoseDMP:
     def _limit_names(self) -> tuple[str, ...]:
         return ()
 
+    def _table(self, state: State, times: Floats, time_step: float) -> Floats:
+        """Rows of equal steps, and of a last one that may be shorter."""
+        steps, rest = len(times) - 1, times[-1] - state.time - (len(times) - 2) * time_step
+        if steps == 1 or abs(rest - time_step) <= SAME_STEP * time_step:
+            return self.steps_ahead(state, steps, time_step)
+        done = self.phase.fraction(state.phase) + (steps - 1) * time_step / state.duration
+        late = replace(
+            state, time=times[-2], phase=float(self.phase.at(done)), previous_step=time_step
+        )
+        return np.vstack(
+            [self.steps_ahead(state, steps - 1, time_step), self.steps_ahead(late, 1, rest)]
+        )
+
     def steps_ahead(self, state: State, steps: int, time_step: float) -> Floats:
         """Return what depends on the phase alone in the coming steps, a row a step."""
         basis, tau = self.position.forcing.basis, state.duration
         begin = self.phase.fraction(state.phase)
-        lead = self._rotation_lead(time_step / tau)
-        offsets = self._offsets(basis, begin, begin + lead, steps, time_step / tau, state)
+        offsets = basis.stepping_forces(
+            begin,
+            steps,
+            time_step / tau,
+            self.position.attractor.alpha,
+            self.offset_weights,
+            starting=state.previous_step == 0.0,
+        )
         # What violates a constraint from the start is pulled in; what was pushed off it, or was
         # measured to be, goes on without slip at once.
         fast = max(1.0, *map(abs, state.linear_velocity), *map(abs, state.angular_velocity))
@@ -630,7 +634,7 @@ class PoseDMP:
         column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
         column["position_target"][:] = state.goal_position + offsets[:, :3]
         column["rotation_goal"][:] = self.orientation.winding.along(
-            begin + lead, steps, time_step / tau, state.goal_rotation
+            begin, steps, time_step / tau, state.goal_rotation
         )
         column["rotation_offset"][:] = offsets[:, 3:] + state.steering
         return table

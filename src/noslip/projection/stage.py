@@ -54,10 +54,28 @@ def stage_function(system: ConstraintSystem, hold_position: bool, count: int) ->
         position = p + length * z[1][3:]
         velocity = v + length * (z[1][3:] - z[0][3:]) / time_step
         next_velocity = v_after + length * (z[2][3:] - z[1][3:]) / time_step
-    state = (time, position, turned[1], velocity, rate(0))
+    spin = rate(0)
     linear = (next_velocity - velocity) / time_step
-    angular = (rate(1) - rate(0)) / time_step
-    phi = ca.vertcat(equalities.residual(*state), limits.residual(*state, linear, angular))
+    angular = (rate(1) - spin) / time_step
+    # The quaternions are continuous from sample to sample, so their sum is halfway between them.
+    middle = turned[0] + turned[1]
+    at_middle = (
+        time - time_step / 2,
+        position - time_step / 2 * velocity,
+        middle / ca.norm_2(middle),
+        velocity,
+        spin,
+    )
+    at_end = (time, position, turned[1], velocity, spin)
+
+    def residual(part: ConstraintSystem, *accelerations: Expression) -> Expression:
+        middles, ends = (part.residual(*at, *accelerations) for at in (at_middle, at_end))
+        rows = [
+            (ends if level == "position" else middles)[i] for i, level in enumerate(part.row_levels)
+        ]
+        return ca.vertcat(ca.SX(0, 1), *rows)
+
+    phi = ca.vertcat(residual(equalities), residual(limits, linear, angular))
     jacobian = ca.jacobian(phi, ca.vertcat(*z))
     curvature, _ = ca.hessian(ca.dot(multipliers, phi), ca.vertcat(*z))
     parameters = ca.vertcat(*q, p, v, v_after, time, time_step, length)

@@ -42,7 +42,7 @@ from noslip.projection.band import Band
 from noslip.projection.blend import spread
 from noslip.projection.heading import turn_edge_into_path
 from noslip.projection.stage import Entries, stage_function
-from noslip.trajectory import PoseTrajectory
+from noslip.trajectory import PoseTrajectory, continuous_quaternions
 
 End = Literal["free", "position", "rotation", "pose"]
 
@@ -532,7 +532,7 @@ class _Problem:
         self.bending[:3] = rotation_smoothing / h**3
 
     def _stage_parameters(self) -> Floats:
-        quaternions = self.reference.as_quat(scalar_first=True)
+        quaternions = continuous_quaternions(self.reference)
         previous = np.concatenate([[0], np.arange(self.count - 1)])
         following = np.concatenate([np.arange(1, self.count), [self.count - 1]])
         positions = self.given.positions
@@ -711,14 +711,17 @@ class _Problem:
     def _residuals(self, trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
         """Residuals (N, m) and margins (N, k) of a trajectory."""
         linear, angular = trajectory.step_velocities()
-        times = trajectory.times - trajectory.times[0] + self.begin
-        pose = (times, trajectory.positions, trajectory.quaternions)
-        velocities = [np.concatenate([v[:1], v]) for v in (linear, angular)]
+        # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
+        times = np.arange(self.count) * self.time_step + self.begin
         accelerations = [
-            np.pad(np.diff(v, axis=0) / self.time_step, ((1, 1), (0, 0))) for v in (linear, angular)
+            np.pad(np.diff(v, axis=0) / self.time_step, ((0, 1), (0, 0))) for v in (linear, angular)
         ]
-        residuals = self.equalities.residuals(*pose, *velocities)
-        margins = self.limits.residuals(*pose, *velocities, *accelerations)
+        pose = (times, trajectory.positions, trajectory.quaternions)
+        first = (*(part[:1] for part in pose), linear[:1], angular[:1])
+        residuals, margins = (
+            np.vstack([part.residuals(*first), part.of_steps(*pose, linear, angular, *more)])
+            for part, more in ((self.equalities, ()), (self.limits, accelerations))
+        )
         # No step leads to the first sample.
         residuals[0, self.equalities.row_is_velocity] = 0.0
         applies = np.ones((self.count, self.rows), dtype=bool)

@@ -34,7 +34,6 @@ def numbers(dmp: ConstrainedDMP) -> dict[str, Number]:
         "knot_quaternions": winding.quaternions,
         # C knows no empty arrays.
         "knot_splines": splines if len(splines) else np.zeros((1, 12)),
-        "projected_step": dmp.leading_step,
         "duration": dmp.duration,
         "residual_rate": dmp.stabilization,
         "barrier_rate": dmp.barrier_rate,

@@ -31,12 +31,12 @@ static void sample(const noslip_state *s, double *state, double *values) {
 
 /* Forces of a motion in so many steps, six a step: they depend on the phase alone. */
 void noslip_forces(const noslip_primitive *primitive, long long steps, double *forces) {
-    const double h = 1.0 / (double)steps, lead = lead_of(primitive, h);
+    const double h = 1.0 / (double)steps;
     noslip_state s;
     long long k;
     noslip_start(primitive, &s);
     for (k = 0; k < steps; ++k) {
-        stepping_force(primitive, &s, h, lead, forces + 6 * k);
+        stepping_force(primitive, &s, h, forces + 6 * k);
         s.fraction += h;
         s.previous_step = h;
     }
@@ -49,7 +49,6 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
                      const double *beginnings, long long count, long long steps, double *states,
                      double *values) {
     const long long rows = NOSLIP_EQUALITIES + NOSLIP_LIMITS;
-    const double lead = lead_of(primitive, 1.0 / (double)steps);
     long long motion, k;
     int i;
     for (motion = 0; motion < count; ++motion) {
@@ -74,7 +73,7 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
         for (k = 1; k <= steps; ++k) {
             const long long at = motion * (steps + 1) + k;
             const double h = s.duration / (double)steps;
-            const int lost = advance(primitive, &s, h, lead, forces + 6 * (k - 1));
+            const int lost = advance(primitive, &s, h, forces + 6 * (k - 1));
             sample(&s, states + at * 13, values + at * rows);
             /* The caller looks for it. */
             if (lost) states[at * 13] = NAN;

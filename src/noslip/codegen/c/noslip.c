@@ -29,14 +29,13 @@ static noslip_real exponent_of(const noslip_primitive *p, int i, noslip_real pha
     return REAL(-0.5) * apart * apart;
 }
 
-/* Learned force over alpha beta at a fraction of the motion; columns first to last. */
-static void force_at(const noslip_primitive *p, noslip_real fraction, int first, int last,
-                     noslip_real *force) {
+/* Learned forces over alpha beta at a fraction of the motion. */
+static void forces_at(const noslip_primitive *p, noslip_real fraction, noslip_real *force) {
     const noslip_real phase = exp(-p->alpha_s * fraction);
     const int count = p->basis_functions;
     noslip_real place = fraction * (noslip_real)(count - 1) + REAL(0.5), nearest, sum = 0;
     int middle, i, j, side;
-    for (j = first; j < last; ++j) force[j] = 0;
+    for (j = 0; j < 6; ++j) force[j] = 0;
     /* Centers are evenly spaced in time; from the nearest, or the outermost, both ways until the
      * Gaussians vanish.  Its exponent is taken out, so that no phase leaves all of them at zero. */
     if (!(place > 0)) place = 0;
@@ -48,26 +47,15 @@ static void force_at(const noslip_primitive *p, noslip_real fraction, int first,
             const noslip_real psi = exponent >= NEGLIGIBLE ? exp(exponent) : 0;
             if (!(psi > 0)) break;
             sum += psi;
-            for (j = first; j < last; ++j) force[j] += psi * p->weights[i][j];
+            for (j = 0; j < 6; ++j) force[j] += psi * p->weights[i][j];
         }
     }
-    for (j = first; j < last; ++j) force[j] *= phase / sum;
-}
-
-/* Both forces, the orientation's with a lead. */
-static void forces_at(const noslip_primitive *p, noslip_real fraction, noslip_real lead,
-                      noslip_real *force) {
-    if (lead > 0 || lead < 0) {
-        force_at(p, fraction, 0, 3, force);
-        force_at(p, fraction + lead, 3, 6, force);
-    } else {
-        force_at(p, fraction, 0, 6, force);
-    }
+    for (j = 0; j < 6; ++j) force[j] *= phase / sum;
 }
 
 /* The same as a step from there wants it: what a constant target leaves out is added. */
 static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_real h,
-                           noslip_real lead, noslip_real *force) {
+                           noslip_real *force) {
     const int starting = !(s->previous_step > 0);
     const int known = !starting && !(s->known_fraction < s->fraction)
                       && !(s->known_fraction > s->fraction) && !(s->known_step < h)
@@ -80,10 +68,10 @@ static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_re
             now[j] = s->known[1][j];
         }
     } else {
-        if (!starting) forces_at(p, s->fraction - h, lead, before);
-        forces_at(p, s->fraction, lead, now);
+        if (!starting) forces_at(p, s->fraction - h, before);
+        forces_at(p, s->fraction, now);
     }
-    forces_at(p, s->fraction + h, lead, after);
+    forces_at(p, s->fraction + h, after);
     s->known_fraction = s->fraction + h;
     s->known_step = h;
     for (j = 0; j < 6; ++j) {
@@ -166,15 +154,9 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
 
 int noslip_done(const noslip_state *state) { return state->fraction >= 1 - REAL(1e-9); }
 
-/* How far the orientation is ahead of the phase. */
-static noslip_real lead_of(const noslip_primitive *p, noslip_real h) {
-    const noslip_real lead = (p->projected_step - h) / 2;
-    return p->projected_step > 0 && fabs(lead) > REAL(1e-9) ? lead : 0;
-}
-
 /* A step with known forces; 1 and the state as it was if what comes of it is not finite. */
 static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
-                    noslip_real lead, const noslip_real *offset) {
+                   const noslip_real *offset) {
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
     const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
@@ -216,7 +198,7 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     step[6] = p->barrier_rate / tau;
     step[7] = decay;
     step[8] = gain / kick;
-    leading(p, state->fraction + lead, state->goal_quaternion, step + 12);
+    leading(p, state->fraction, state->goal_quaternion, step + 12);
 
     noslip_core(now, step, after, output);
 
@@ -243,10 +225,10 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 }
 
 int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
-    const noslip_real h = time_step / state->duration, lead = lead_of(primitive, h);
+    const noslip_real h = time_step / state->duration;
     noslip_real offset[6];
     /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
     if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
-    stepping_force(primitive, state, h, lead, offset);
-    return advance(primitive, state, time_step, lead, offset);
+    stepping_force(primitive, state, h, offset);
+    return advance(primitive, state, time_step, offset);
 }

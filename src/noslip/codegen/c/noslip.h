@@ -37,7 +37,6 @@ typedef struct noslip_primitive {
     int knots;                                /* of the winding; 1: the goal is fixed */
     const noslip_real (*knot_quaternions)[4];
     const noslip_real (*knot_splines)[12];    /* of each interval: rotation vector, cubic first */
-    noslip_real projected_step;    /* fraction of the duration; 0: no lead */
     noslip_real duration;          /* s */
     noslip_real residual_rate;     /* per duration */
     noslip_real barrier_rate;      /* per duration */
