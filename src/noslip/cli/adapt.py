@@ -16,7 +16,7 @@ import typer
 from noslip import _arguments
 from noslip import _pose_files as files
 from noslip._files import write_beside
-from noslip.adaptation import Via
+from noslip.boundary import Boundary, End
 from noslip.cli import options, output
 from noslip.cli.plot import FORMATS
 from noslip.comparison import compare
@@ -27,7 +27,6 @@ from noslip.figures.family import Goal, end_errors
 from noslip.learning import ConstrainedDMP
 from noslip.primitives.pose import Motion
 from noslip.primitives.scaling import Scaling
-from noslip.projection.trajectory import End
 from noslip.saving import load_primitive
 
 NAME = "adapt"
@@ -295,7 +294,7 @@ def _velocity(text: str | None) -> list[float] | None:
     return values
 
 
-def _via(text: str) -> Via:
+def _via(text: str) -> Boundary:
     at, colon, pose = text.partition(":")
     try:
         fraction = float(at if colon else "")
@@ -306,7 +305,7 @@ def _via(text: str) -> Via:
     options.numbers("--via", pose, (3, 7))
     cells = pose.split(",")
     rotation = options.rotation("--via", ",".join(cells[3:])) if cells[3:] else None
-    return Via(fraction, options.vector("--via", ",".join(cells[:3])), rotation)
+    return Boundary.via((fraction, options.vector("--via", ",".join(cells[:3])), rotation))
 
 
 def _merged(goals: Path, wanted: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
