@@ -132,6 +132,13 @@ class Boundary:
             rotation=self.rotation if what in ("rotation", "pose") else None,
         )
 
+    def pose_or(self, position: Floats, rotation: Rotation) -> tuple[Floats, Rotation]:
+        """Return its position and rotation; the given ones where they are free."""
+        return (
+            position if self.position is None else self.position,
+            rotation if self.rotation is None else self.rotation,
+        )
+
     # ---------------------------------------------------------------- what it is
 
     @property

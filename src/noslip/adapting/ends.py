@@ -74,8 +74,7 @@ def placed(
     ConstraintError
         If a goal violates a position-level constraint or hard limit.
     """
-    position = own[0] if boundary.position is None else boundary.position
-    rotation = own[1] if boundary.rotation is None else boundary.rotation
+    position, rotation = boundary.pose_or(*own)
     is_start = boundary.at == 0
     equalities = system.equalities
     stays = not is_start and not (boundary.position is None and boundary.rotation is None)
