@@ -125,7 +125,8 @@ class Boundary:
     def part(self, what: End) -> Boundary:
         """Return it with only a part of its pose; its twist stays."""
         if what not in get_args(End):
-            raise InputError(f"what is kept must be free, position, rotation or pose; got {what!r}")
+            name = {0.0: "start", 1.0: "end"}.get(self.at, f"what is kept at {self.at:g}")
+            raise InputError(f"{name} must be free, position, rotation or pose; got {what!r}")
         return replace(
             self,
             position=self.position if what in ("position", "pose") else None,

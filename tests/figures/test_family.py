@@ -188,7 +188,7 @@ def test_what_is_exactly_zero_is_marked_at_the_foot(every_figure):
 
 
 def test_what_is_left_free_has_no_error(every_figure):
-    assert end_errors(ORIGINAL, (None, None)) == (None, None)
+    assert end_errors(ORIGINAL, noslip.Boundary(1)) == (None, None)
     assert [ax.get_ylabel() for ax in every_figure["free"].axes] == ["y (mm)"]
 
 

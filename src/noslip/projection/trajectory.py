@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -143,10 +143,6 @@ def _end(name: str, asked: End | Boundary, at: float, trajectory: PoseTrajectory
         if asked.at != at:
             raise InputError(f"{name}: a boundary at {at:g} is needed, got one at {asked.at:g}")
         return asked
-    if asked not in get_args(End):
-        raise InputError(
-            f"{name} must be free, position, rotation, pose or a Boundary; got {asked!r}"
-        )
     return Boundary.keeping(trajectory, at, asked)
 
 
