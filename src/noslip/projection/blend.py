@@ -72,6 +72,8 @@ def through(free: PoseTrajectory, boundaries: Iterable[Boundary]) -> PoseTraject
         One with a twist is an end's and names a whole pose.
     """
     wanted = {sample_of(boundary.at, len(free)): boundary for boundary in boundaries}
+    # Velocities of the samples: those of a rollout belong to the step before.
+    own = PoseTrajectory(free.times, free.positions, free.rotations)
     positions, rotations, times = free.positions, free.rotations, free.times
     shifts = {
         float(times[k]): b.position - positions[k]
@@ -88,12 +90,12 @@ def through(free: PoseTrajectory, boundaries: Iterable[Boundary]) -> PoseTraject
     for k in (0, len(free) - 1):
         linear = wanted[k].linear_velocity if k in wanted else None
         angular = wanted[k].angular_velocity if k in wanted else None
-        faster.append(None if linear is None else linear - free.linear_velocities[k])
+        faster.append(None if linear is None else linear - own.linear_velocities[k])
         turning.append(
             None
             if angular is None
             else _rate_of_turn(
-                turns[float(times[k])], rotations[k], angular - free.angular_velocities[k]
+                turns[float(times[k])], rotations[k], angular - own.angular_velocities[k]
             )
         )
     if shifts:

@@ -161,50 +161,40 @@ class Request:
     def with_steps_beyond(self) -> Request:
         """Return the request with poses in place of velocities at the ends.
 
-        A sample is added a step before the start and a step after the goal, where a velocity is
-        asked for.  An end's velocity is that of the instant, half a step from the middle of the
-        step beyond: in between lies half a step of the reference's acceleration.
+        Where a velocity is asked for, a sample is added a step before the start or a step after
+        the goal.  The reference goes on there as it moves at that end.
         """
         reference, h = self.reference, self.time_step
-        begin, boundaries = self.begin, self.fixed
-        last = len(reference) - 1
-        ends = ((0, -1, self.leads_in), (last, 1, self.leads_out))
-        beyond = {side: self._beyond(k, side) for k, side, moves in ends if moves}
-        if not beyond:
+        before = [self._beyond(0, -1)] if self.leads_in else []
+        after = [self._beyond(len(reference) - 1, 1)] if self.leads_out else []
+        if not before and not after:
             return self
-        times, positions = [reference.times], [reference.positions]
-        rotations = [reference.rotations]
-        if -1 in beyond:
-            position, rotation = beyond[-1]
-            times.insert(0, reference.times[:1] - h)
-            positions.insert(0, position[None])
-            rotations.insert(0, Rotation.concatenate([rotation]))
-            boundaries = {k + 1: boundary for k, boundary in boundaries.items()}
-            begin -= h
-        if 1 in beyond:
-            position, rotation = beyond[1]
-            times.append(reference.times[-1:] + h)
-            positions.append(position[None])
-            rotations.append(Rotation.concatenate([rotation]))
+        own = [*((p, R) for p, R, _ in before), *((p, R) for p, R, _ in after)]
+        places = [0] * len(before) + [len(reference)] * len(after)
+        times = [reference.times[0] - h] * len(before) + [reference.times[-1] + h] * len(after)
+        quaternions = [R.as_quat() for _, R in own]
         longer = PoseTrajectory(
-            np.concatenate(times),
-            np.vstack(positions),
-            Rotation.concatenate(rotations),
+            np.insert(reference.times, places, times),
+            np.insert(reference.positions, places, [p for p, _ in own], axis=0),
+            Rotation.from_quat(np.insert(reference.rotations.as_quat(), places, quaternions, 0)),
             name=reference.name,
         )
-        final = len(longer) - 1
-        if -1 in beyond:
-            boundaries[0] = Boundary.keeping(longer, 0.0, "pose")
-        if 1 in beyond:
-            boundaries[final] = Boundary.keeping(longer, 1.0, "pose")
+        last = len(longer) - 1
+        inner = (
+            replace(
+                boundary,
+                at=(k + len(before)) / last,
+                linear_velocity=None,
+                angular_velocity=None,
+            )
+            for k, boundary in self.fixed.items()
+        )
+        outer = (boundary for _, _, boundary in (*before, *after))
         return replace(
             self,
             reference=longer,
-            boundaries=tuple(
-                replace(boundary, at=k / final, linear_velocity=None, angular_velocity=None)
-                for k, boundary in sorted(boundaries.items())
-            ),
-            begin=begin,
+            boundaries=(*inner, *outer),
+            begin=self.begin - h * len(before),
         )
 
     def twist_at(self, k: int) -> tuple[Floats, Floats]:
@@ -216,18 +206,28 @@ class Request:
             reference.angular_velocities[k] if angular is None else angular,
         )
 
-    def _beyond(self, k: int, side: int) -> tuple[Floats, Rotation]:
-        """Pose a step beyond an end, before it (side -1) or after it (1)."""
-        boundary, h = self.fixed[k], self.time_step
+    def _beyond(self, k: int, side: int) -> tuple[Floats, Rotation, Boundary]:
+        """Where the reference and the result are a step before (side -1) or after (1) an end.
+
+        An end's velocity is that of the instant, half a step from the middle of the step beyond: in
+        between lies half a step of the reference's acceleration.
+        """
+        boundary, reference, h = self.fixed[k], self.reference, self.time_step
         assert boundary.position is not None and boundary.rotation is not None
-        two = slice(0, 2) if side < 0 else slice(-2, None)
-        changes = (np.diff(v[two], axis=0)[0] / 2 for v in self.reference.step_velocities())
-        linear, angular = (
-            v + side * change for v, change in zip(self.twist_at(k), changes, strict=True)
-        )
+        near, next_ = (0, 1) if side < 0 else (-1, -2)
+        own, asked = [], []
+        for steps, wanted in zip(reference.step_velocities(), self.twist_at(k), strict=True):
+            change = steps[near] - steps[next_]
+            own.append(side * h * (steps[near] + change))
+            asked.append(side * h * (wanted + change / 2))
         return (
-            boundary.position + side * h * linear,
-            Rotation.from_rotvec(side * h * angular) * boundary.rotation,
+            reference.positions[k] + own[0],
+            Rotation.from_rotvec(own[1]) * reference.rotations[k],
+            Boundary(
+                0.0 if side < 0 else 1.0,
+                boundary.position + asked[0],
+                Rotation.from_rotvec(asked[1]) * boundary.rotation,
+            ),
         )
 
     @property
