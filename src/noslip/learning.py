@@ -31,8 +31,8 @@ from noslip.primitives.stepping import Stepper
 from noslip.projection.feasibility import project_pose, require_consistent
 from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, coupling, project_velocities
-from noslip.projection.problem import ProjectedTrajectory
 from noslip.projection.request import ADAPTING, LEARNING, Request, Weights
+from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from noslip import Blade, Constraint, PoseTrajectory, project_trajectory
 from noslip.constraints import ConstraintSystem
-from noslip.projection.problem import ProjectedTrajectory
 from noslip.projection.request import LEARNING
+from noslip.projection.result import ProjectedTrajectory
 
 Floats = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)

@@ -29,8 +29,8 @@ from noslip import (
     project_trajectory,
     velocity_constraint,
 )
-from noslip.projection.problem import ProjectedTrajectory
 from noslip.projection.request import LEARNING
+from noslip.projection.result import ProjectedTrajectory
 
 Floats = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)

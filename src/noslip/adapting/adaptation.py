@@ -13,8 +13,8 @@ from noslip.adapting.ends import require_feasible
 from noslip.errors import ConvergenceError, InputError
 from noslip.primitives.pose import SAMPLES_PER_BASIS_FUNCTION, PoseDMP
 from noslip.projection.blend import through
-from noslip.projection.problem import ProjectedTrajectory
 from noslip.projection.request import Request
+from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.trajectory import PoseTrajectory
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -20,9 +18,10 @@ from noslip._files import write_beside
 from noslip._typing import Floats
 from noslip.boundary import Boundary, End, twist
 from noslip.cli import options, output
+from noslip.cli.outcome import Outcome, csv_text, told, told_together
 from noslip.cli.plot import FORMATS
 from noslip.comparison import compare
-from noslip.constraints.check import amount, check
+from noslip.constraints.check import check
 from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import end_errors
@@ -33,6 +32,7 @@ from noslip.saving import load_primitive
 
 NAME = "adapt"
 SUMMARY = "summary.csv"
+"""In the folder, beside the primitives, none of which can have its name: they are JSON."""
 EXAMPLES = """
 Examples:
 
@@ -46,52 +46,11 @@ Examples:
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
 """Names that every file system takes."""
 _COLUMNS = (files.POSITION_NAMES, files.QUATERNION_NAMES, ("duration",))
+"""Of numbers, in a file of goals; those of a group are there together or not at all."""
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
 
 Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
 Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of one goal: a row of the summary.
-
-    Attributes
-    ----------
-    name : str
-    converged : bool
-        Whether there is a primitive; if not, ``message`` says why and the rest is None.
-    holds : bool or None
-        Whether its motion keeps every constraint and hard limit.
-    end_position_error_m, end_rotation_error_deg : float or None
-        From the goal to the end of the motion; None of what is left free.
-    residual_peak : float or None
-        Of the equalities, in their units (SI).
-    angular_speed_peak_rad_s, angular_speed_ratio : float or None
-        The latter over that of the original primitive, None if that never turns.
-    iterations : int or None
-        Of the projection.
-    duration_s : float or None
-    message : str
-        Why it failed, or what a person should know.
-    """
-
-    name: str
-    converged: bool
-    holds: bool | None = None
-    end_position_error_m: float | None = None
-    end_rotation_error_deg: float | None = None
-    residual_peak: float | None = None
-    angular_speed_peak_rad_s: float | None = None
-    angular_speed_ratio: float | None = None
-    iterations: int | None = None
-    duration_s: float | None = None
-    message: str = ""
-
-    @property
-    def failed(self) -> bool:
-        """Whether there is no primitive, or one that breaks its constraints."""
-        return not (self.converged and self.holds)
 
 
 _Row = tuple[Boundary, float | None]
@@ -223,7 +182,7 @@ def run(
         family.add(out.stem, asked, out)
         outcome = family.outcomes[0]
         result = {"primitive": str(out)} | asdict(outcome)
-        told = [*_told(outcome), f"wrote {out}"]
+        lines = [*told(outcome), f"wrote {out}"]
     else:
         if out.exists() and not out.is_dir():
             raise InputError(f"--out: {out} is a file; with --goals give a folder")
@@ -236,7 +195,7 @@ def run(
             for done, (name, row) in enumerate(rows.items(), start=1):
                 family.try_to_add(name, row, targets[name])
                 progress(done, len(rows))
-        summary = write_beside(out / SUMMARY, _csv(family.outcomes).encode())
+        summary = write_beside(out / SUMMARY, csv_text(family.outcomes).encode())
         failed = sum(outcome.failed for outcome in family.outcomes)
         result = {
             "folder": str(out),
@@ -244,20 +203,20 @@ def run(
             "failed": failed,
             "goals": [asdict(outcome) for outcome in family.outcomes],
         }
-        told = _told_together(family.outcomes)
-        told.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
+        lines = told_together(family.outcomes)
+        lines.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
     if figure is not None and family.motions:
         save_figure(
             adapted_family(family.original, family.motions, family.goals, dmp.system), figure
         )
         result["figure"] = str(figure)
-        told.append(f"wrote {figure}")
+        lines.append(f"wrote {figure}")
     elif figure is not None:
-        told.append(f"no {figure}: there is no motion to draw")
+        lines.append(f"no {figure}: there is no motion to draw")
     if as_json:
         output.print_json(result)
     else:
-        for line in told:
+        for line in lines:
             typer.echo(line)
     if any(outcome.failed for outcome in family.outcomes):
         raise typer.Exit(1)
@@ -442,60 +401,3 @@ def _labels(path: Path, cells: Mapping[int, str]) -> list[str]:
             )
         taken[name.casefold()] = line
     return [cell.strip() for cell in cells.values()]
-
-
-# ---------------------------------------------------------------- what comes out
-
-
-def _csv(outcomes: list[Outcome]) -> str:
-    """Return the summary: a header, then a row a goal; empty cells of what there is not."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(field.name for field in fields(Outcome))
-    for outcome in outcomes:
-        values = asdict(outcome).values()
-        writer.writerow(str(v).lower() if isinstance(v, bool) else v for v in values)
-    return text.getvalue()
-
-
-def _told(outcome: Outcome) -> list[str]:
-    return _achieved([outcome]) + ([outcome.message] if outcome.message else [])
-
-
-def _told_together(outcomes: list[Outcome]) -> list[str]:
-    done = [outcome for outcome in outcomes if outcome.converged]
-    lines = [f"adapted to {len(done)} of {len(outcomes)} goals"]
-    lines += _achieved(done) if done else []
-    return lines + [
-        f"{outcome.name}: {'FAILED, ' if outcome.failed else ''}{outcome.message}"
-        for outcome in outcomes
-        if outcome.message
-    ]
-
-
-def _achieved(outcomes: list[Outcome]) -> list[str]:
-    """Say the largest numbers of all outcomes that have them."""
-
-    def most(name: str) -> float | None:
-        found = [getattr(outcome, name) for outcome in outcomes]
-        return max((value for value in found if value is not None), default=None)
-
-    off, turned, residual, speed, ratio = (
-        most(name)
-        for name in (
-            "end_position_error_m",
-            "end_rotation_error_deg",
-            "residual_peak",
-            "angular_speed_peak_rad_s",
-            "angular_speed_ratio",
-        )
-    )
-    ends = [] if off is None else [amount(off, "m")]
-    ends += [] if turned is None else [f"{turned:.3g} degrees"]
-    lines = [f"ends within {' and '.join(ends)} of the goal"] if ends else []
-    times = "" if ratio is None else f", {ratio:.3g} times that of the original"
-    return [
-        *lines,
-        f"residual at most {residual:.2g}",
-        f"angular speed at most {speed:.3g} rad/s{times}",
-    ]

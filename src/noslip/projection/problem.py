@@ -10,7 +10,6 @@ is a row like an equality's, with ``-s / mu`` on its diagonal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
@@ -22,6 +21,7 @@ from noslip.boundary import Boundary
 from noslip.projection.band import Band
 from noslip.projection.blend import spread
 from noslip.projection.request import Request
+from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.stage import Entries, stage_function
 from noslip.trajectory import PoseTrajectory
 
@@ -58,46 +58,6 @@ _LEAST_SLACK = 1e-3
 """First slack of a limit that is violated, relative to the path's mean speed or length."""
 _TO_THE_BOUNDARY = 0.99
 """Share of the way to where a slack or multiplier would vanish that a step may go."""
-
-
-@dataclass(frozen=True, eq=False)
-class ProjectedTrajectory:
-    """Result of a trajectory projection.
-
-    Attributes
-    ----------
-    trajectory : PoseTrajectory
-    turns : array, shape (N, 3)
-        ``Log(R R_ref^T)``, world frame (rad).
-    converged : bool
-    iterations : int
-    residual : float
-        Largest residual over all samples and rows of the equalities, in the constraints' own units.
-    residuals : array, shape (N, m)
-        Of the equalities.
-    multipliers : array, shape (N, m + k)
-        Of equalities, then limits.
-    margins : array, shape (N, k)
-        Of the limits; infinite where they do not apply (no step, no acceleration).
-    backing : int
-        Stretches in which the demonstration moves backwards, left so (see ``heading``).
-    smoothing : float
-        mu_R with which it converged.
-    left_out : tuple of str
-        Soft limits with which it did not converge, and which it therefore does not heed.
-    """
-
-    trajectory: PoseTrajectory
-    turns: Floats
-    converged: bool
-    iterations: int
-    residual: float
-    residuals: Floats
-    multipliers: Floats
-    margins: Floats
-    backing: int
-    smoothing: float
-    left_out: tuple[str, ...] = ()
 
 
 class Problem:

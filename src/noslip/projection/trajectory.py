@@ -32,16 +32,19 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError
 from noslip.projection.blend import spread
 from noslip.projection.heading import turn_edge_into_path
-from noslip.projection.problem import Problem, ProjectedTrajectory
+from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
+from noslip.projection.result import ProjectedTrajectory
 from noslip.trajectory import PoseTrajectory
 
 _ATTEMPTS = ((1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (1000.0, False, 1))
-"""Factor on the rotation's smoothing, whether careful, factor on the iterations allowed."""
+"""Factor on the rotation's smoothing, whether careful, factor on the iterations allowed: what one
+attempt does not reach, a smoother and more patient one does; the last is for noise alone."""
 _LIMIT_ATTEMPTS = ((1.0, 1e-2, False), (1.0, 1.0, False), (1.0, 1.0, True), (100.0, 1.0, True))
-"""Factor on the rotation's smoothing, first tau over the step in time normalized, careful."""
+"""Factor on the rotation's smoothing, first tau over the step in time normalized, careful: a small
+tau is fast where few limits bind, a large one finds its way where many do."""
 _LIMIT_PATIENCE = 4
-"""Iterations with limits over those without."""
+"""Iterations with limits over those without: tau falls by a tenth in each at best."""
 _MOST_SAMPLES = 4000
 """Beyond this, the fourth power of the count in the smoothing terms eats up the precision."""
 
