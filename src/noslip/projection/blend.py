@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -105,7 +106,13 @@ def through(free: PoseTrajectory, boundaries: Iterable[Boundary]) -> PoseTraject
                 positions[k] = b.position
     if turns:
         rotations = rotations * Rotation.from_rotvec(spread(turns, times, *turning))
-    return PoseTrajectory(times, positions, rotations, name=free.name)
+    moved = PoseTrajectory(times, positions, rotations, name=free.name)
+    velocities = moved.linear_velocities.copy(), moved.angular_velocities.copy()
+    for k, b in wanted.items():
+        for found, asked in zip(velocities, (b.linear_velocity, b.angular_velocity), strict=True):
+            if asked is not None:
+                found[k] = asked
+    return replace(moved, linear_velocities=velocities[0], angular_velocities=velocities[1])
 
 
 def _rate_of_turn(turn: Floats, before: Rotation, missing: Floats) -> Floats:

@@ -215,11 +215,14 @@ class Request:
         boundary, reference, h = self.fixed[k], self.reference, self.time_step
         assert boundary.position is not None and boundary.rotation is not None
         near, next_ = (0, 1) if side < 0 else (-1, -2)
+        stated = reference.linear_velocities[k], reference.angular_velocities[k]
         own, asked = [], []
-        for steps, wanted in zip(reference.step_velocities(), self.twist_at(k), strict=True):
-            change = steps[near] - steps[next_]
-            own.append(side * h * (steps[near] + change))
-            asked.append(side * h * (wanted + change / 2))
+        for steps, has, wanted in zip(
+            reference.step_velocities(), stated, self.twist_at(k), strict=True
+        ):
+            change = (steps[near] - steps[next_]) / 2
+            own.append(side * h * (has + change))
+            asked.append(side * h * (wanted + change))
         return (
             reference.positions[k] + own[0],
             Rotation.from_rotvec(own[1]) * reference.rotations[k],
