@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from noslip import _arguments, adaptation
+from noslip import _arguments, adapting
 from noslip._typing import Floats
-from noslip.adaptation import Via
+from noslip.boundary import Boundary, End
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.primitives.pose import (
@@ -31,14 +31,9 @@ from noslip.primitives.stepping import Stepper
 from noslip.projection.feasibility import project_pose, require_consistent
 from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, coupling, project_velocities
-from noslip.projection.trajectory import (
-    POSITION_SMOOTHING,
-    POSITION_WEIGHT,
-    ROTATION_SMOOTHING,
-    End,
-    ProjectedTrajectory,
-    project_heeding_what_it_can,
-)
+from noslip.projection.request import ADAPTING, LEARNING, Request, Weights
+from noslip.projection.result import ProjectedTrajectory
+from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 
@@ -84,16 +79,13 @@ class LearningRecord:
 
     @classmethod
     def of(cls, demonstration: PoseTrajectory, projected: ProjectedTrajectory) -> LearningRecord:
-        # A re-planned trajectory has one sample more, before its start.
-        count = len(demonstration)
-        samples, steps = slice(-count, None), slice(1 - count, None)
-        moved = projected.trajectory.positions[samples] - demonstration.positions
+        moved = projected.trajectory.positions - demonstration.positions
         return cls(
             demonstration.name,
             len(demonstration),
             projected.iterations,
             projected.backing,
-            float(np.abs(projected.residuals[steps]).max(initial=0.0)),
+            float(np.abs(projected.residuals[1:]).max(initial=0.0)),
             float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
             float(np.sqrt(np.mean(np.sum(projected.turns**2, axis=1)))),
             projected.smoothing,
@@ -188,18 +180,19 @@ class ConstrainedDMP(PoseDMP):
         *,
         goal_position: ArrayLike | None = None,
         goal_rotation: Rotation | None = None,
+        goal_velocity: ArrayLike | None = None,
         start_position: ArrayLike | None = None,
         start_rotation: Rotation | None = None,
         start_velocity: ArrayLike | None = None,
         duration: float | None = None,
-        via: Iterable[Via | Sequence[Any]] = (),
+        via: Iterable[Boundary | Sequence[Any]] = (),
         scaling: Scaling = "none",
         start: End = "pose",
         end: End = "pose",
         samples: int | None = None,
-        position_weight: float = adaptation.POSITION_WEIGHT,
-        position_smoothing: float = adaptation.POSITION_SMOOTHING,
-        rotation_smoothing: float = adaptation.ROTATION_SMOOTHING,
+        position_weight: float = ADAPTING.position,
+        position_smoothing: float = ADAPTING.position_smoothing,
+        rotation_smoothing: float = ADAPTING.rotation_smoothing,
     ) -> ConstrainedDMP:
         """Return a primitive that starts, passes and ends elsewhere, and keeps the constraints.
 
@@ -211,12 +204,12 @@ class ConstrainedDMP(PoseDMP):
         goal_position, start_position : array, shape (3,), optional
             Meters; those of this primitive by default.
         goal_rotation, start_rotation : Rotation, optional
-        start_velocity : array, shape (3,) or (6,), optional
-            Linear velocity (m/s), then angular (rad/s), world frame; projected onto the
-            constraints.  By default whatever suits the motion.
+        goal_velocity, start_velocity : 0, array of shape (3,) or (6,), optional
+            At rest (0), or linear velocity (m/s), then angular (rad/s), world frame; projected onto
+            the constraints.  By default whatever suits the motion.
         duration : float, optional
             tau (s).
-        via : sequence of Via, (at, position) or (at, position, rotation)
+        via : sequence of (at, position), (at, position, rotation) or Boundary
             Points or poses to pass, at fractions of the duration.
         scaling : "none", "difference" or "rotation-dilation"
             How the path follows a new goal before it is projected, see
@@ -242,49 +235,36 @@ class ConstrainedDMP(PoseDMP):
         tau = self.duration
         if duration is not None:
             tau = _arguments.positive("duration", duration, "seconds")
-        count = adaptation.samples_of(self, samples)
+        count = adapting.samples_of(self, samples)
         position, orientation = own, turned
         if scaling != "none":
             position = scaled_position(
                 own, scaling, start_position=start_position, goal_position=goal_position
             )
             orientation = scaled_orientation(own, turned, position, scaling)
-        goal, goal_turn = adaptation.boundary_pose(
-            self.system,
-            "goal",
-            self.begin + tau,
-            (goal_position, goal_rotation),
-            (own.goal, orientation.goal),
-        )
-        first, first_turn = adaptation.boundary_pose(
-            self.system,
-            "start",
-            self.begin,
-            (start_position, start_rotation),
+        first = adapting.placed(
+            adapting.asked("start", start_position, start_rotation, start_velocity),
             (own.start, orientation.start),
-        )
-        velocities = None
-        if start_velocity is not None:
-            velocities = adaptation.start_velocities(
-                self.system, self.inverse_metric, self.begin, first, first_turn, start_velocity
-            )
-        adapted = adaptation.adapt(
-            PoseDMP(position, orientation, self.phase, self.duration, self.steps),
             self.system,
-            goal_position=goal,
-            goal_rotation=goal_turn,
-            start_position=first,
-            start_rotation=first_turn,
-            start_velocities=velocities,
-            duration=tau,
-            via=via,
-            start=start,
-            end=end,
-            samples=count,
-            begin=self.begin,
-            weights=(position_weight, position_smoothing, rotation_smoothing),
+            self.inverse_metric,
+            self.begin,
         )
-        return self._of(adapted, tau, velocities, self.begin, scaling)
+        last = adapting.placed(
+            adapting.asked("goal", goal_position, goal_rotation, goal_velocity),
+            (own.goal, orientation.goal),
+            self.system,
+            self.inverse_metric,
+            self.begin + tau,
+        )
+        unconstrained = PoseDMP(position, orientation, self.phase, self.duration, self.steps)
+        request = Request(
+            unconstrained.rollout(duration=tau, time_step=tau / (count - 1)),
+            self.system,
+            (first.part(start), *Boundary.vias(via), last.part(end)),
+            Weights(position_weight, position_smoothing, rotation_smoothing),
+            begin=self.begin,
+        )
+        return self._of(adapting.adapt(unconstrained, request), tau, scaling)
 
     def replan(
         self,
@@ -294,10 +274,10 @@ class ConstrainedDMP(PoseDMP):
         goal_rotation: Rotation | None = None,
         duration: float | None = None,
         end: End = "pose",
-        samples: int = adaptation.REPLANNED_SAMPLES,
-        position_weight: float = adaptation.POSITION_WEIGHT,
-        position_smoothing: float = adaptation.POSITION_SMOOTHING,
-        rotation_smoothing: float = adaptation.ROTATION_SMOOTHING,
+        samples: int = adapting.REPLANNED_SAMPLES,
+        position_weight: float = ADAPTING.position,
+        position_smoothing: float = ADAPTING.position_smoothing,
+        rotation_smoothing: float = ADAPTING.rotation_smoothing,
     ) -> ConstrainedDMP:
         """Return a primitive for what remains of a motion, from any state in the middle of it.
 
@@ -323,21 +303,22 @@ class ConstrainedDMP(PoseDMP):
         ConstrainedDMP
             Its :meth:`initial_state` is the state to go on from.
         """
-        count = adaptation.samples_of(self, samples)
-        adaptation.require_state(state)
-        adapted, tau = adaptation.replan(
-            self,
-            self.system,
+        count = adapting.samples_of(self, samples)
+        adapting.require_state(state)
+        planned = Request(
             self.rollout(duration=state.duration, time_step=state.duration / (count - 1)),
-            state,
-            goal_position=goal_position,
-            goal_rotation=goal_rotation,
-            duration=duration,
-            end=end,
-            samples=count,
-            weights=(position_weight, position_smoothing, rotation_smoothing),
+            self.system,
+            weights=Weights(position_weight, position_smoothing, rotation_smoothing),
         )
-        return self._of(adapted, tau, None, state.time, "none", whole=False)
+        adapted = adapting.replan(
+            self,
+            planned,
+            state,
+            goal=adapting.asked("goal", goal_position, goal_rotation),
+            end=end,
+            duration=duration,
+        )
+        return self._of(adapted, adapted.request.reference.duration, "none", whole=False)
 
     def controller(self, *, time_step: float, **options: Any) -> Controller:
         """Return what steps this primitive in a control loop; see :class:`noslip.Controller`."""
@@ -358,20 +339,15 @@ class ConstrainedDMP(PoseDMP):
         return export_c(self, folder, name=name)
 
     def _of(
-        self,
-        adapted: adaptation.Adapted,
-        duration: float,
-        velocities: tuple[Floats, Floats] | None,
-        begin: float,
-        scaling: Scaling,
-        *,
-        whole: bool = True,
+        self, adapted: adapting.Adapted, duration: float, scaling: Scaling, *, whole: bool = True
     ) -> ConstrainedDMP:
         """Return this primitive with an adapted motion."""
         position, orientation = adapted.primitive.position, adapted.primitive.orientation
-        if velocities is not None:
-            position = replace(position, start_velocity=velocities[0] * duration)
-            orientation = replace(orientation, start_velocity=velocities[1] * duration)
+        request = adapted.request
+        if whole and request.leads_in:
+            linear, angular = request.twist_at(0)
+            position = replace(position, start_velocity=linear * duration)
+            orientation = replace(orientation, start_velocity=angular * duration)
         regular_position = scaled_position(
             self.regular.position,
             scaling,
@@ -393,10 +369,10 @@ class ConstrainedDMP(PoseDMP):
             duration=duration,
             steps=adapted.primitive.steps,
             regular=regular,
-            record=(LearningRecord.of(adapted.reference, adapted.projected),),
+            record=(LearningRecord.of(request.reference, adapted.projected),),
             # Of the whole motion, along its demonstrated way.
             spread=self.spread if whole and scaling == "none" else None,
-            begin=begin,
+            begin=request.begin,
         )
         found.take_over(self.system, self.stepper)
         return found
@@ -483,9 +459,9 @@ def learn(
     hold_position: bool = False,
     start: End = "free",
     end: End = "free",
-    position_weight: float = POSITION_WEIGHT,
-    position_smoothing: float = POSITION_SMOOTHING,
-    rotation_smoothing: float = ROTATION_SMOOTHING,
+    position_weight: float = LEARNING.position,
+    position_smoothing: float = LEARNING.position_smoothing,
+    rotation_smoothing: float = LEARNING.rotation_smoothing,
     metric: Metric | None = None,
     metric_length: float | None = None,
     stabilization: float = STABILIZATION,
@@ -543,19 +519,17 @@ def learn(
     basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     for demonstration in recorded:
         require_consistent(system, demonstration)
+    weights = Weights(position_weight, position_smoothing, rotation_smoothing)
     projected, record = [], []
     sampled = [evenly_sampled(d, basis_functions) for d in recorded]
     for index, demonstration in enumerate(sampled):
         if system.size:
+            ends = (
+                Boundary.keeping(demonstration, 0.0, start),
+                Boundary.keeping(demonstration, 1.0, end),
+            )
             result = project_heeding_what_it_can(
-                demonstration,
-                system,
-                hold_position=hold_position,
-                start=start,
-                end=end,
-                position_weight=position_weight,
-                position_smoothing=position_smoothing,
-                rotation_smoothing=rotation_smoothing,
+                Request(demonstration, system, ends, weights, hold_position)
             )
             record.append(LearningRecord.of(demonstration, result))
             projected.append(result.trajectory)

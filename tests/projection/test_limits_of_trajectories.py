@@ -16,12 +16,8 @@ from motions import along, waving
 from noslip import Blade, Constraint, PoseTrajectory, project_trajectory
 from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
-from noslip.projection.trajectory import (
-    POSITION_SMOOTHING,
-    POSITION_WEIGHT,
-    ROTATION_SMOOTHING,
-    ProjectedTrajectory,
-)
+from noslip.projection.request import LEARNING
+from noslip.projection.result import ProjectedTrajectory
 from strategies import seeds
 
 BLADE = Blade()
@@ -142,9 +138,9 @@ def weights(given: PoseTrajectory) -> tuple[Floats, Floats]:
     h = 1 / (count - 1)
     speed = speeds(given)
     relative = np.concatenate([speed[:1], speed]) / np.concatenate([speed[:1], speed]).mean()
-    size = np.full((count, 6), POSITION_WEIGHT * h)
+    size = np.full((count, 6), LEARNING.position * h)
     size[:, :3] = h * (relative[:, None] + 1e-3)
-    bend = np.array([ROTATION_SMOOTHING] * 3 + [POSITION_SMOOTHING] * 3) / h**3
+    bend = np.array([LEARNING.rotation_smoothing] * 3 + [LEARNING.position_smoothing] * 3) / h**3
     return size, bend
 
 

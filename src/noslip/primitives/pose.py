@@ -439,7 +439,7 @@ class PoseDMP:
                 )
             wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
             steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
-        times = state.time + np.arange(steps + 1) * time_step
+        times: Floats = state.time + time_step * np.arange(steps + 1, dtype=np.float64)
         times[-1] = state.time + state.duration
         first = state.vector()
         states = np.empty((steps + 1, STATE_SIZE))

@@ -10,7 +10,7 @@ from noslip.constraints.catalog import CATALOG, specification
 from noslip.constraints.declaration import Constraint, described
 from noslip.learning import BARRIER_RATE, ConstrainedDMP
 from noslip.projection.metric import inverse_metric
-from noslip.projection.trajectory import ROTATION_SMOOTHING
+from noslip.projection.request import LEARNING
 
 BASIS_FUNCTIONS = 100
 """Of ``noslip learn``, unless said otherwise."""
@@ -77,8 +77,10 @@ def _settings(dmp: ConstrainedDMP) -> list[str]:
     moved = any(record.position_change for record in dmp.record)
     if not moved and any(record.rotation_change for record in dmp.record):
         options += ["--hold-position"]
-    smoothing = min((record.smoothing for record in dmp.record), default=ROTATION_SMOOTHING)
-    if smoothing != ROTATION_SMOOTHING:
+    smoothing = min(
+        (record.smoothing for record in dmp.record), default=LEARNING.rotation_smoothing
+    )
+    if smoothing != LEARNING.rotation_smoothing:
         options += ["--smoothing", repr(smoothing)]
     options += _metric(dmp)
     if dmp.barrier_rate != BARRIER_RATE:

@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.adaptation import REPLANNED_SAMPLES
+from noslip.adapting import REPLANNED_SAMPLES
 from noslip.errors import InputError, NoslipError
 from noslip.learning import ConstrainedDMP
 from noslip.primitives.pose import DONE, State
