@@ -2,13 +2,13 @@
 
 from noslip.constraints.blade import Blade
 from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
-from noslip.constraints.declaration import (
-    Constraint,
-    Instant,
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.decorators import (
     keep_nonnegative,
     position_constraint,
     velocity_constraint,
 )
+from noslip.constraints.instant import Instant
 from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle

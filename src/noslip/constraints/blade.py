@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant, axis_index
+from noslip.constraints.declaration import Constraint, axis_index, register
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, point, settle
+from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class Blade(Constraint):
     """The paper's constraint ``(R y_b) . dp/dt = 0`` (eq. 16): no velocity across the blade.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -19,9 +19,11 @@ from noslip.constraints.fields import (
     unit_vector,
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_value
+from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class PlaneContact(Constraint):
     """The reference point stays on a plane: ``n . (p - point) = 0``; polishing a table.
@@ -51,6 +53,7 @@ class PlaneContact(Constraint):
         return ca.dot(unit_vector(self.normal), _from(self.point, self.reference_point, motion))
 
 
+@register
 @dataclass(frozen=True)
 class SphereContact(Constraint):
     """The reference point stays on a sphere: ``|p - center| - radius = 0``.
@@ -80,6 +83,7 @@ class SphereContact(Constraint):
         return safe_norm(_from(self.center, self.reference_point, motion)) - self.radius
 
 
+@register
 @dataclass(frozen=True)
 class CylinderContact(Constraint):
     """The reference point stays on an endless cylinder: its distance from the axis is ``radius``.
@@ -114,6 +118,7 @@ class CylinderContact(Constraint):
         return safe_norm(away - ca.dot(axis, away) * axis) - self.radius
 
 
+@register
 @dataclass(frozen=True)
 class SurfaceContact(Constraint):
     """The reference point stays on an implicit surface: ``f(p) = 0``.

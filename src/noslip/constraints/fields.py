@@ -10,7 +10,8 @@ import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import AXES, Constraint, Instant, axis_index
+from noslip.constraints.declaration import AXES, Constraint, axis_index
+from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError, InputError
 
 Triple = Sequence[float]

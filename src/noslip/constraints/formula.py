@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 
 from noslip._typing import Expression
+from noslip.constraints.expression import Instructions
 from noslip.constraints.fields import safe_norm
 from noslip.errors import ConstraintError
 
@@ -58,8 +59,9 @@ def checked_surface(name: str, surface: Any) -> Surface:
         raise ConstraintError(f"{name} must give one number, it has shape {value.shape}")
     if not ca.depends_on(value, position):
         raise ConstraintError(f"{name} does not depend on the position: it is {value}")
-    checked: Surface = surface
-    return checked
+    if isinstance(surface, str):
+        return surface
+    return Instructions.of(ca.Function("surface", [position], [ca.densify(value)]))
 
 
 def surface_value(surface: Surface, position: Expression) -> Expression:

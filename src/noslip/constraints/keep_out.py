@@ -13,11 +13,13 @@ import casadi as ca
 import numpy as np
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Instant
+from noslip.constraints.declaration import register
 from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
+from noslip.constraints.instant import Instant
 from noslip.constraints.limit import ROUNDING, Limit, rounded_length
 
 
+@register
 @dataclass(frozen=True)
 class KeepOutSphere(Limit):
     """``|p - c| - r >= 0``: the tool stays out of a sphere.
@@ -48,6 +50,7 @@ class KeepOutSphere(Limit):
         return _clearance(position - ca.DM(list(self.center)), self.radius)
 
 
+@register
 @dataclass(frozen=True)
 class KeepOutCapsule(Limit):
     """``min_s |p - a - s (b - a)| - r >= 0`` over s in [0, 1]: the tool stays out of a capsule.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import AXES, Constraint, Instant, axis_index
+from noslip.constraints.declaration import AXES, Constraint, axis_index, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -18,9 +18,11 @@ from noslip.constraints.fields import (
     point,
     settle,
 )
+from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class Needle(Constraint):
     """A needle in tissue moves along its shaft: ``(R e_1) . v = (R e_2) . v = 0``.

@@ -13,14 +13,16 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import Instant
+from noslip.constraints.declaration import register
 from noslip.constraints.fields import ORIGIN, Triple, direction, point, settle, unit_vector
+from noslip.constraints.instant import Instant
 from noslip.constraints.limit import Limit
 from noslip.errors import ConstraintError
 
 Sides = tuple[float | None, float | None, float | None]
 
 
+@register
 @dataclass(frozen=True)
 class HalfSpace(Limit):
     """``n . (p - p_0) >= 0``: the tool stays on the side of a plane that the normal points to.
@@ -52,6 +54,7 @@ class HalfSpace(Limit):
         return _height(motion, self.point, self.normal, self.reference_point)
 
 
+@register
 @dataclass(frozen=True)
 class DepthLimit(Limit):
     """``d + n . (p - p_s) >= 0``: the tool goes at most a depth d below a flat surface.
@@ -92,6 +95,7 @@ class DepthLimit(Limit):
         return self.depth + height
 
 
+@register
 @dataclass(frozen=True)
 class Box(Limit):
     """``l <= p <= u``, side by side: the tool stays within a box along the world's axes.

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, other_axes, point, settle
+from noslip.constraints.instant import Instant
 
 
+@register
 @dataclass(frozen=True)
 class RemoteCenter(Constraint):
     """The shaft's line passes through a point: ``(R e_1) . (c - p) = (R e_2) . (c - p) = 0``.

@@ -11,12 +11,14 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import Instant, axis_index
+from noslip.constraints.declaration import axis_index, register
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, length, point, settle
+from noslip.constraints.instant import Instant
 from noslip.constraints.limit import Limit
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class ForwardOnly(Limit):
     """``(R e_b) . v - s >= 0``: the edge leads; the tool never backs up.
@@ -48,6 +50,7 @@ class ForwardOnly(Limit):
         return ca.dot(body_axis(motion, self.edge), velocity) - self.minimum
 
 
+@register
 @dataclass(frozen=True)
 class TurningRadius(Limit):
     """``v_f - r |w_u| >= 0``: the tool's path bends no tighter than a radius, as a car's (Dubins).

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant, axis_index
+from noslip.constraints.declaration import Constraint, axis_index, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -18,9 +18,11 @@ from noslip.constraints.fields import (
     settle,
     unit_vector,
 )
+from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class Wheel(Constraint):
     """A wheel, a unicycle, a differential drive: ``(R axle) . v = 0`` and ``n . v = 0``.
