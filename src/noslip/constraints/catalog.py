@@ -73,7 +73,6 @@ def specification(constraint: Constraint) -> dict[str, Any]:
     values = {
         field.name: _as_data(getattr(identity, field.name))
         for field in dataclasses.fields(identity)  # type: ignore[arg-type]
-        if field.init
     }
     if isinstance(identity, Declaration):
         return {"type": "declared", **values}
@@ -91,11 +90,12 @@ def restore(data: dict[str, Any]) -> Constraint:
     if data["type"] != "declared":
         arguments = {name: _from_data(value) for name, value in data["arguments"].items()}
         return build(str(data["type"]), arguments)
-    values = {name: _from_data(value) for name, value in data.items() if name != "type"}
     try:
+        values = {name: _from_data(value) for name, value in data.items() if name != "type"}
         constraint = DeclaredConstraint(Declaration(**values))
-    except TypeError as error:
-        raise ConstraintError(f"a saved constraint cannot be read: {error}") from error
+    except (TypeError, ConstraintError) as error:
+        name = data.get("name", "without a name")
+        raise ConstraintError(f"saved constraint {name!r} cannot be read: {error}") from error
     constraint_function(constraint)
     return constraint
 
@@ -107,11 +107,9 @@ def _as_data(value: Any) -> Any:
 
 
 def _from_data(value: Any) -> Any:
-    if not isinstance(value, dict):
-        return value
-    if "instructions" in value:
+    if isinstance(value, dict) and "instructions" in value:
         return Instructions.from_data(value["instructions"])
-    return restore(value)
+    return restore(value) if isinstance(value, dict) and "type" in value else value
 
 
 def _literal_arguments(text: str, call: ast.Call) -> dict[str, Any]:

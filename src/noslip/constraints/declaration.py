@@ -125,7 +125,7 @@ class Declaration:
     priority: int
     lateral: str | None
     edge: str | None
-    residual: Instructions
+    expression: Instructions
 
 
 class DeclaredConstraint(Constraint):
@@ -139,7 +139,7 @@ class DeclaredConstraint(Constraint):
     def __init__(self, declaration: Declaration) -> None:
         for name in _ATTRIBUTES:
             setattr(self, name, getattr(declaration, name))
-        self.instructions = declaration.residual
+        self.instructions = declaration.expression
 
     def residual(self, motion: Instant) -> Expression:
         return self.instructions(*vars(motion).values())
@@ -148,7 +148,7 @@ class DeclaredConstraint(Constraint):
         return described(self)
 
 
-_ATTRIBUTES = [field.name for field in fields(Declaration) if field.name != "residual"]
+_ATTRIBUTES = [field.name for field in fields(Declaration) if field.name != "expression"]
 
 
 def declared(constraint: Constraint) -> Constraint | Declaration:
@@ -163,9 +163,9 @@ def declared(constraint: Constraint) -> Constraint | Declaration:
     """
     if is_registered(constraint):
         return constraint
-    attributes = [getattr(constraint, name) for name in _ATTRIBUTES]
-    residual = getattr(constraint, "instructions", None) or residual_instructions(constraint)
-    return Declaration(*attributes, residual=residual)
+    kept = {name: getattr(constraint, name) for name in _ATTRIBUTES}
+    expression = getattr(constraint, "instructions", None) or residual_instructions(constraint)
+    return Declaration(**kept, expression=expression)
 
 
 def residual_instructions(constraint: Constraint) -> Instructions:
