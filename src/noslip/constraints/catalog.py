@@ -18,6 +18,7 @@ from noslip.constraints.declaration import (
     declared,
 )
 from noslip.constraints.expression import Instructions
+from noslip.edge import Edge
 from noslip.errors import ConstraintError
 
 
@@ -76,6 +77,9 @@ def specification(constraint: Constraint) -> dict[str, Any]:
     }
     if isinstance(identity, Declaration):
         return {"type": "declared", **values}
+    if isinstance(constraint.edge, Edge) and "edge" in values:
+        # Its other parts are arguments too.
+        values["edge"] = constraint.edge.travel
     return {"type": type(constraint).name, "arguments": values}
 
 
@@ -101,12 +105,16 @@ def restore(data: dict[str, Any]) -> Constraint:
 
 
 def _as_data(value: Any) -> Any:
+    if isinstance(value, Edge):
+        return dataclasses.asdict(value)
     if isinstance(value, Constraint):
         return specification(value)
     return {"instructions": value.to_data()} if isinstance(value, Instructions) else value
 
 
 def _from_data(value: Any) -> Any:
+    if isinstance(value, dict) and "travel" in value:
+        return Edge(**value)
     if isinstance(value, dict) and "instructions" in value:
         return Instructions.from_data(value["instructions"])
     return restore(value) if isinstance(value, dict) and "type" in value else value

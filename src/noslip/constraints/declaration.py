@@ -12,7 +12,7 @@ its expression, as data.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal, TypeVar
 
@@ -22,11 +22,11 @@ from noslip import _arguments
 from noslip._typing import Expression
 from noslip.constraints.expression import Instructions
 from noslip.constraints.instant import AcceleratedInstant, Instant, motion_symbols
+from noslip.edge import Edge
 from noslip.errors import ConstraintError
 
 Level = Literal["position", "velocity", "acceleration"]
 Relation = Literal["zero", "nonnegative"]
-AXES = ("x", "y", "z")
 UNITS: dict[Level, str] = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 """Of a residual, unless its constraint says another."""
 MOST_PRIORITIES = 10
@@ -55,10 +55,9 @@ class Constraint(ABC):
     priority : int
         Of inequalities: 0 is hard.  Where not all can hold, soft ones (1, 2, ...) give way, the
         largest number first.
-    lateral, edge : str or None
-        For a tool with a direction of travel: the body axis that must not move, and the one that
-        leads (either may carry a sign, as in ``"-x"``).  The trajectory projection starts from the
-        rotation that turns the edge into the path.
+    edge : Edge or None
+        Of a tool with a direction of travel: the trajectory projection starts from the rotation
+        that turns it into the path.
     """
 
     name: str
@@ -67,12 +66,15 @@ class Constraint(ABC):
     unit: str | None = None
     barrier_rate: float | None = None
     priority: int = 0
-    lateral: str | None = None
-    edge: str | None = None
+    edge: Edge | None = None
 
     @abstractmethod
     def residual(self, motion: Instant) -> Expression:
         """Return what must be zero, or not negative: a scalar, a column, or a list of scalars."""
+
+    def relative(self, motion: Instant) -> Instant:
+        """Motion of the tool relative to its work: the motion itself, unless the work moves."""
+        return motion
 
     def __eq__(self, other: object) -> bool:
         if self is other or not isinstance(other, Constraint):
@@ -123,9 +125,9 @@ class Declaration:
     unit: str | None
     barrier_rate: float | None
     priority: int
-    lateral: str | None
-    edge: str | None
+    edge: Edge | None
     expression: Instructions
+    relative: Instructions | None
 
 
 class DeclaredConstraint(Constraint):
@@ -139,16 +141,24 @@ class DeclaredConstraint(Constraint):
     def __init__(self, declaration: Declaration) -> None:
         for name in _ATTRIBUTES:
             setattr(self, name, getattr(declaration, name))
-        self.instructions = declaration.expression
+        self.instructions, self._relative = declaration.expression, declaration.relative
 
     def residual(self, motion: Instant) -> Expression:
         return self.instructions(*vars(motion).values())
+
+    def relative(self, motion: Instant) -> Instant:
+        if self._relative is None:
+            return motion
+        column = self._relative(*list(vars(motion).values())[:5])
+        position, rotation, velocities = ca.vertsplit(column, [0, 3, 12, 18])
+        rotation = ca.reshape(rotation, 3, 3)
+        return Instant(motion.time, position, rotation, *ca.vertsplit(velocities, 3))
 
     def __repr__(self) -> str:
         return described(self)
 
 
-_ATTRIBUTES = [field.name for field in fields(Declaration) if field.name != "expression"]
+_ATTRIBUTES = ["name", "level", "relation", "unit", "barrier_rate", "priority", "edge"]
 
 
 def declared(constraint: Constraint) -> Constraint | Declaration:
@@ -165,7 +175,28 @@ def declared(constraint: Constraint) -> Constraint | Declaration:
         return constraint
     kept = {name: getattr(constraint, name) for name in _ATTRIBUTES}
     expression = getattr(constraint, "instructions", None) or residual_instructions(constraint)
-    return Declaration(**kept, expression=expression)
+    relative = relative_function(constraint)
+    return Declaration(
+        **kept,
+        expression=expression,
+        relative=None if relative is None else Instructions.of(relative),
+    )
+
+
+def from_declared(identity: Constraint | Declaration) -> Constraint:
+    """Return a constraint that :func:`declared` finds to be this."""
+    return DeclaredConstraint(identity) if isinstance(identity, Declaration) else identity
+
+
+def relative_function(constraint: Constraint) -> Any:
+    """CasADi function (t, p, R, v, w) -> column of the relative p, R, v, w; None of all motion."""
+    motion = motion_symbols()
+    seen = constraint.relative(motion)
+    if seen is motion:
+        return None
+    parts = seen.position, ca.vec(seen.rotation), seen.linear_velocity, seen.angular_velocity
+    column = ca.densify(ca.vertcat(*map(ca.SX, parts)))
+    return ca.Function("relative", list(vars(motion).values())[:5], [column])
 
 
 def residual_instructions(constraint: Constraint) -> Instructions:
@@ -198,7 +229,7 @@ def constraint_function(constraint: Constraint) -> Any:
 
 @lru_cache(maxsize=256)
 def _function(identity: Constraint | Declaration) -> Any:
-    return _built(DeclaredConstraint(identity) if isinstance(identity, Declaration) else identity)
+    return _built(from_declared(identity))
 
 
 def row_units(constraint: Constraint) -> list[str]:
@@ -226,6 +257,11 @@ def _require_attributes(constraint: Constraint) -> None:
         raise ConstraintError(
             f"constraint {name!r}: an equality is declared at position or velocity level; "
             "accelerations follow from it"
+        )
+    if not (constraint.edge is None or isinstance(constraint.edge, Edge)):
+        raise ConstraintError(
+            f"constraint {name!r}: edge is an Edge, as in Edge('x', lateral='y'), or None; got "
+            f"{constraint.edge!r}"
         )
     if constraint.barrier_rate is not None:
         _arguments.positive(f"constraint {name!r}: barrier_rate", constraint.barrier_rate, "1/s")
@@ -323,11 +359,3 @@ def _levels(motion: AcceleratedInstant) -> dict[Level, Expression]:
 def depends_on_velocity(constraint: Constraint) -> bool:
     motion = motion_symbols()
     return bool(ca.depends_on(_column(constraint, motion), _levels(motion)["velocity"]))
-
-
-def axis_index(axis: str, name: str = "axis") -> tuple[int, float]:
-    """Index and sign of a body axis such as ``"y"`` or ``"-x"``."""
-    letter = axis.removeprefix("-") if isinstance(axis, str) else axis
-    if not isinstance(letter, str) or letter not in AXES:
-        raise ConstraintError(f"{name}: a body axis is one of x, y, z, -x, -y, -z; got {axis!r}")
-    return AXES.index(letter), -1.0 if axis.startswith("-") else 1.0

@@ -21,7 +21,7 @@ from noslip.errors import ConstraintError
 from noslip.rotations import quaternion_exp, rotation_matrix
 
 NAME = "in-moving-frame"
-_INHERITED = ("level", "relation", "lateral", "edge", "unit", "barrier_rate", "priority")
+_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority")
 _LISTS = (list, tuple, np.ndarray)
 
 
@@ -105,6 +105,13 @@ class InMovingFrame(Constraint):
 
     def residual(self, motion: Instant) -> Expression:
         """The constraint's own residual on the relative motion, in its unit."""
+        return self.inner.residual(self._seen(motion))
+
+    def relative(self, motion: Instant) -> Instant:
+        """Motion relative to the frame, and to what moves in it."""
+        return self.inner.relative(self._seen(motion))
+
+    def _seen(self, motion: Instant) -> Instant:
         t = ca.SX.sym("t")
         c, R = self.pose(t)
         spin = ca.mtimes(ca.reshape(ca.jacobian(ca.vec(R), t), 3, 3), R.T)
@@ -112,14 +119,13 @@ class InMovingFrame(Constraint):
         c, R, c_rate, w = ca.substitute([c, R, ca.jacobian(c, t), w], [t], [motion.time])
         away = motion.position - c
         carried = c_rate + ca.cross(w, away)
-        relative = Instant(
+        return Instant(
             motion.time,
             ca.mtimes(R.T, away),
             ca.mtimes(R.T, motion.rotation),
             ca.mtimes(R.T, motion.linear_velocity - carried),
             ca.mtimes(R.T, motion.angular_velocity - w),
         )
-        return self.inner.residual(relative)
 
     def pose(self, time: Expression) -> tuple[Expression, Expression]:
         """Origin (m), 3 x 1, and rotation matrix, frame to world, 3 x 3, at a time (s)."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import AXES, Constraint, axis_index, register
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -19,6 +19,7 @@ from noslip.constraints.fields import (
     settle,
 )
 from noslip.constraints.instant import Instant
+from noslip.edge import AXES, Edge, axis_index
 from noslip.errors import ConstraintError
 
 
@@ -66,8 +67,8 @@ class Needle(Constraint):
                 f"got {self.bevel!r}"
             )
         # The shaft leads, and the path bends to the side that is perpendicular to the bevel axis.
-        object.__setattr__(self, "edge", self.shaft)
-        object.__setattr__(self, "lateral", AXES[3 - shaft - bevel])
+        lateral = AXES[3 - shaft - bevel]
+        object.__setattr__(self, "edge", Edge(self.shaft, lateral, self.reference_point))
         if self.curvature:
             object.__setattr__(self, "unit", "m/s, rad/s")
 

@@ -125,6 +125,15 @@ class ConstraintSystem:
         return self.owned(relation, lambda: _named(constraints, names))
 
     @property
+    def edged(self) -> Constraint | None:
+        """The constraint that says where the tool's edge is, and what moves under it.
+
+        The first with a lateral axis, else the first with an axis of travel.
+        """
+        named = [c for c in self.constraints if c.edge is not None]
+        return next((c for c in named if c.edge and c.edge.lateral), named[0] if named else None)
+
+    @property
     def size(self) -> int:
         """Number of rows, all constraints together."""
         return sum(self.rows)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from noslip.constraints.declaration import Constraint, described, is_registered
 from noslip.constraints.expression import Instructions
+from noslip.edge import Edge
 from noslip.learning import BARRIER_RATE, ConstrainedDMP
 from noslip.projection.metric import inverse_metric
 from noslip.projection.trajectory import ROTATION_SMOOTHING
@@ -29,6 +30,8 @@ def declaration(constraint: Constraint) -> str:
         value = getattr(constraint, field.name)
         factory = field.default_factory
         default = field.default if factory is dataclasses.MISSING else factory()
+        if isinstance(value, Edge):
+            value = value.travel
         if value != default:
             text = declaration(value) if isinstance(value, Constraint) else value
             arguments.append(f"{field.name}={text!r}")
