@@ -20,6 +20,7 @@ from noslip.constraints.fields import (
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_value
 from noslip.constraints.instant import Instant
+from noslip.constraints.shape import Ball, Implicit, Plane, Tube
 from noslip.errors import ConstraintError
 
 
@@ -47,6 +48,9 @@ class PlaneContact(Constraint):
 
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, normal=direction, reference_point=point)
+
+    def shape(self) -> Plane:
+        return Plane("contact", self.point, self.normal)
 
     def residual(self, motion: Instant) -> Expression:
         """Signed distance (m)."""
@@ -77,6 +81,9 @@ class SphereContact(Constraint):
 
     def __post_init__(self) -> None:
         settle(self, self.name, center=point, radius=length, reference_point=point)
+
+    def shape(self) -> Ball:
+        return Ball("contact", self.center, self.radius)
 
     def residual(self, motion: Instant) -> Expression:
         """Signed distance, positive outside (m)."""
@@ -110,6 +117,9 @@ class CylinderContact(Constraint):
 
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, axis=direction, radius=length, reference_point=point)
+
+    def shape(self) -> Tube:
+        return Tube("contact", self.point, self.axis, self.radius)
 
     def residual(self, motion: Instant) -> Expression:
         """Signed distance, positive outside (m)."""
@@ -145,6 +155,9 @@ class SurfaceContact(Constraint):
 
     def __post_init__(self) -> None:
         settle(self, self.name, surface=checked_surface, unit=_unit, reference_point=point)
+
+    def shape(self) -> Implicit:
+        return Implicit("contact", self.surface)
 
     def residual(self, motion: Instant) -> Expression:
         """What f is at the reference point, in its own unit."""

@@ -22,6 +22,7 @@ from noslip import _arguments
 from noslip._typing import Expression
 from noslip.constraints.expression import Instructions
 from noslip.constraints.instant import AcceleratedInstant, Instant, motion_symbols
+from noslip.constraints.shape import Shape
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
 
@@ -75,6 +76,10 @@ class Constraint(ABC):
     def relative(self, motion: Instant) -> Instant:
         """Motion of the tool relative to its work: the motion itself, unless the work moves."""
         return motion
+
+    def shape(self) -> Shape | None:
+        """What it looks like; None, if it has no place."""
+        return None
 
     def __eq__(self, other: object) -> bool:
         if self is other or not isinstance(other, Constraint):

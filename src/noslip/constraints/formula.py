@@ -14,7 +14,9 @@ from noslip.constraints.fields import safe_norm
 from noslip.errors import ConstraintError
 
 Surface = str | Callable[[Expression], Expression]
-"""f of an implicit surface ``f(p) = 0``: text, or a function of a position (shape (3,))."""
+"""f of an implicit surface ``f(p) = 0``: text, or a function of a position (shape (3,)).
+
+A constraint keeps a user's function as its instructions."""
 
 _FUNCTIONS = {
     "abs": ca.fabs,

@@ -17,6 +17,7 @@ from noslip.constraints.declaration import register
 from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
 from noslip.constraints.instant import Instant
 from noslip.constraints.limit import ROUNDING, Limit, rounded_length
+from noslip.constraints.shape import Ball, Capsule
 
 
 @register
@@ -43,6 +44,9 @@ class KeepOutSphere(Limit):
 
     def __post_init__(self) -> None:
         settle(self, self.name, center=point, radius=length, reference_point=point)
+
+    def shape(self) -> Ball:
+        return Ball("keep-out", self.center, self.radius)
 
     def residual(self, motion: Instant) -> Expression:
         """Distance to the sphere (m)."""
@@ -79,6 +83,9 @@ class KeepOutCapsule(Limit):
 
     def __post_init__(self) -> None:
         settle(self, self.name, start=point, end=point, radius=length, reference_point=point)
+
+    def shape(self) -> Capsule:
+        return Capsule("keep-out", self.start, self.end, self.radius)
 
     def residual(self, motion: Instant) -> Expression:
         """Distance to the capsule (m)."""

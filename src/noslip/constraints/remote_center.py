@@ -10,6 +10,7 @@ from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, other_axes, point, settle
 from noslip.constraints.instant import Instant
+from noslip.constraints.shape import Mark
 
 
 @register
@@ -39,6 +40,9 @@ class RemoteCenter(Constraint):
 
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, shaft=axis, reference_point=point)
+
+    def shape(self) -> Mark:
+        return Mark(self.point)
 
     def residual(self, motion: Instant) -> Expression:
         """Where the point lies beside the shaft (m), along both perpendicular body axes."""
