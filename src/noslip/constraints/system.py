@@ -260,7 +260,8 @@ class ConstraintSystem:
             turned = quaternion_product(quaternion_exp(h / 2 * w), q)
             middle = self.residual(t + h / 2, p + h / 2 * v, turned, v, w, a, alpha)
         if any(at_end):
-            turned = quaternion_product(quaternion_exp(h * w), q)
+            half = quaternion_exp(h / 2 * w)
+            turned = quaternion_product(half, quaternion_product(half, q))
             end = self.residual(t + h, p + h * v, turned, v, w, a, alpha)
         rows = [(end if ends else middle)[i] for i, ends in enumerate(at_end)]
         return ca.vertcat(ca.SX(0, 1), *rows)

@@ -22,7 +22,7 @@ from noslip.projection.band import Band
 from noslip.projection.blend import spread
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
-from noslip.projection.stage import Entries, stage_function
+from noslip.projection.stage import Entries, Stage
 from noslip.trajectory import PoseTrajectory, continuous_quaternions
 
 _REST_WEIGHT = 1e-3
@@ -108,7 +108,7 @@ class Problem:
         self.fixed = self._fix(boundaries)
         weights = request.weights
         self._weigh(weights.position, weights.position_smoothing, weights.rotation_smoothing)
-        self._evaluate = stage_function(system, hold_position, count)
+        self._constraints = Stage.of(system, hold_position)
         self.parameters = self._stage_parameters()
         # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
         self.active = np.ones((count, rows), dtype=bool)
@@ -136,7 +136,7 @@ class Problem:
 
     def keeps_limits(self) -> bool:
         """Whether the first guess keeps all limits as it is."""
-        value, _, _ = self._evaluate(self.z, self.parameters, np.zeros((self.count, self.rows)))
+        value, _ = self._constraints.slope(self.z, self.parameters)
         heeded = self.active & self.is_limit
         return bool(np.all((value * self.row_scale >= -_LIMIT_TOLERANCE) | ~heeded))
 
@@ -206,14 +206,12 @@ class Problem:
         barrier, last_barrier, stuck = barrier / self.count, _LAST_BARRIER / self.count, 0
         tolerance = np.where(self.is_limit, max(_LIMIT_TOLERANCE, self._tolerance), self._tolerance)
         if heeded.any():
-            value, _, _ = self._evaluate(self.z, self.parameters, multipliers)
+            value, _ = self._constraints.slope(self.z, self.parameters)
             self.slack = np.where(heeded, np.maximum(value * self.row_scale, _LEAST_SLACK), 1.0)
             multipliers = np.where(heeded, -barrier / self.slack, 0.0)
         converged, iteration, step_size = False, 0, np.inf
         for iteration in range(max_iterations + 1):
-            value, jacobian, curvature = self._evaluate(
-                self.z, self.parameters, multipliers * self.row_scale
-            )
+            value, jacobian = self._constraints.slope(self.z, self.parameters)
             value = np.where(self.active, value * self.row_scale, 0.0)
             missed = np.where(heeded, value - self.slack, value)
             residual = float(np.max(np.abs(missed) / tolerance, initial=0.0))
@@ -228,10 +226,11 @@ class Problem:
                 still = residual <= 10 and step_size <= _STILL
                 converged = bool(still and is_last)
                 break
-            use_curvature = step_size < _NEAR if careful else iteration >= _GAUSS_NEWTON_STEPS
-            step, new = self._newton_step(
-                value, jacobian, curvature if use_curvature else None, multipliers, barrier
-            )
+            curvature: Entries = {}
+            if step_size < _NEAR if careful else iteration >= _GAUSS_NEWTON_STEPS:
+                weights = multipliers * self.row_scale
+                curvature = self._constraints.curvature(self.z, self.parameters, weights)
+            step, new = self._newton_step(value, jacobian, curvature, multipliers, barrier)
             if not (np.all(np.isfinite(step)) and np.all(np.isfinite(new))):
                 break
             step_size = float(np.abs(step).max(initial=0.0))
@@ -254,8 +253,7 @@ class Problem:
         """Whether the trajectory as given satisfies everything: then it is the nearest."""
         if self.z.any():
             return False
-        multipliers = np.zeros((self.count, self.rows))
-        value, _, _ = self._evaluate(self.z, self.parameters, multipliers)
+        value, _ = self._constraints.slope(self.z, self.parameters)
         scaled = np.where(self.active, value * self.row_scale, 0.0)
         return bool(np.abs(scaled).max(initial=0.0) <= self._tolerance)
 
@@ -273,7 +271,7 @@ class Problem:
         self,
         value: Floats,
         jacobian: Entries,
-        curvature: Entries | None,
+        curvature: Entries,
         multipliers: Floats,
         barrier: float,
     ) -> tuple[Floats, Floats]:
@@ -291,9 +289,11 @@ class Problem:
             shift = block - 1
             band.add(shift, i, unknown, entries)
             band.add_transposed(shift, i, unknown, entries)
-        for (row, column), entries in (curvature or {}).items():
+        for (row, column), entries in curvature.items():
             (a, i), (b, j) = divmod(row, self.unknowns), divmod(column, self.unknowns)
             band.add_between(a - 1, i, b - 1, j, entries)
+            if row != column:
+                band.add_between(b - 1, j, a - 1, i, entries)
         heeded = self.active & self.is_limit
         softness = np.where(self.active, _DUAL_REGULARIZATION, 1.0)
         softness[heeded] = self.slack[heeded] / -multipliers[heeded]
