@@ -15,19 +15,15 @@ from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConstraintError, ConvergenceError, InputError
-from noslip.primitives.pose import (
-    FEWEST_STEPS,
-    SAMPLES_PER_BASIS_FUNCTION,
-    PoseDMP,
-    State,
-)
+from noslip.law.fitting import FEWEST_STEPS, SAMPLES_PER_BASIS_FUNCTION, fit
+from noslip.law.law import Law
+from noslip.law.scaling import Scaling, scaled
 from noslip.projection.blend import spread
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
@@ -36,6 +32,9 @@ from noslip.projection.trajectory import (
     ProjectedTrajectory,
     project_heeding_what_it_can,
 )
+from noslip.rule import Rule
+from noslip.runtime.rollout import rollout
+from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
 
 POSITION_WEIGHT = 10.0
@@ -46,8 +45,6 @@ MOST_SAMPLES = 2001
 """An adapted motion is as smooth as its primitive; more samples than these add nothing."""
 FEWEST_SAMPLES = 20
 _STATE_VECTORS = ("position", "linear_velocity", "angular_velocity", "goal_position")
-_PINNED = 3.0
-"""Steps in which the rotation at the start goes over into the shifted ones."""
 REPLANNED_SAMPLES = 201
 """Knots of a re-planned motion unless told otherwise."""
 _OFF = 1e-9
@@ -112,19 +109,16 @@ class Adapted:
 
     Attributes
     ----------
-    primitive : PoseDMP
+    law : Law
         Fitted to the projected trajectory.
     reference : PoseTrajectory
         What was projected: the unconstrained motion, moved to the boundary values.
     projected : ProjectedTrajectory
-    step : float
-        Of the projected trajectory, as a fraction of its duration.
     """
 
-    primitive: PoseDMP
+    law: Law
     reference: PoseTrajectory
     projected: ProjectedTrajectory
-    step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +135,7 @@ class _Task:
 
 
 def adapt(
-    dmp: PoseDMP,
+    law: Law,
     system: ConstraintSystem,
     *,
     goal_position: Floats,
@@ -161,8 +155,8 @@ def adapt(
 
     Parameters
     ----------
-    dmp : PoseDMP
-        Without coupling; its own start and goal may be others.
+    law : Law
+        Its own start and goal may be others.
     start_velocities : pair of arrays, shape (3,), or None
         Linear and angular velocity to begin with; None leaves them free.
     begin : float
@@ -178,7 +172,7 @@ def adapt(
         raise InputError(
             f'start_velocity needs a whole pose to begin in: start="pose", not {start!r}'
         )
-    free = dmp.rollout(duration=duration, time_step=duration / (samples - 1))
+    free = rollout(law, Rule(), duration=duration, time_step=duration / (samples - 1))
     try:
         vias = [Via.of(v) for v in via]
     except TypeError:
@@ -209,7 +203,7 @@ def adapt(
     }
     reference = through(free, goals, start_velocities)
     task = _task(reference, goals, begin, start_velocities)
-    adapted = _carried_out(dmp, system, task, weights, dmp.steps)
+    adapted = _carried_out(law, system, task, weights, law.steps)
     hard = [c.priority == 0 for c in system.limits.constraints]
     left_out = [
         name
@@ -225,7 +219,7 @@ def adapt(
 
 
 def replan(
-    dmp: PoseDMP,
+    law: Law,
     system: ConstraintSystem,
     nominal: PoseTrajectory,
     state: State,
@@ -241,7 +235,7 @@ def replan(
 
     Parameters
     ----------
-    dmp : PoseDMP
+    law : Law
         Whose constants the result has.
     nominal : PoseTrajectory
         The motion as planned, whole.
@@ -261,9 +255,9 @@ def replan(
     goal = state.goal_position
     if goal_position is not None:
         goal = _arguments.vector("goal_position", goal_position)
-    done = min(max(dmp.phase.fraction(state.phase), 0.0), 1.0)
+    done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
     left = 1.0 - done
-    step = state.previous_step or state.duration / dmp.steps
+    step = state.previous_step or state.duration / law.steps
     if duration is None:
         now = round(done * (len(nominal) - 1))
         # Sideways, and the more so where little of the path is left to spread it over.
@@ -307,9 +301,9 @@ def replan(
         moved = through(moved, goals, velocities)
     task = _task(moved, goals, state.time, velocities)
     # The time step stays what it was, unless that is too long for the fit.
-    steps = round(dmp.steps * duration / state.duration)
-    steps = max(steps, SAMPLES_PER_BASIS_FUNCTION * dmp.position.forcing.basis.count, FEWEST_STEPS)
-    return _carried_out(dmp, system, task, weights, steps), duration
+    steps = round(law.steps * duration / state.duration)
+    steps = max(steps, SAMPLES_PER_BASIS_FUNCTION * law.basis.count, FEWEST_STEPS)
+    return _carried_out(law, system, task, weights, steps), duration
 
 
 def _require_end(name: str, value: str) -> None:
@@ -342,10 +336,10 @@ def require_state(state: State) -> None:
         _arguments.finite(f"state: {name}", getattr(state, name))
 
 
-def samples_of(dmp: PoseDMP, samples: int | None) -> int:
+def samples_of(law: Law, samples: int | None) -> int:
     """Return how many samples an adaptation takes."""
     if samples is None:
-        return _samples_for(dmp.position.forcing.basis.count, dmp.steps)
+        return _samples_for(law.basis.count, law.steps)
     samples = _arguments.count("samples", samples, MOST_SAMPLES)
     if samples < FEWEST_SAMPLES:
         raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
@@ -563,7 +557,7 @@ def _velocities_now(nominal: PoseTrajectory, done: float, state: State) -> tuple
 
 
 def _carried_out(
-    dmp: PoseDMP,
+    law: Law,
     system: ConstraintSystem,
     task: _Task,
     weights: tuple[float, float, float],
@@ -584,42 +578,178 @@ def _carried_out(
     )
     first = 1 if task.moving else 0
     trajectory = projected.trajectory[first:]
-    basis, attractor = dmp.position.forcing.basis, dmp.position.attractor
+    basis, attractor = law.basis, law.attractor
     samples = _samples_for(basis.count, steps)
     if len(trajectory) < samples:
-        at_velocity = bool(system.equalities.row_is_velocity.any())
-        trajectory = _refined(trajectory, samples, at_velocity)
-    fitted = PoseDMP.fit(
+        times = np.linspace(trajectory.times[0], trajectory.times[-1], samples)
+        trajectory = trajectory.resampled(times=times)
+    fitted = fit(
         trajectory,
         basis_functions=basis.count,
         alpha=attractor.alpha,
         beta=attractor.beta,
-        alpha_s=dmp.phase.alpha_s,
+        alpha_s=law.clock.alpha_s,
     )
     return Adapted(
         replace(fitted, steps=steps),
         task.reference[first:],
         projected,
-        1 / (len(trajectory) - 1),
     )
 
 
-def _refined(trajectory: PoseTrajectory, samples: int, at_velocity: bool) -> PoseTrajectory:
-    """Return a trajectory on shorter steps that still satisfies velocity constraints, nearly.
+def adapt_law(
+    law: Law,
+    rule: Rule,
+    *,
+    goal_position: ArrayLike | None = None,
+    goal_rotation: Rotation | None = None,
+    start_position: ArrayLike | None = None,
+    start_rotation: Rotation | None = None,
+    start_velocity: ArrayLike | None = None,
+    duration: float | None = None,
+    via: Iterable[Via | Sequence[Any]] = (),
+    scaling: Scaling = "none",
+    start: End = "pose",
+    end: End = "pose",
+    samples: int | None = None,
+    position_weight: float = POSITION_WEIGHT,
+    position_smoothing: float = POSITION_SMOOTHING,
+    rotation_smoothing: float = ROTATION_SMOOTHING,
+) -> Adapted:
+    """Return a law that starts, passes and ends elsewhere, and keeps the constraints.
 
-    These tie the rotation at the end of a step to the chord of the step, half a step earlier: on
-    shorter steps each rotation comes earlier, except at the start, where the pose is fixed; the
-    last one stays.
+    The law is rolled out without constraints, its motion moved to the new boundary values,
+    projected onto the constraints with these values fixed, and fitted again.
+
+    Parameters
+    ----------
+    goal_position, start_position : array, shape (3,), optional
+        Meters; those of this law by default.
+    goal_rotation, start_rotation : Rotation, optional
+    start_velocity : array, shape (3,) or (6,), optional
+        Linear velocity (m/s), then angular (rad/s), world frame; projected onto the
+        constraints.  By default whatever suits the motion.
+    duration : float, optional
+        tau (s).
+    via : sequence of Via, (at, position) or (at, position, rotation)
+        Points or poses to pass, at fractions of the duration.
+    scaling : "none", "difference" or "rotation-dilation"
+        How the path follows a new goal before it is projected, see
+        :func:`noslip.law.scaling.scaled`.  Without scaling the displacement
+        grows along the motion by minimum jerk.  Where the path turns, orientations that are
+        not named turn along.
+    start, end : "free", "position", "rotation" or "pose"
+        What of the start and the goal is kept to; all of it by default.  What is not named in
+        the call is that of this law.
+    samples : int, optional
+        Of the projection; by default one a step, from 5 a basis function up to 2001.
+    position_weight, position_smoothing, rotation_smoothing : float
+        Of the projection, see :func:`noslip.project_trajectory`.
+
+    Raises
+    ------
+    InputError, ConstraintError
+        If an argument is not what it must be, or no motion under the constraints can end there.
+    ConvergenceError
+        If the projection does not converge.
     """
-    fractions = np.linspace(0.0, 1.0, samples)
-    lead = np.zeros(samples)
-    if at_velocity:
-        longer, shorter = 1 / (len(trajectory) - 1), 1 / (samples - 1)
-        lead = (longer - shorter) / 2 * np.minimum(fractions / (_PINNED * longer), 1.0)
-    known = np.linspace(0.0, 1.0, len(trajectory))
-    return PoseTrajectory(
-        trajectory.times[0] + trajectory.duration * fractions,
-        CubicSpline(known, trajectory.positions)(fractions),
-        RotationSpline(known, trajectory.rotations)(np.minimum(fractions + lead, 1.0)),
-        name=trajectory.name,
+    tau, count, system = law.duration, samples_of(law, samples), rule.system
+    if duration is not None:
+        tau = _arguments.positive("duration", duration, "seconds")
+    free = law
+    if scaling != "none":
+        free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
+    goal, goal_turn = boundary_pose(
+        system,
+        "goal",
+        law.begin + tau,
+        (goal_position, goal_rotation),
+        (law.goal_position, free.goal_rotation),
     )
+    first, first_turn = boundary_pose(
+        system,
+        "start",
+        law.begin,
+        (start_position, start_rotation),
+        (law.start_position, free.start_rotation),
+    )
+    velocities = None
+    if start_velocity is not None:
+        velocities = start_velocities(
+            system, rule.inverse_metric, law.begin, first, first_turn, start_velocity
+        )
+    adapted = adapt(
+        free,
+        system,
+        goal_position=goal,
+        goal_rotation=goal_turn,
+        start_position=first,
+        start_rotation=first_turn,
+        start_velocities=velocities,
+        duration=tau,
+        via=via,
+        start=start,
+        end=end,
+        samples=count,
+        begin=law.begin,
+        weights=(position_weight, position_smoothing, rotation_smoothing),
+    )
+    found = replace(adapted.law, duration=tau, begin=law.begin)
+    if velocities is not None:
+        found = replace(found, start_velocity=np.concatenate(velocities) * tau)
+    return replace(adapted, law=found)
+
+
+def replan_law(
+    law: Law,
+    rule: Rule,
+    state: State,
+    *,
+    goal_position: ArrayLike | None = None,
+    goal_rotation: Rotation | None = None,
+    duration: float | None = None,
+    end: End = "pose",
+    samples: int = REPLANNED_SAMPLES,
+    position_weight: float = POSITION_WEIGHT,
+    position_smoothing: float = POSITION_SMOOTHING,
+    rotation_smoothing: float = ROTATION_SMOOTHING,
+) -> Adapted:
+    """Return a law for what remains of a motion, from any state in the middle of it.
+
+    It starts in the state's pose, with its velocities, leads back onto the path as it was and
+    ends at the goal.  What was planned for the rest of the motion is the first guess.
+
+    Parameters
+    ----------
+    state : State
+        Of this law, as ``initial_state`` and ``step`` give it, with whatever was
+        measured in place of what was expected.
+    goal_position, goal_rotation
+        The state's own by default.
+    duration : float, optional
+        Of what remains (s); by default what is left, and longer where the way is.
+    end : "free", "position", "rotation" or "pose"
+        What of the goal is kept to.
+    samples : int
+        Of the projection, at most: fewer are faster.
+
+    Returns
+    -------
+    Adapted
+        The ``initial_state`` of its law is the state to go on from.
+    """
+    count = samples_of(law, samples)
+    require_state(state)
+    adapted, tau = replan(
+        law,
+        rule.system,
+        rollout(law, rule, duration=state.duration, time_step=state.duration / (count - 1)),
+        state,
+        goal_position=goal_position,
+        goal_rotation=goal_rotation,
+        duration=duration,
+        end=end,
+        samples=count,
+        weights=(position_weight, position_smoothing, rotation_smoothing),
+    )
+    return replace(adapted, law=replace(adapted.law, duration=tau, begin=state.time))

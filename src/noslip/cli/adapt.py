@@ -24,10 +24,10 @@ from noslip.constraints.check import amount, check
 from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import Goal, end_errors
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import Motion
-from noslip.primitives.scaling import Scaling
+from noslip.law.scaling import Scaling
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.trajectory import End
+from noslip.runtime.motion import Motion
 from noslip.saving import load_primitive
 
 NAME = "adapt"
@@ -276,7 +276,7 @@ class _Family:
 def _goal(primitive: ConstrainedDMP, wanted: Mapping[str, Any]) -> Goal:
     """Where a motion should end: what was asked for, else the primitive's own goal."""
     end, position, rotation = (wanted[key] for key in ("end", "goal_position", "goal_rotation"))
-    own = primitive.position.goal, primitive.orientation.goal
+    own = primitive.goal_position, primitive.goal_rotation
     return (
         (own[0] if position is None else position) if end in ("position", "pose") else None,
         (own[1] if rotation is None else rotation) if end in ("rotation", "pose") else None,

@@ -12,9 +12,11 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.errors import NoslipError
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import Motion, State
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
+from noslip.rule import Rule
+from noslip.runtime.motion import Motion
+from noslip.runtime.state import State
 
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
 """Of an adaptation while a goal is dragged."""
@@ -111,7 +113,7 @@ class Adapter:
         except (NoslipError, ArithmeticError) as error:
             passed = 1e3 * (time.perf_counter() - began)
             return Adapted(None, None, np.nan, np.nan, passed, str(error) or type(error).__name__)
-        goal = self.primitive.position.goal if wish.goal_position is None else wish.goal_position
+        goal = self.primitive.goal_position if wish.goal_position is None else wish.goal_position
         return Adapted(
             dmp,
             motion,
@@ -140,7 +142,9 @@ class Adapter:
             dmp = self.primitive
             length = dmp.regular.rollout().path_length
             chosen = inverse_metric(dmp.system, metric, None, length)  # type: ignore[arg-type]
-            self._by_metric[metric] = replace(dmp, inverse_metric=chosen)
+            rates = dmp.rule.stabilization, dmp.rule.barrier_rate
+            rule = Rule(dmp.system, chosen, stabilization=rates[0], barrier_rate=rates[1])
+            self._by_metric[metric] = replace(dmp, rule=rule)
         return self._by_metric[metric]
 
 
@@ -205,4 +209,4 @@ class PushedRun:
     @property
     def goal_error(self) -> float:
         """Distance from where the tool is to the goal (m)."""
-        return float(np.linalg.norm(self.states[-1].position - self.dmp.position.goal))
+        return float(np.linalg.norm(self.states[-1].position - self.dmp.goal_position))

@@ -393,8 +393,8 @@ class Page:
         self._follow(
             replace(
                 wish,
-                goal_position=_changed(self._goal.value, wish.goal_position, own.position.goal),
-                start_position=_changed(self._start.value, wish.start_position, own.position.start),
+                goal_position=_changed(self._goal.value, wish.goal_position, own.goal_position),
+                start_position=_changed(self._start.value, wish.start_position, own.start_position),
                 duration=self._duration.value
                 if wish.duration is not None or abs(self._duration.value - own.duration) > 1e-6
                 else None,
@@ -408,7 +408,7 @@ class Page:
             return
         asked: dict[str, Any] = {f"{what}_position": np.array(gizmo.position)}
         rotation = Rotation.from_quat(np.array(gizmo.wxyz), scalar_first=True)
-        own = getattr(primitive.orientation, what)
+        own = getattr(primitive, f"{what}_rotation")
         known = getattr(self.entry.wish, f"{what}_rotation")
         if known is not None or (rotation * own.inv()).magnitude() > 1e-6:
             asked[f"{what}_rotation"] = rotation
@@ -449,8 +449,8 @@ class Page:
         assert own is not None
         for what, field_ in (("goal", self._goal), ("start", self._start)):
             position = getattr(wish, f"{what}_position")
-            position = getattr(own.position, what) if position is None else position
-            rotation = getattr(wish, f"{what}_rotation") or getattr(own.orientation, what)
+            position = getattr(own, f"{what}_position") if position is None else position
+            rotation = getattr(wish, f"{what}_rotation") or getattr(own, f"{what}_rotation")
             field_.value = _plain(position)
             gizmo = self._gizmos[what]
             gizmo.position, gizmo.wxyz = position, rotation.as_quat(scalar_first=True)

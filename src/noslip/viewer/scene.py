@@ -24,7 +24,8 @@ from noslip.constraints.fields import ORIGIN
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.system import ConstraintSystem
 from noslip.figures.style import PALETTE
-from noslip.primitives.pose import Motion, State
+from noslip.runtime.motion import Motion
+from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.frames import Frame
 
