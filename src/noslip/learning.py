@@ -1,0 +1,160 @@
+"""Demonstrations and constraints -> a primitive that cannot break them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import wraps
+from typing import ParamSpec
+
+from noslip import _arguments
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.law.fitting import (
+    MOST_BASIS_FUNCTIONS,
+    as_demonstrations,
+    default_steps,
+    evenly_sampled,
+    fit,
+)
+from noslip.primitive import ConstrainedDMP
+from noslip.projection.feasibility import require_consistent
+from noslip.projection.metric import Metric, inverse_metric
+from noslip.projection.pointwise import project_initial_velocity
+from noslip.projection.trajectory import (
+    POSITION_SMOOTHING,
+    POSITION_WEIGHT,
+    ROTATION_SMOOTHING,
+    End,
+    project_heeding_what_it_can,
+)
+from noslip.provenance import LearningRecord, Origin
+from noslip.rule import BARRIER_RATE, STABILIZATION, Rule
+from noslip.spread import Spread
+from noslip.trajectory import PoseTrajectory
+
+P = ParamSpec("P")
+
+
+def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]:
+    """Let what is learned hold the options that it was learned with."""
+
+    @wraps(learning)
+    def noted(*args: P.args, **options: P.kwargs) -> ConstrainedDMP:
+        learned = learning(*args, **options)
+        return replace(learned, history=(Origin.of("learn", learning, *args, **options),))
+
+    return noted
+
+
+@_noted
+def learn(
+    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint] = (),
+    *,
+    basis_functions: int = 100,
+    alpha: float = 25.0,
+    beta: float = 6.25,
+    alpha_s: float = 1.0,
+    ridge: float = 1e-6,
+    hold_position: bool = False,
+    start: End = "free",
+    end: End = "free",
+    position_weight: float = POSITION_WEIGHT,
+    position_smoothing: float = POSITION_SMOOTHING,
+    rotation_smoothing: float = ROTATION_SMOOTHING,
+    metric: Metric | None = None,
+    metric_length: float | None = None,
+    stabilization: float = STABILIZATION,
+    barrier_rate: float = BARRIER_RATE,
+    project_start: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> ConstrainedDMP:
+    """Learn a primitive from demonstrations that holds constraints exactly.
+
+    Each demonstration is projected onto the constraints (the nearest trajectory that satisfies
+    them), one primitive is fitted to all projected ones, and the Udwadia-Kalaba coupling term keeps
+    its motion on the constraints at every step.
+
+    Parameters
+    ----------
+    demonstrations : PoseTrajectory or several
+        Any rate, any start time.
+    constraints : Constraint or several
+        Equalities, zero along the motion, and limits, not negative; none gives an ordinary pose
+        primitive.
+    basis_functions, alpha, beta, alpha_s, ridge
+        As for :func:`noslip.law.fit`.
+    hold_position : bool
+        Project by the orientation alone, as in the paper.  By default the position gives way too,
+        by a fraction of a thousandth of the path, which spares the tool sharp turns.
+    start, end : "free", "position", "rotation" or "pose"
+        What of the demonstrations' first and last sample the projection must keep.
+    position_weight, position_smoothing, rotation_smoothing : float
+        See :func:`noslip.project_trajectory`.
+    metric : "position", "rotation", "shared" or 6 positive weights, optional
+        Who gives way at run time: M of Gauss's principle, see :mod:`noslip.projection.metric`.  By
+        default the position, as in the paper, where that can hold every constraint and no limit is
+        about turning; else both.
+    metric_length : float, optional
+        Meters that weigh as much as a radian; by default the length of a mean step.
+    stabilization : float
+        Rate at which a violation present at the start decays, per duration.
+    barrier_rate : float
+        Rate at which the margins of limits may shrink that name none of their own, per duration.
+    project_start : bool
+        Project the demonstrations' initial velocity onto the constraints first.
+    progress : callable, optional
+        Called with (demonstrations done, all) after each projection.
+
+    Raises
+    ------
+    InputError, ConstraintError
+        If demonstrations or constraints are not what they must be.
+    ConvergenceError
+        If a projection does not converge; the message says what to change.
+    """
+    recorded = as_demonstrations(demonstrations)
+    system = as_system(constraints)
+    if project_start:
+        recorded = [project_initial_velocity(d, system) for d in recorded]
+    length = recorded[0].path_length / default_steps(recorded[0])
+    rule = Rule(
+        system,
+        inverse_metric(system, metric, metric_length, length),
+        stabilization=stabilization,
+        barrier_rate=barrier_rate,
+    )
+    basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
+    for demonstration in recorded:
+        require_consistent(system, demonstration)
+    projected, record = [], []
+    sampled = [evenly_sampled(d, basis_functions) for d in recorded]
+    for index, demonstration in enumerate(sampled):
+        if system.size:
+            result = project_heeding_what_it_can(
+                demonstration,
+                system,
+                hold_position=hold_position,
+                start=start,
+                end=end,
+                position_weight=position_weight,
+                position_smoothing=position_smoothing,
+                rotation_smoothing=rotation_smoothing,
+            )
+            record.append(LearningRecord.of(demonstration, result))
+            projected.append(result.trajectory)
+        if progress is not None:
+            progress(index + 1, len(recorded))
+    constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
+    demonstrated = fit(sampled, basis_functions=basis_functions, **constants)
+    demonstrated = replace(demonstrated, steps=default_steps(recorded[0]))
+    law = demonstrated
+    if projected:
+        law = replace(
+            fit(projected, basis_functions=basis_functions, **constants),
+            duration=demonstrated.duration,
+            steps=demonstrated.steps,
+        )
+    spread = Spread.about(law, projected or sampled)
+    return ConstrainedDMP(law, rule, demonstrated, tuple(record), spread)
