@@ -29,6 +29,7 @@ from noslip import (
     position_constraint,
     velocity_constraint,
 )
+from noslip.constraints.catalog import specification
 
 
 def demonstration(seed: int = 0, turns: float = 0.0, name: str = "cut") -> PoseTrajectory:
@@ -56,6 +57,11 @@ def own_rules() -> list[Constraint]:
         return motion.position[2] - height + 0.01 * motion.time
 
     return [no_twist, Blade(lateral="-y"), on_the_table]
+
+
+def own_rule(expression: Any) -> dict[str, Any]:
+    """Saved rule of this expression."""
+    return {**specification(own_rules()[0]), "name": "bad", "expression": expression}
 
 
 @pytest.fixture(scope="module")
@@ -395,7 +401,7 @@ def test_an_expression_that_casadi_cannot_read_is_named(tmp_path: Path) -> None:
     dmp = learn(demonstration(), own_rules(), basis_functions=5, metric=(1,) * 6)
     path = dmp.save(tmp_path / "own.json")
     document = json.loads(path.read_text())
-    where = ("content", "constraints", 0, "expression")
+    where = ("content", "constraints", 0, "expression", "instructions")
     path.write_text(sign(changed(document, where, lambda text: text[: len(text) // 2])))
     assert "'no twist'" in refusal(path)
 
@@ -465,12 +471,9 @@ def test_a_constraint_as_casadi_serializes_it_is_refused(dmp: ConstrainedDMP, sa
     document = json.loads(saved.read_text())
     function = casadi.Function("f", [casadi.SX.sym("x")], [casadi.SX(1)])
     entry = {
-        "type": "declared",
+        **specification(own_rules()[0]),
         "name": "bad",
-        "level": "velocity",
-        "lateral": None,
-        "edge": None,
-        "expression": function.serialize(),
+        "expression": {"instructions": function.serialize()},
     }
     saved.write_text(sign(changed(document, ("content", "constraints"), [entry])))
     assert "constraints" in refusal(saved)
@@ -482,12 +485,9 @@ def test_a_constraint_as_casadi_serializes_it_is_refused(dmp: ConstrainedDMP, sa
 def test_instructions_that_are_no_arithmetic_are_refused(saved: Path, instructions: Any) -> None:
     document = json.loads(saved.read_text())
     entry = {
-        "type": "declared",
+        **specification(own_rules()[0]),
         "name": "bad",
-        "level": "velocity",
-        "lateral": None,
-        "edge": None,
-        "expression": instructions,
+        "expression": {"instructions": instructions},
     }
     saved.write_text(sign(changed(document, ("content", "constraints"), [entry])))
     assert "bad" in refusal(saved)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from noslip.constraints.check import check, step_residuals
-from noslip.constraints.declaration import Constraint, axis_index
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.edge_motion import edge_steps
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.trajectory import PoseTrajectory
 
@@ -31,7 +32,8 @@ class Comparison:
     angular_acceleration_peak : float
         rad/s^2.
     slowest_edge_speed : float or None
-        Least speed along the constraint's edge (m/s); negative where the tool moves backwards.
+        Least speed of the edge's point along its travel, relative to the work (m/s); negative where
+        the tool moves backwards.
     least_margins : dict
         Of each limit over all steps and rows, by name, in the limits' units; negative if violated.
     """
@@ -71,16 +73,13 @@ def compare(
         reference = demonstration.resampled(times=instants)
     distance = np.linalg.norm(motion.positions - reference.positions, axis=1)
     angle = (motion.rotations * reference.rotations.inv()).magnitude()
-    linear, angular = motion.step_velocities()
+    _, angular = motion.step_velocities()
     periods = np.diff(motion.times)
     acceleration = np.diff(angular, axis=0) / periods[1:, None]
     residual = np.abs(step_residuals(motion, system.equalities)).max(axis=1, initial=0.0)
-    edge = next((c.edge for c in system.constraints if c.edge), None)
-    edge_speed = None
-    if edge is not None:
-        index, sign = axis_index(edge)
-        ahead = sign * motion.rotations[1:].as_matrix()[:, :, index]
-        edge_speed = float(np.einsum("ij,ij->i", ahead, linear).min())
+    tool, edge_speed = system.edged, None
+    if tool is not None:
+        edge_speed = float(edge_steps(motion, tool).forward_speed.min())
     return Comparison(
         residual_peak=float(residual.max()),
         residual_rms=_rms(residual),

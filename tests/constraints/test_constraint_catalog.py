@@ -265,10 +265,9 @@ def tilted(motion: Any) -> Any:
 )
 def test_a_specification_restores_the_same_constraint(constraint: Constraint) -> None:
     again = restore(specification(constraint))
-    assert (again.name, again.level, again.lateral, again.edge) == (
+    assert (again.name, again.level, again.edge) == (
         constraint.name,
         constraint.level,
-        constraint.lateral,
         constraint.edge,
     )
     np.testing.assert_array_equal(

@@ -19,6 +19,7 @@ from noslip import (
     velocity_constraint,
 )
 from noslip.constraints import ConstraintSystem
+from noslip.edge import Edge
 
 INSTANT = (0.5, [0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [0.4, 0.5, 0.6])
 
@@ -73,7 +74,7 @@ def test_scalars_columns_and_lists_are_taken(function: Any, expected: list[float
 def test_a_class_may_be_a_constraint() -> None:
     class Wheel(Constraint):
         name = "wheel"
-        lateral, edge = "z", "x"
+        edge = Edge("x", lateral="z")
 
         def __init__(self, radius: float) -> None:
             self.radius = radius

@@ -230,13 +230,12 @@ def test_a_specification_restores_the_same_inequality(limit: Constraint, unit: s
     assert json.loads(json.dumps(specification(again))) == data
 
 
-def test_data_of_version_0_1_are_equalities() -> None:
+def test_incomplete_data_are_refused_in_one_line() -> None:
     data = specification(ns.position_constraint(above))
-    for new in ("relation", "unit", "barrier_rate", "priority"):
-        del data[new]
-    again = restore(data)
-    assert (again.relation, again.unit) == ("zero", None)
-    assert (again.barrier_rate, again.priority) == (None, 0)
+    for missing in ("relation", "unit", "barrier_rate", "priority"):
+        with pytest.raises(NoslipError, match=missing) as caught:
+            restore({key: value for key, value in data.items() if key != missing})
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

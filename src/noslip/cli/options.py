@@ -14,8 +14,8 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip.constraints.catalog import CATALOG, parse_constraint
-from noslip.constraints.declaration import Constraint
+from noslip.constraints.catalog import parse_constraint
+from noslip.constraints.declaration import CATALOG, Constraint
 from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError

@@ -10,7 +10,7 @@ import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.constraints.declaration import UNITS, Constraint, Level, Relation
+from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, row_units
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
@@ -216,7 +216,7 @@ def _checked(
 ) -> ConstraintCheck:
     """Check one constraint by the residuals of all steps, shape (N - 1, rows)."""
     periods = np.diff(trajectory.times)
-    units = ConstraintSystem([constraint]).row_units
+    units = row_units(constraint)
     slip = margin = None
     if constraint.relation == "nonnegative":
         worst, row = np.unravel_index(np.argmin(residuals), residuals.shape)

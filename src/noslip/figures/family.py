@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from noslip._arguments import vector
 from noslip._typing import Floats
-from noslip.constraints.declaration import axis_index
 from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.edge import Edge, axis_index
 from noslip.errors import InputError
 from noslip.figures.quantities import (
     Constraints,
@@ -305,9 +305,8 @@ def _tool_axis(
     system: ConstraintSystem, family: Sequence[PoseTrajectory], columns: Sequence[int]
 ) -> tuple[int, str]:
     """Body axis that ticks show, and what it is: the lateral one, unless it points at the eye."""
-    tools = [c for c in system.constraints if c.lateral is not None]
-    lateral = axis_index(tools[0].lateral)[0] if tools and tools[0].lateral else 1
-    edge = axis_index(tools[0].edge)[0] if tools and tools[0].edge else 0
+    tool = system.edged.edge if system.edged and system.edged.edge else Edge()
+    lateral, edge = axis_index(tool.lateral or "y")[0], axis_index(tool.travel)[0]
     matrices = np.concatenate([motion.rotations.as_matrix() for motion in family])
     seen = np.median(np.linalg.norm(matrices[:, columns, lateral], axis=1))
     axis = lateral if seen >= SEEN else edge

@@ -325,7 +325,7 @@ def residual_rows(
     system = as_system(constraints)
     times = {name: motion.times[1:] - motion.times[0] for name, motion in motions.items()}
     residuals = {name: step_residuals(motion, system) for name, motion in motions.items()}
-    tools = [constraint for constraint in system.constraints if constraint.lateral is not None]
+    tools = [c for c in system.constraints if c.edge is not None and c.edge.lateral is not None]
     sources = np.repeat(np.arange(len(system.constraints)), system.rows)
 
     found = []

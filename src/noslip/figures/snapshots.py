@@ -22,6 +22,8 @@ from scipy.spatial import KDTree
 
 from noslip._typing import Floats
 from noslip.constraints.blade import Blade
+from noslip.constraints.edge_motion import edge_steps
+from noslip.edge import axis_vectors
 from noslip.errors import InputError
 from noslip.figures.quantities import (
     Motions,
@@ -169,7 +171,7 @@ def plot_blades(
     size = size or BLADE_LENGTH * extent(motion) or BLADE_LENGTH
     where = equally_far_apart(motion, blades)
     tips, corners = motion.positions[where], blade_corners(motion, where, size)
-    arrows = ARROW_LENGTH * size * motion.rotations[where].as_matrix()[:, :, 1]
+    arrows = ARROW_LENGTH * size * axis_vectors(motion.rotations[where], "y")
 
     (path,) = ax.plot(*(scale * motion.positions.T), zorder=2, **PATH)
     polygons = Poly3DCollection(
@@ -209,11 +211,10 @@ def slip_shares(motion: PoseTrajectory) -> Floats:
 
     The first sample has that of the first step.  A tool at rest does not slip.
     """
-    velocities = motion.step_velocities()[0]
-    lateral = np.einsum("ni,ni->n", motion.rotations.as_matrix()[1:, :, 1], velocities)
-    speeds = np.linalg.norm(velocities, axis=1)
+    steps = edge_steps(motion, Blade())
+    speeds = np.linalg.norm(steps.velocities, axis=1)
     moving = speeds > AT_REST * speeds.max()
-    shares = np.where(moving, np.abs(lateral) / np.where(moving, speeds, 1.0), 0.0)
+    shares = np.where(moving, np.abs(np.sin(steps.slip_angles)), 0.0)
     return np.concatenate([shares[:1], shares])
 
 

@@ -6,8 +6,9 @@ import dataclasses
 import shlex
 from collections.abc import Sequence
 
-from noslip.constraints.catalog import CATALOG, specification
-from noslip.constraints.declaration import Constraint, described
+from noslip.constraints.declaration import Constraint, described, is_registered
+from noslip.constraints.expression import Instructions
+from noslip.edge import Edge
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
 from noslip.projection.trajectory import ROTATION_SMOOTHING
@@ -21,17 +22,22 @@ OWN = "YOUR_RULES.py:NAME"
 
 def declaration(constraint: Constraint) -> str:
     """Return what ``--constraint`` takes for a constraint; of a user's own, what it is called."""
-    data = specification(constraint)
-    if data["type"] == "declared":
+    if _is_own(constraint):
         return described(constraint)
     # What a constraint is about comes first, what all limits share last.
-    fields = sorted(dataclasses.fields(CATALOG[data["type"]]), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
-    told = [
-        f"{f.name}={data['arguments'][f.name]!r}"
-        for f in fields
-        if f.init and data["arguments"][f.name] != f.default
-    ]
-    return f"{data['type']}({', '.join(told)})" if told else str(data["type"])
+    fields = sorted(dataclasses.fields(constraint), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
+    arguments = []
+    for field in fields:
+        value = getattr(constraint, field.name)
+        factory = field.default_factory
+        default = field.default if factory is dataclasses.MISSING else factory()
+        if isinstance(value, Edge):
+            value = value.travel
+        if value != default:
+            text = declaration(value) if isinstance(value, Constraint) else value
+            arguments.append(f"{field.name}={text!r}")
+    name = type(constraint).name
+    return f"{name}({', '.join(arguments)})" if arguments else name
 
 
 def commands(
@@ -66,7 +72,14 @@ def commands(
 
 
 def _is_own(constraint: Constraint) -> bool:
-    return bool(specification(constraint)["type"] == "declared")
+    """Whether it holds code of a user's, of which only the expression is kept."""
+    if not is_registered(constraint):
+        return True
+    values = vars(constraint).values()
+    return any(
+        _is_own(value) if isinstance(value, Constraint) else isinstance(value, Instructions)
+        for value in values
+    )
 
 
 def _settings(dmp: ConstrainedDMP) -> list[str]:

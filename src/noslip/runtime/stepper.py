@@ -17,13 +17,10 @@ from noslip.rule import Rule
 
 def stepper_of(rule: Rule) -> Stepper:
     """Return the stepper of a rule; built once for all that are alike."""
+    system = rule.system
     # Nothing gives way where nothing is held.
-    return _stepper(rule.system, rule.inverse_metric if rule.system.size else POSITION_ONLY)
-
-
-@lru_cache(maxsize=64)
-def _stepper(system: ConstraintSystem, inverse_metric: tuple[float, ...]) -> Stepper:
-    return Stepper(system, inverse_metric)
+    metric = rule.inverse_metric if system.size else POSITION_ONLY
+    return system.owned(("stepper", metric), lambda: Stepper(system, metric))
 
 
 class Stepper:

@@ -11,6 +11,7 @@ import viser
 
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
+from noslip.edge import Edge
 from noslip.errors import InputError
 from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
@@ -122,14 +123,14 @@ def suitable_scalpel(
     motions: Sequence[PoseTrajectory], constraints: Sequence[Constraint], size: float
 ) -> list[Part]:
     """Return a scalpel along the constraints' axes, its handle on the upper side."""
-    blade = next((c for c in constraints if c.lateral and c.edge), None)
-    edge, lateral = (blade.edge, blade.lateral) if blade else (None, None)
-    tool = scalpel(TOOL_LENGTH * size, edge=edge or "x", lateral=lateral or "y")
+    edged = ConstraintSystem(constraints).edged
+    edge = edged.edge if edged and edged.edge and edged.edge.lateral else Edge()
+    tool = scalpel(TOOL_LENGTH * size, edge)
     handle = tool[-1].vertices.mean(axis=0)
     up = float(np.mean([motion.rotations.apply(handle)[:, 2].mean() for motion in motions]))
     if up >= 0:
         return tool
-    return scalpel(TOOL_LENGTH * size, edge=edge or "x", lateral=lateral or "y", flip=True)
+    return scalpel(TOOL_LENGTH * size, edge, flip=True)
 
 
 def worst(shown: Mapping[str, Entry]) -> float:

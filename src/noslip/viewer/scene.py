@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +20,14 @@ from numpy.typing import NDArray
 from noslip._typing import Floats
 from noslip.comparison import compare
 from noslip.constraints.check import CheckReport, amount, check, step_residuals
-from noslip.constraints.declaration import UNITS, Constraint, axis_index
-from noslip.constraints.fields import ORIGIN
-from noslip.constraints.moving_frame import InMovingFrame
+from noslip.constraints.declaration import UNITS, Constraint
+from noslip.constraints.edge_motion import EdgeMotion, edge_motion, edge_steps, work_moves
 from noslip.constraints.system import ConstraintSystem
+from noslip.edge import Edge
 from noslip.figures.style import PALETTE
 from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
-from noslip.viewer.frames import Frame
 
 Bytes = NDArray[np.uint8]
 
@@ -143,39 +143,39 @@ class Track:
         return self.motion.quaternions
 
     @cached_property
-    def slipping(self) -> Constraint | None:
-        """The first constraint that names a lateral axis of the tool."""
-        return next((c for c in self.system.constraints if c.lateral), None)
+    def edged(self) -> Constraint | None:
+        """The constraint that says where the tool's edge is, and what moves under it."""
+        return self.system.edged
 
-    @cached_property
-    def frame(self) -> Frame | None:
-        """The moving frame in which that one holds; None where it is the world."""
-        return Frame(self.slipping) if isinstance(self.slipping, InMovingFrame) else None
+    @property
+    def edge(self) -> Edge:
+        """The tool's edge; its origin, where no constraint names one."""
+        return Edge(lateral=None) if self.edged is None else cast(Edge, self.edged.edge)
 
     @cached_property
     def points(self) -> Floats:
-        """The tool's point that must not slip, or its origin, world frame (m), shape (N, 3)."""
-        return np.asarray(self.motion.positions + self._arms)
+        """The edge's point, world frame (m), shape (N, 3)."""
+        return self.edge.points(self.motion.positions, self.motion.rotations)
 
     @cached_property
     def velocities(self) -> Floats:
         """Velocity of that point on the step to each sample (m/s), shape (N, 3).
 
-        Relative to :attr:`frame`, along the axes of the world.
+        Relative to the work, along the axes of the world.
         """
-        linear, angular = self.motion.step_velocities()
-        found = linear + np.cross(angular, self._arms[1:])
-        if self.frame is not None:
-            found = found - self.frame.carried(self.clock[1:], self.points[1:])
-        return np.concatenate([found[:1], found])
+        linear, _ = self.motion.step_velocities()
+        return _from_first(linear if self._steps is None else self._steps.world_velocities)
 
     @cached_property
     def lateral_axes(self) -> Floats | None:
-        """The lateral axis in the world, shape (N, 3); None without one."""
-        if self.slipping is None or self.slipping.lateral is None:
+        """The lateral axis in the world on that step, shape (N, 3); None without one."""
+        if self._steps is None or self.edge.lateral is None:
             return None
-        index, sign = axis_index(self.slipping.lateral)
-        return np.asarray(sign * self.motion.rotations.as_matrix()[:, :, index])
+        return _from_first(self._steps.world_lateral_axes)
+
+    @cached_property
+    def _steps(self) -> EdgeMotion | None:
+        return None if self.edged is None else edge_steps(self.motion, self.edged)
 
     @cached_property
     def peak_speed(self) -> float:
@@ -184,13 +184,14 @@ class Track:
 
     def slip_angle(self, sample: int) -> float | None:
         """Angle between the velocity and the blade's plane (rad); None where it hardly moves."""
-        if self.lateral_axes is None:
+        if self._steps is None or self.edge.lateral is None:
             return None
-        velocity = self.velocities[sample]
-        speed = float(np.linalg.norm(velocity))
-        if speed <= SLOW * self.peak_speed:
-            return None
-        return float(np.arcsin(np.clip(velocity @ self.lateral_axes[sample] / speed, -1.0, 1.0)))
+        speed = float(np.linalg.norm(self.velocities[sample]))
+        return None if speed <= SLOW * self.peak_speed else float(self._slip_angles[sample])
+
+    @cached_property
+    def _slip_angles(self) -> Floats:
+        return _from_first(cast(EdgeMotion, self._steps).slip_angles)
 
     def arrows(self, sample: int, size: float) -> dict[str, Floats]:
         """Start and end of each arrow at a sample, world frame (m), each of shape (2, 3).
@@ -213,16 +214,20 @@ class Track:
 
     def arrows_in(self, state: State, size: float) -> dict[str, Floats]:
         """Return the same arrows of a state beside the motion, such as a pushed tool's."""
-        arm = state.rotation.apply(self._reference_point)
-        velocity = state.linear_velocity + np.cross(state.angular_velocity, arm)
-        if self.frame is not None:
-            velocity = velocity - self.frame.carried(state.time, state.position + arm)[0]
-        lateral = None
-        if self.slipping is not None and self.slipping.lateral is not None:
-            index, sign = axis_index(self.slipping.lateral)
-            lateral = sign * state.rotation.as_matrix()[:, index]
+        point = self.edge.points(state.position, state.rotation)
+        axes = self.edge.lateral_axes(state.rotation) if self.edge.lateral else None
+        velocity = state.linear_velocity
+        if self.edged is not None:
+            velocity = edge_motion(
+                self.edged,
+                state.time,
+                state.position,
+                state.rotation,
+                state.linear_velocity,
+                state.angular_velocity,
+            ).world_velocities[0]
         force = None if self.forces is None else state.constraint_forces[:3]
-        return self._arrows(state.position + arm, velocity, lateral, force, size)
+        return self._arrows(point, velocity, axes, force, size)
 
     def _arrows(
         self,
@@ -251,7 +256,7 @@ class Track:
                 f"{x:.2f}" for x in np.round(1e3 * self.motion.positions[k], 2) + 0.0
             )
             + " mm",
-            "speed" if self.frame is None else "speed in the moving frame": (
+            "speed in the moving frame" if self.edged and work_moves(self.edged) else "speed": (
                 f"{1e3 * np.linalg.norm(self.velocities[k]):.3g} mm/s"
             ),
         }
@@ -328,18 +333,6 @@ class Track:
     # ---------------------------------------------------------------- inside
 
     @cached_property
-    def _arms(self) -> Floats:
-        """From the tool's origin to the point that must not slip, world frame."""
-        return np.asarray(self.motion.rotations.apply(self._reference_point))
-
-    @property
-    def _reference_point(self) -> tuple[float, float, float]:
-        """The point that must not slip (m), body frame."""
-        within = self.slipping if self.frame is None else self.frame.inner
-        found: tuple[float, float, float] = getattr(within, "reference_point", ORIGIN)
-        return found
-
-    @cached_property
     def _peak_acceleration(self) -> float:
         changes = (
             np.diff(self.motion.linear_velocities, axis=0) / np.diff(self.motion.times)[:, None]
@@ -352,6 +345,11 @@ class Track:
         return [
             constraint.unit or UNITS[constraint.level] for constraint in self.system.constraints
         ]
+
+
+def _from_first(steps: Floats) -> Floats:
+    """Values of the step to each sample; the first sample has those of the first step."""
+    return np.concatenate([steps[:1], steps])
 
 
 def slip_colors(sizes: Floats, worst: float) -> Bytes:
