@@ -21,7 +21,7 @@ from benchmarks.example import (
 from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
 from noslip import Blade, Box, ConstrainedDMP, PoseDMP, PoseTrajectory, State, learn
-from noslip.adaptation import REPLANNED_SAMPLES
+from noslip.adapting import REPLANNED_SAMPLES
 
 PUSHED_AT, PUSH = 0.4, 0.05
 """When the motion is pushed sideways to be re-planned, and how far: fractions of its duration and

@@ -456,7 +456,7 @@ def test_a_rotation_alone_can_be_passed() -> None:
     usual = dmp.rollout()
     k = dmp.steps // 2
     held = Rotation.from_rotvec([0, 0.3, 0.1]) * usual.rotations[k]
-    motion = dmp.adapt(via=[ns.Via(0.5, rotation=held)]).rollout()
+    motion = dmp.adapt(via=[ns.Boundary(0.5, rotation=held)]).rollout()
     assert degrees(motion.rotations[k], held) <= ROTATION
     assert degrees(usual.rotations[k], held) > 10
 
@@ -988,6 +988,10 @@ BAD: list[dict[str, Any]] = [
     {"start_velocity": NAN},
     {"start_velocity": [1, 2]},
     {"start_velocity": "fast"},
+    {"start_velocity": 1.0},
+    {"goal_velocity": NAN},
+    {"goal_velocity": [1, 2]},
+    {"goal_velocity": 0.3},
     {"start_velocity": [1, 2, "x"]},
     {"start_velocity": [1, [2], 3]},
     {"duration": -1},
@@ -1033,11 +1037,12 @@ def test_a_start_velocity_with_a_start_that_is_not_kept_works_or_is_refused(star
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"at": 0.5}, {"at": 0.5, "position": [0, 1]}, {"at": 0.5, "rotation": "x"}]
+    "via",
+    [ns.Boundary(0.5), (0.5, None), (0.5, [0, 1]), (0.5, None, "x"), ns.Boundary(1, [0, 0, 0])],
 )
-def test_a_via_that_names_nothing_is_refused(arguments: dict[str, Any]) -> None:
-    with pytest.raises(ns.InputError, match=r"^via"):
-        ns.Via(**arguments)
+def test_a_via_that_names_nothing_is_refused(via: Any) -> None:
+    with pytest.raises(ns.InputError, match=r"^(via|boundary)"):
+        cutting().adapt(via=[via])
 
 
 def test_the_primitive_that_is_adapted_stays_as_it_is() -> None:

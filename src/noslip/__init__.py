@@ -2,7 +2,7 @@
 
 from noslip import robots
 from noslip._version import __version__
-from noslip.adaptation import Via
+from noslip.boundary import Boundary
 from noslip.constraints import (
     AccelerationLimit,
     AngularRateLimit,
@@ -64,6 +64,7 @@ __all__ = [
     "AngularRateLimit",
     "BagTopic",
     "Blade",
+    "Boundary",
     "Box",
     "CheckReport",
     "ConstrainedDMP",
@@ -100,7 +101,6 @@ __all__ = [
     "SurfaceContact",
     "ToolAxis",
     "TurningRadius",
-    "Via",
     "Wheel",
     "__version__",
     "align",

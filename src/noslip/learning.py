@@ -8,6 +8,7 @@ from functools import wraps
 from typing import ParamSpec
 
 from noslip import _arguments
+from noslip.boundary import Boundary, End
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.law.fitting import (
@@ -21,13 +22,8 @@ from noslip.primitive import ConstrainedDMP
 from noslip.projection.feasibility import require_consistent
 from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import project_initial_velocity
-from noslip.projection.trajectory import (
-    POSITION_SMOOTHING,
-    POSITION_WEIGHT,
-    ROTATION_SMOOTHING,
-    End,
-    project_heeding_what_it_can,
-)
+from noslip.projection.request import LEARNING, Request, Weights
+from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule
 from noslip.spread import Spread
@@ -60,9 +56,9 @@ def learn(
     hold_position: bool = False,
     start: End = "free",
     end: End = "free",
-    position_weight: float = POSITION_WEIGHT,
-    position_smoothing: float = POSITION_SMOOTHING,
-    rotation_smoothing: float = ROTATION_SMOOTHING,
+    position_weight: float = LEARNING.position,
+    position_smoothing: float = LEARNING.position_smoothing,
+    rotation_smoothing: float = LEARNING.rotation_smoothing,
     metric: Metric | None = None,
     metric_length: float | None = None,
     stabilization: float = STABILIZATION,
@@ -128,19 +124,17 @@ def learn(
     basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     for demonstration in recorded:
         require_consistent(system, demonstration)
+    weights = Weights(position_weight, position_smoothing, rotation_smoothing)
     projected, record = [], []
     sampled = [evenly_sampled(d, basis_functions) for d in recorded]
     for index, demonstration in enumerate(sampled):
         if system.size:
+            ends = (
+                Boundary.keeping(demonstration, 0.0, start),
+                Boundary.keeping(demonstration, 1.0, end),
+            )
             result = project_heeding_what_it_can(
-                demonstration,
-                system,
-                hold_position=hold_position,
-                start=start,
-                end=end,
-                position_weight=position_weight,
-                position_smoothing=position_smoothing,
-                rotation_smoothing=rotation_smoothing,
+                Request(demonstration, system, ends, weights, hold_position)
             )
             record.append(LearningRecord.of(demonstration, result))
             projected.append(result.trajectory)

@@ -11,10 +11,9 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from scipy.spatial.transform import Rotation
 
-from noslip import adaptation
 from noslip._typing import Floats
 from noslip._values import Value
-from noslip.adaptation import Adapted
+from noslip.adapting import Adapted, adapt, replan
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.control.controller import Controller
@@ -185,8 +184,8 @@ class ConstrainedDMP(Value):
 
     # ---------------------------------------------------------------- new goals
 
-    adapt = _adapting("adapt", adaptation.adapt_law)
-    replan = _adapting("replan", adaptation.replan_law)
+    adapt = _adapting("adapt", adapt)
+    replan = _adapting("replan", replan)
 
     def _with(self, adapted: Adapted, origin: Origin) -> ConstrainedDMP:
         """Return this primitive with an adapted law."""
@@ -203,7 +202,7 @@ class ConstrainedDMP(Value):
             self,
             law=law,
             demonstrated=replace(demonstrated, duration=law.duration, begin=law.begin),
-            record=(LearningRecord.of(adapted.reference, adapted.projected),),
+            record=(LearningRecord.of(adapted.request.reference, adapted.projected),),
             spread=spread,
             history=(*self.history, origin),
         )

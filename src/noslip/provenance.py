@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip._values import Value
-from noslip.projection.trajectory import ProjectedTrajectory
+from noslip.projection.result import ProjectedTrajectory
 from noslip.trajectory import PoseTrajectory
 
 Verb = Literal["learn", "adapt", "replan"]
@@ -88,16 +88,13 @@ class LearningRecord:
 
     @classmethod
     def of(cls, demonstration: PoseTrajectory, projected: ProjectedTrajectory) -> LearningRecord:
-        # A re-planned trajectory has one sample more, before its start.
-        count = len(demonstration)
-        samples, steps = slice(-count, None), slice(1 - count, None)
-        moved = projected.trajectory.positions[samples] - demonstration.positions
+        moved = projected.trajectory.positions - demonstration.positions
         return cls(
             demonstration.name,
             len(demonstration),
             projected.iterations,
             projected.backing,
-            float(np.abs(projected.residuals[steps]).max(initial=0.0)),
+            float(np.abs(projected.residuals[1:]).max(initial=0.0)),
             float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
             float(np.sqrt(np.mean(np.sum(projected.turns**2, axis=1)))),
             projected.smoothing,

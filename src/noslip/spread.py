@@ -9,14 +9,16 @@ import numpy as np
 
 from noslip._typing import Floats
 from noslip._values import Value
-from noslip.adaptation import through
+from noslip.boundary import Boundary
 from noslip.errors import InputError
 from noslip.law.law import Law
+from noslip.projection.blend import through
 from noslip.rule import Rule
 from noslip.runtime.rollout import rollout
 from noslip.trajectory import PoseTrajectory
 
 _SAMPLES = 101
+"""Of the covariances: a demonstration bends far less often than every hundredth of its way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +93,7 @@ class Spread(Value):
         for demonstration in demonstrations:
             times = demonstration.times[0] + demonstration.duration * fractions
             theirs = demonstration.resampled(times=times)
-            ends = {k: (theirs.positions[k], theirs.rotations[k]) for k in (0, _SAMPLES - 1)}
-            own = through(mean, ends)
+            own = through(mean, [Boundary.keeping(theirs, at, "pose") for at in (0.0, 1.0)])
             moved.append(theirs.positions - own.positions)
             turned.append((theirs.rotations * own.rotations.inv()).as_rotvec())
         return cls(len(demonstrations), _covariance(moved), _covariance(turned))

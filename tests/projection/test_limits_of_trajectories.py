@@ -15,12 +15,8 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from noslip import Blade, Constraint, PoseTrajectory, project_trajectory
 from noslip.constraints import ConstraintSystem
-from noslip.projection.trajectory import (
-    POSITION_SMOOTHING,
-    POSITION_WEIGHT,
-    ROTATION_SMOOTHING,
-    ProjectedTrajectory,
-)
+from noslip.projection.request import LEARNING
+from noslip.projection.result import ProjectedTrajectory
 
 Floats = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)
@@ -150,9 +146,9 @@ def weights(given: PoseTrajectory) -> tuple[Floats, Floats]:
     h = 1 / (count - 1)
     speed = speeds(given)
     relative = np.concatenate([speed[:1], speed]) / np.concatenate([speed[:1], speed]).mean()
-    size = np.full((count, 6), POSITION_WEIGHT * h)
+    size = np.full((count, 6), LEARNING.position * h)
     size[:, :3] = h * (relative[:, None] + 1e-3)
-    bend = np.array([ROTATION_SMOOTHING] * 3 + [POSITION_SMOOTHING] * 3) / h**3
+    bend = np.array([LEARNING.rotation_smoothing] * 3 + [LEARNING.position_smoothing] * 3) / h**3
     return size, bend
 
 

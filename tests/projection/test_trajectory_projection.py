@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import (
     Blade,
+    Boundary,
     Constraint,
     ConvergenceError,
     InputError,
@@ -28,12 +29,8 @@ from noslip import (
     project_trajectory,
     velocity_constraint,
 )
-from noslip.projection.trajectory import (
-    POSITION_SMOOTHING,
-    POSITION_WEIGHT,
-    ROTATION_SMOOTHING,
-    ProjectedTrajectory,
-)
+from noslip.projection.request import LEARNING
+from noslip.projection.result import ProjectedTrajectory
 
 Floats = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)
@@ -326,10 +323,10 @@ class Documented:
         turns, moved = self.split(z)
         bent = [np.diff(x, 2, axis=0) / self.h**2 for x in (turns, moved)]
         return self.h * float(
-            POSITION_WEIGHT * np.sum(moved**2)
-            + POSITION_SMOOTHING * np.sum(bent[1] ** 2)
+            LEARNING.position * np.sum(moved**2)
+            + LEARNING.position_smoothing * np.sum(bent[1] ** 2)
             + np.sum(self.u[:, None] * turns**2)
-            + ROTATION_SMOOTHING * np.sum(bent[0] ** 2)
+            + LEARNING.rotation_smoothing * np.sum(bent[0] ** 2)
         )
 
     def trajectory(self, z: Floats) -> PoseTrajectory:
@@ -359,7 +356,7 @@ def test_the_result_minimizes_the_documented_cost(seed: int, hold: bool) -> None
     assert np.abs(problem.slip(mine)).max() < 1e-10
     # Displacements weigh 1e5 times as much: scaled, so that the solver sees one size.
     scale = np.ones_like(mine)
-    scale[3 * len(motion) :] = POSITION_WEIGHT**-0.5
+    scale[3 * len(motion) :] = LEARNING.position**-0.5
     found = minimize(
         lambda y: problem.cost(y * scale),
         np.zeros_like(mine),
@@ -449,17 +446,19 @@ def test_what_is_fixed_of_an_end_stays(end: Any, fixed: Any) -> None:
 def test_other_end_poses_are_reached_exactly(seed: int) -> None:
     motion = facing(seed)
     rng = np.random.default_rng(seed)
-    asked: dict[str, Any] = {
-        "end_position": motion.positions[-1] + [0.1, 0.15, 0.05],
-        "end_rotation": Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)) * motion.rotations[-1],
-        "start_position": motion.positions[0] + rng.uniform(-0.05, 0.05, 3),
-        "start_rotation": Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)) * motion.rotations[0],
-    }
-    found = project_trajectory(motion, BLADE, **asked).trajectory
-    for k, end in ((0, "start"), (-1, "end")):
-        np.testing.assert_allclose(found.positions[k], asked[f"{end}_position"], atol=1e-14)
-        off = (found.rotations[k] * asked[f"{end}_rotation"].inv()).magnitude()
-        assert off < 1e-14
+    end_position = motion.positions[-1] + [0.1, 0.15, 0.05]
+    end_rotation = Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)) * motion.rotations[-1]
+    start_position = motion.positions[0] + rng.uniform(-0.05, 0.05, 3)
+    start_rotation = Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)) * motion.rotations[0]
+    start = Boundary(0, start_position, start_rotation)
+    end = Boundary(1, end_position, end_rotation)
+    found = project_trajectory(motion, BLADE, start=start, end=end).trajectory
+    for k, position, rotation in (
+        (0, start_position, start_rotation),
+        (-1, end_position, end_rotation),
+    ):
+        np.testing.assert_allclose(found.positions[k], position, atol=1e-14)
+        assert (found.rotations[k] * rotation.inv()).magnitude() < 1e-14
     assert np.abs(lateral_slip(found)).max() <= 1e-10
 
 
@@ -468,13 +467,13 @@ def test_an_end_rotation_is_reached_with_the_position_held() -> None:
     motion = facing(6)
     last = project_trajectory(motion, BLADE, hold_position=True).trajectory.rotations[-1]
     wanted = last * Rotation.from_rotvec([0.0, 0.3, 0.0])
-    found = project_trajectory(motion, BLADE, hold_position=True, end_rotation=wanted)
+    found = project_trajectory(motion, BLADE, hold_position=True, end=Boundary(1, rotation=wanted))
     assert (found.trajectory.rotations[-1] * wanted.inv()).magnitude() < 1e-14
     assert np.abs(lateral_slip(found.trajectory)).max() <= 1e-10
     # Turned about the edge's normal, the last step would be askew, and no position may give way.
     askew = last * Rotation.from_rotvec([0.0, 0.0, 0.3])
     with pytest.raises(ConvergenceError, match="hold_position=False"):
-        project_trajectory(motion, BLADE, hold_position=True, end_rotation=askew)
+        project_trajectory(motion, BLADE, hold_position=True, end=Boundary(1, rotation=askew))
 
 
 def test_velocities_of_the_result_are_those_of_its_motion() -> None:
@@ -654,14 +653,13 @@ def test_samples_must_be_uniform_and_enough() -> None:
     [
         ({"start": "both"}, "start"),
         ({"end": None}, "end"),
-        ({"hold_position": True, "end_position": [0, 0, 0]}, "hold_position"),
-        ({"hold_position": True, "start_position": [0, 0, 0]}, "hold_position"),
-        ({"start_position": [1, 2]}, "start_position"),
-        ({"end_position": [np.nan, 0, 0]}, "end_position"),
+        ({"hold_position": True, "end": Boundary(1, [0, 0, 0])}, "hold_position"),
+        ({"hold_position": True, "start": Boundary(0, [0, 0, 0])}, "hold_position"),
+        ({"start": Boundary(1, [0, 0, 0])}, "start"),
+        ({"end": Boundary(0.5, [0, 0, 0])}, "end"),
+        ({"start": Boundary(0, [0, 0, 0], linear_velocity=[0, 0, 0])}, "velocity at 0"),
+        ({"boundaries": [Boundary(0.5, angular_velocity=[0, 0, 0])]}, "velocity at 0.5"),
         ({"max_iterations": 0}, "max_iterations"),
-        pytest.param({"end_position": "abc"}, "end_position"),
-        pytest.param({"start_rotation": np.eye(3)}, "start_rotation"),
-        pytest.param({"end_rotation": Rotation.identity(2)}, "end_rotation"),
         pytest.param({"position_weight": -1.0}, "position_weight"),
         pytest.param({"position_smoothing": -1.0}, "position_smoothing"),
         pytest.param({"rotation_smoothing": -1.0}, "rotation_smoothing"),
@@ -683,7 +681,7 @@ def ceiling(motion: Instant) -> Any:
         ([table, ceiling], {}, "free its ends"),
         ([table], {"hold_position": True}, "let the position give way (hold_position=False)"),
         ([table], {"end": "pose"}, "free its ends"),
-        ([table, BLADE], {"end_position": [1.5, 0, 0.2]}, "free its ends"),
+        ([table, BLADE], {"end": Boundary(1, [1.5, 0, 0.2])}, "free its ends"),
     ],
 )
 def test_the_impossible_is_refused_with_what_to_change(

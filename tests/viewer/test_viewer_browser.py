@@ -313,18 +313,18 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
     mouse.move(*pixel(page, 0.5 * (grip + there)), steps=3)
     time.sleep(0.5)
     mouse.move(*pixel(page, there), steps=3)
-    until(lambda: page.entry.wish.goal_position is not None, "the goal to be dragged")
+    until(lambda: page.entry.wish.goal.position is not None, "the goal to be dragged")
     tab.view.screenshot(path=artifacts / "dragged.png")
     mouse.up()
     until(lambda: len(page.entry.track.motion) > 300, "the motion at full resolution")
-    moved = page.entry.wish.goal_position - goal
+    moved = page.entry.wish.goal.position - goal
     assert moved == pytest.approx(0.02 * axis, abs=6e-3)
     assert np.cross(moved, axis) == pytest.approx(np.zeros(3), abs=1e-6)
     motion = page.entry.track.motion
-    assert np.linalg.norm(motion.positions[-1] - page.entry.wish.goal_position) < 1e-4
+    assert np.linalg.norm(motion.positions[-1] - page.entry.wish.goal.position) < 1e-4
     assert np.abs(motion.constraint_residuals).max() < EXACT
     tab.view.get_by_role("button", name="As learned").click()
-    until(lambda: page.entry.wish.goal_position is None, "the motion as learned")
+    until(lambda: page.entry.wish.goal.position is None, "the motion as learned")
 
 
 def test_a_pushed_tool_comes_back(tab, page, artifacts):

@@ -19,7 +19,7 @@ EXACT = 1e-10
 
 
 def moved(primitive: ns.ConstrainedDMP, *by: float) -> Wish:
-    return Wish(goal_position=primitive.position.goal + by)
+    return Wish(goal=ns.Boundary(1, primitive.position.goal + by))
 
 
 @pytest.mark.parametrize("coarse", [True, False])
@@ -42,7 +42,7 @@ def test_while_it_is_dragged_a_motion_takes_under_100_ms(primitive):
 def test_what_the_adapted_primitives_share_changes_nothing(primitive):
     wish = moved(primitive, 0.01, 0.005, 0.0)
     shared = Adapter(primitive)(wish).motion
-    alone = primitive.adapt(goal_position=wish.goal_position).rollout()
+    alone = primitive.adapt(goal_position=wish.goal.position).rollout()
     assert shared.positions.tolist() == alone.positions.tolist()
     assert shared.rotations.as_quat().tolist() == alone.rotations.as_quat().tolist()
 
@@ -56,7 +56,7 @@ def test_a_goal_that_cannot_be_reached_is_explained(primitive):
 
 def test_start_duration_and_metric_change_too(primitive):
     start = primitive.position.start + [-0.01, 0.004, 0.0]
-    found = Adapter(primitive)(Wish(start_position=start, duration=6.0, metric="shared"))
+    found = Adapter(primitive)(Wish(start=ns.Boundary(0, start), duration=6.0, metric="shared"))
     assert found.motion.positions[0] == pytest.approx(start, abs=1e-9)
     assert found.motion.duration == pytest.approx(6.0, rel=1e-3)
     assert found.primitive.inverse_metric[3:] != primitive.inverse_metric[3:]

@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip import _pose_files as files
 from noslip._files import write_beside
-from noslip.adaptation import Via
+from noslip._typing import Floats
+from noslip.boundary import Boundary, End, twist
 from noslip.cli import options, output
+from noslip.cli.outcome import Outcome, csv_text, told, told_together
 from noslip.cli.plot import FORMATS
 from noslip.comparison import compare
-from noslip.constraints.check import amount, check
+from noslip.constraints.check import check
 from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
-from noslip.figures.family import Goal, end_errors
+from noslip.figures.family import end_errors
 from noslip.law.scaling import Scaling
 from noslip.primitive import ConstrainedDMP
-from noslip.projection.trajectory import End
 from noslip.runtime.motion import Motion
 from noslip.saving import load_primitive
 
 NAME = "adapt"
 SUMMARY = "summary.csv"
+"""In the folder, beside the primitives, none of which can have its name: they are JSON."""
 EXAMPLES = """
 Examples:
 
@@ -43,53 +44,49 @@ Examples:
   noslip adapt excision.json --goals goals.csv --figure family.png --out family/
 """
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
+"""Names that every file system takes."""
 _COLUMNS = (files.POSITION_NAMES, files.QUATERNION_NAMES, ("duration",))
+"""Of numbers, in a file of goals; those of a group are there together or not at all."""
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
 
 Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
 Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
 
 
+_Row = tuple[Boundary, float | None]
+"""Of a file of goals: goal and duration (s)."""
+
+
 @dataclass(frozen=True)
-class Outcome:
-    """What became of one goal: a row of the summary.
+class _Asked:
+    """What a primitive is to be adapted to; what is free or None stays its own."""
 
-    Attributes
-    ----------
-    name : str
-    converged : bool
-        Whether there is a primitive; if not, ``message`` says why and the rest is None.
-    holds : bool or None
-        Whether its motion keeps every constraint and hard limit.
-    end_position_error_m, end_rotation_error_deg : float or None
-        From the goal to the end of the motion; None of what is left free.
-    residual_peak : float or None
-        Of the equalities, in their units (SI).
-    angular_speed_peak_rad_s, angular_speed_ratio : float or None
-        The latter over that of the original primitive, None if that never turns.
-    iterations : int or None
-        Of the projection.
-    duration_s : float or None
-    message : str
-        Why it failed, or what a person should know.
-    """
+    goal: Boundary
+    start: Boundary
+    via: tuple[Boundary, ...]
+    duration: float | None
+    scaling: Scaling
+    end: End
 
-    name: str
-    converged: bool
-    holds: bool | None = None
-    end_position_error_m: float | None = None
-    end_rotation_error_deg: float | None = None
-    residual_peak: float | None = None
-    angular_speed_peak_rad_s: float | None = None
-    angular_speed_ratio: float | None = None
-    iterations: int | None = None
-    duration_s: float | None = None
-    message: str = ""
+    def adapted(self, dmp: ConstrainedDMP) -> ConstrainedDMP:
+        linear, angular = self.start.linear_velocity, self.start.angular_velocity
+        moving = linear is not None and angular is not None
+        return dmp.adapt(
+            goal_position=self.goal.position,
+            goal_rotation=self.goal.rotation,
+            start_position=self.start.position,
+            start_rotation=self.start.rotation,
+            start_velocity=np.concatenate([linear, angular]) if moving else None,
+            duration=self.duration,
+            via=self.via,
+            scaling=self.scaling,
+            end=self.end,
+        )
 
-    @property
-    def failed(self) -> bool:
-        """Whether there is no primitive, or one that breaks its constraints."""
-        return not (self.converged and self.holds)
+    def goal_of(self, dmp: ConstrainedDMP) -> Boundary:
+        """Where a motion should end: what was asked for, else the primitive's own goal."""
+        own = self.goal.pose_or(dmp.goal_position, dmp.goal_rotation)
+        return Boundary(1.0, *own).part(self.end)
 
 
 def run(
@@ -159,31 +156,37 @@ def run(
     """
     if figure is not None and options.output(figure, "--figure") and figure.suffix not in FORMATS:
         raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
-    wanted: dict[str, Any] = {
-        "goal_position": options.vector("--goal-position", goal_position),
-        "goal_rotation": options.rotation("--goal-rotation", goal_rotation),
-        "start_position": options.vector("--start-position", start_position),
-        "start_rotation": options.rotation("--start-rotation", start_rotation),
-        "start_velocity": _velocity(start_velocity),
-        "duration": None
-        if duration is None
-        else _arguments.positive("--duration", duration, "seconds"),
-        "via": [_via(text) for text in via],
-        "scaling": scaling,
-        "end": end,
-    }
+    if duration is not None:
+        duration = _arguments.positive("--duration", duration, "seconds")
+    asked = _Asked(
+        goal=Boundary(
+            1.0,
+            options.vector("--goal-position", goal_position),
+            options.rotation("--goal-rotation", goal_rotation),
+        ),
+        start=Boundary(
+            0.0,
+            options.vector("--start-position", start_position),
+            options.rotation("--start-rotation", start_rotation),
+            *_twist(start_velocity),
+        ),
+        via=tuple(_via(text) for text in via),
+        duration=duration,
+        scaling=scaling,
+        end=end,
+    )
     dmp = load_primitive(primitive)
     family = _Family(dmp)
     if goals is None:
         options.output(out)
-        family.add(out.stem, wanted, out)
+        family.add(out.stem, asked, out)
         outcome = family.outcomes[0]
         result = {"primitive": str(out)} | asdict(outcome)
-        told = [*_told(outcome), f"wrote {out}"]
+        lines = [*told(outcome), f"wrote {out}"]
     else:
         if out.exists() and not out.is_dir():
             raise InputError(f"--out: {out} is a file; with --goals give a folder")
-        rows = {name: _merged(goals, wanted, row) for name, row in _read_goals(goals).items()}
+        rows = {name: _merged(goals, asked, row) for name, row in _read_goals(goals).items()}
         targets = {name: out / f"{name}.json" for name in rows}
         for name, target in targets.items():
             if target.resolve() == primitive.resolve():
@@ -192,7 +195,7 @@ def run(
             for done, (name, row) in enumerate(rows.items(), start=1):
                 family.try_to_add(name, row, targets[name])
                 progress(done, len(rows))
-        summary = write_beside(out / SUMMARY, _csv(family.outcomes).encode())
+        summary = write_beside(out / SUMMARY, csv_text(family.outcomes).encode())
         failed = sum(outcome.failed for outcome in family.outcomes)
         result = {
             "folder": str(out),
@@ -200,20 +203,20 @@ def run(
             "failed": failed,
             "goals": [asdict(outcome) for outcome in family.outcomes],
         }
-        told = _told_together(family.outcomes)
-        told.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
+        lines = told_together(family.outcomes)
+        lines.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
     if figure is not None and family.motions:
         save_figure(
             adapted_family(family.original, family.motions, family.goals, dmp.system), figure
         )
         result["figure"] = str(figure)
-        told.append(f"wrote {figure}")
+        lines.append(f"wrote {figure}")
     elif figure is not None:
-        told.append(f"no {figure}: there is no motion to draw")
+        lines.append(f"no {figure}: there is no motion to draw")
     if as_json:
         output.print_json(result)
     else:
-        for line in told:
+        for line in lines:
             typer.echo(line)
     if any(outcome.failed for outcome in family.outcomes):
         raise typer.Exit(1)
@@ -227,15 +230,15 @@ class _Family:
         self.original = dmp.rollout()
         self.angular_speed_peak = compare(self.original, self.original, ()).angular_speed_peak
         self.motions: dict[str, Motion] = {}
-        self.goals: dict[str, Goal] = {}
+        self.goals: dict[str, Boundary] = {}
         self.outcomes: list[Outcome] = []
 
-    def add(self, name: str, wanted: Mapping[str, Any], target: Path) -> None:
+    def add(self, name: str, asked: _Asked, target: Path) -> None:
         """Adapt to one goal, write the primitive, and note what its motion achieves."""
-        self.goals[name] = _goal(self.dmp, wanted)
-        adapted = self.dmp.adapt(**wanted)
+        self.goals[name] = asked.goal_of(self.dmp)
+        adapted = asked.adapted(self.dmp)
         motion = adapted.rollout()
-        self.goals[name] = _goal(adapted, wanted)
+        self.goals[name] = asked.goal_of(adapted)
         off, turned = end_errors(motion, self.goals[name])
         compared = compare(motion, self.original, self.dmp.system)
         hard = [c for c in self.dmp.constraints if c.priority == 0]
@@ -263,39 +266,29 @@ class _Family:
             )
         )
 
-    def try_to_add(self, name: str, wanted: Mapping[str, Any], target: Path) -> None:
+    def try_to_add(self, name: str, asked: _Asked, target: Path) -> None:
         """Do the same; note a failure, which must not stop the other goals."""
         try:
-            self.add(name, wanted, target)
+            self.add(name, asked, target)
         except (NoslipError, ArithmeticError) as error:
             # What an earlier run wrote there is no primitive for this goal.
             target.unlink(missing_ok=True)
             self.outcomes.append(Outcome(name, converged=False, message=str(error)))
 
 
-def _goal(primitive: ConstrainedDMP, wanted: Mapping[str, Any]) -> Goal:
-    """Where a motion should end: what was asked for, else the primitive's own goal."""
-    end, position, rotation = (wanted[key] for key in ("end", "goal_position", "goal_rotation"))
-    own = primitive.goal_position, primitive.goal_rotation
-    return (
-        (own[0] if position is None else position) if end in ("position", "pose") else None,
-        (own[1] if rotation is None else rotation) if end in ("rotation", "pose") else None,
-    )
-
-
 # ---------------------------------------------------------------- what goes in
 
 
-def _velocity(text: str | None) -> list[float] | None:
+def _twist(text: str | None) -> tuple[Floats, Floats] | tuple[None, None]:
     if text is None:
-        return None
+        return None, None
     values = options.numbers("--start-velocity", text, (3, 6))
     if not np.isfinite(values).all():
         raise InputError(f"--start-velocity: expected finite numbers (m/s, rad/s), got {text!r}")
-    return values
+    return twist("--start-velocity", values)
 
 
-def _via(text: str) -> Via:
+def _via(text: str) -> Boundary:
     at, colon, pose = text.partition(":")
     try:
         fraction = float(at if colon else "")
@@ -306,20 +299,29 @@ def _via(text: str) -> Via:
     options.numbers("--via", pose, (3, 7))
     cells = pose.split(",")
     rotation = options.rotation("--via", ",".join(cells[3:])) if cells[3:] else None
-    return Via(fraction, options.vector("--via", ",".join(cells[:3])), rotation)
+    return Boundary.via((fraction, options.vector("--via", ",".join(cells[:3])), rotation))
 
 
-def _merged(goals: Path, wanted: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the options want of every row with what a row wants."""
-    for key in row:
-        if wanted[key] is not None:
-            option = f"--{key.replace('_', '-')}"
-            raise InputError(f"{option}: {goals} has columns for it too; leave one of them out")
-    return {**wanted, **row}
+def _merged(goals: Path, asked: _Asked, row: _Row) -> _Asked:
+    """Return what the options ask of every row with what a row asks."""
+    goal, duration = row
+    for name, of_row, of_all in (
+        ("--goal-position", goal.position, asked.goal.position),
+        ("--goal-rotation", goal.rotation, asked.goal.rotation),
+        ("--duration", duration, asked.duration),
+    ):
+        if of_row is not None and of_all is not None:
+            raise InputError(f"{name}: {goals} has columns for it too; leave one of them out")
+    both = Boundary(
+        1.0,
+        asked.goal.position if goal.position is None else goal.position,
+        goal.rotation or asked.goal.rotation,
+    )
+    return replace(asked, goal=both, duration=asked.duration if duration is None else duration)
 
 
-def _read_goals(path: Path) -> dict[str, dict[str, Any]]:
-    """Read what each row of a CSV asks for, as arguments of ``adapt`` by name."""
+def _read_goals(path: Path) -> dict[str, _Row]:
+    """Read the goal and the duration that each row of a CSV asks for, by its name."""
     text = files._decode(path, files._read(path))
     first = next((line for line in text.splitlines() if line.strip()), "")
     rows = list(files._rows(path, text, delimiter=max(",;\t", key=first.count)))
@@ -335,14 +337,16 @@ def _read_goals(path: Path) -> dict[str, dict[str, Any]]:
     lines = [line for line, _ in rows]
     source = files._Source(path, "", f"columns {', '.join(files.QUATERNION_NAMES)}", lines)
     files._check_finite(source, {f"column {name}": values for name, values in of.items()})
-    wanted: dict[str, Any] = {}
+    positions: Sequence[Floats | None] = [None] * len(rows)
+    rotations: Sequence[Rotation | None] = [None] * len(rows)
+    durations: Sequence[float | None] = [None] * len(rows)
     if "x" in of:
-        wanted["goal_position"] = np.column_stack([of[name] for name in files.POSITION_NAMES])
+        positions = list(np.column_stack([of[name] for name in files.POSITION_NAMES]))
     if "qw" in of:
         quaternions = np.column_stack([of[name] for name in files.QUATERNION_NAMES])
-        wanted["goal_rotation"] = files._rotations(source, quaternions)
+        rotations = list(files._rotations(source, quaternions))
     if "duration" in of:
-        wanted["duration"] = of["duration"]
+        durations = of["duration"].tolist()
         if (of["duration"] <= 0).any():
             index = int(np.argmax(of["duration"] <= 0))
             found = of["duration"][index]
@@ -350,9 +354,10 @@ def _read_goals(path: Path) -> dict[str, dict[str, Any]]:
     labels = [f"goal_{index:03}" for index in range(1, len(rows) + 1)]
     if "name" in names:
         labels = _labels(path, {k: cells[names.index("name")] for k, cells in rows})
+    asked = zip(positions, rotations, durations, strict=True)
     return {
-        label: {key: values[index] for key, values in wanted.items()}
-        for index, label in enumerate(labels)
+        label: (Boundary(1.0, position, rotation), duration)
+        for label, (position, rotation, duration) in zip(labels, asked, strict=True)
     }
 
 
@@ -396,60 +401,3 @@ def _labels(path: Path, cells: Mapping[int, str]) -> list[str]:
             )
         taken[name.casefold()] = line
     return [cell.strip() for cell in cells.values()]
-
-
-# ---------------------------------------------------------------- what comes out
-
-
-def _csv(outcomes: list[Outcome]) -> str:
-    """Return the summary: a header, then a row a goal; empty cells of what there is not."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(field.name for field in fields(Outcome))
-    for outcome in outcomes:
-        values = asdict(outcome).values()
-        writer.writerow(str(v).lower() if isinstance(v, bool) else v for v in values)
-    return text.getvalue()
-
-
-def _told(outcome: Outcome) -> list[str]:
-    return _achieved([outcome]) + ([outcome.message] if outcome.message else [])
-
-
-def _told_together(outcomes: list[Outcome]) -> list[str]:
-    done = [outcome for outcome in outcomes if outcome.converged]
-    lines = [f"adapted to {len(done)} of {len(outcomes)} goals"]
-    lines += _achieved(done) if done else []
-    return lines + [
-        f"{outcome.name}: {'FAILED, ' if outcome.failed else ''}{outcome.message}"
-        for outcome in outcomes
-        if outcome.message
-    ]
-
-
-def _achieved(outcomes: list[Outcome]) -> list[str]:
-    """Say the largest numbers of all outcomes that have them."""
-
-    def most(name: str) -> float | None:
-        found = [getattr(outcome, name) for outcome in outcomes]
-        return max((value for value in found if value is not None), default=None)
-
-    off, turned, residual, speed, ratio = (
-        most(name)
-        for name in (
-            "end_position_error_m",
-            "end_rotation_error_deg",
-            "residual_peak",
-            "angular_speed_peak_rad_s",
-            "angular_speed_ratio",
-        )
-    )
-    ends = [] if off is None else [amount(off, "m")]
-    ends += [] if turned is None else [f"{turned:.3g} degrees"]
-    lines = [f"ends within {' and '.join(ends)} of the goal"] if ends else []
-    times = "" if ratio is None else f", {ratio:.3g} times that of the original"
-    return [
-        *lines,
-        f"residual at most {residual:.2g}",
-        f"angular speed at most {speed:.3g} rad/s{times}",
-    ]

@@ -17,7 +17,7 @@ from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
 from noslip.learning import learn
 from noslip.primitive import ConstrainedDMP
-from noslip.projection.trajectory import ROTATION_SMOOTHING
+from noslip.projection.request import LEARNING
 from noslip.rule import BARRIER_RATE
 from noslip.trajectory import PoseTrajectory
 
@@ -65,7 +65,7 @@ def run(
     smoothing: Annotated[
         float,
         typer.Option(metavar="X", min=0.0, help="Weight of the rotation's smoothness."),
-    ] = ROTATION_SMOOTHING,
+    ] = LEARNING.rotation_smoothing,
     metric: Annotated[
         str | None,
         typer.Option(

@@ -14,6 +14,7 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.constraints.catalog import parse_constraint
 from noslip.constraints.declaration import CATALOG, Constraint
 from noslip.demonstrations.loading import load_demonstrations
@@ -288,11 +289,11 @@ def numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
     return values
 
 
-def vector(option: str, text: str | None) -> list[float] | None:
+def vector(option: str, text: str | None) -> Floats | None:
     """Return the three finite numbers that an option gives (m)."""
     if text is None:
         return None
-    return list(_arguments.vector(option, numbers(option, text, (3,))))
+    return _arguments.vector(option, numbers(option, text, (3,)))
 
 
 def rotation(option: str, text: str | None) -> Rotation | None:

@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.adaptation import REPLANNED_SAMPLES, replan_law
+from noslip.adapting import REPLANNED_SAMPLES, replan
 from noslip.control.steering import PATH, Guidance
 from noslip.errors import InputError, NoslipError
 from noslip.law.law import Law
@@ -375,7 +375,7 @@ class Controller:
                     f"the goal is {far:.3g} m away, the whole path {self._length:.3g} m; adapt the "
                     "primitive to it first"
                 )
-            plan = replan_law(
+            plan = replan(
                 self.plan,
                 self.rule,
                 state,

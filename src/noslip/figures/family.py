@@ -13,11 +13,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, NullFormatter
-from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
-from noslip._arguments import vector
 from noslip._typing import Floats
+from noslip.boundary import Boundary
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.edge import Edge, axis_index
 from noslip.errors import InputError
@@ -44,9 +42,6 @@ from noslip.figures.style import (
     write_title,
 )
 from noslip.trajectory import PoseTrajectory
-
-Goal = tuple[ArrayLike | None, Rotation | None]
-"""Where a motion should end: position (m) and rotation, None of what is left free."""
 
 MOST_NAMED = 8
 """Motions that get a color and a name each; more of them share one color."""
@@ -76,7 +71,7 @@ FOOT = 0.05
 def adapted_family(
     original: PoseTrajectory,
     adapted: Motions,
-    goals: Mapping[str, Goal],
+    goals: Mapping[str, Boundary],
     constraints: Constraints = (),
     *,
     title: str | None = None,
@@ -93,8 +88,8 @@ def adapted_family(
     original : PoseTrajectory
         Of the primitive as it was learned.
     adapted : PoseTrajectory or mapping of them by name
-    goals : mapping of (position, rotation) by name
-        Meters; None of what is left free.  A goal without a motion is drawn as failed.
+    goals : mapping of Boundary by name
+        Where each should end.  A goal without a motion is drawn as failed.
     constraints : Constraint or several
         None leaves their panel out.
     title : str, optional
@@ -140,14 +135,13 @@ def adapted_family(
     return figure
 
 
-def end_errors(motion: PoseTrajectory, goal: Goal) -> tuple[float | None, float | None]:
+def end_errors(motion: PoseTrajectory, goal: Boundary) -> tuple[float | None, float | None]:
     """Return how far from its goal a motion ends: meters and radians, None of what is left free."""
-    position, rotation = goal
     off = turned = None
-    if position is not None:
-        off = float(np.linalg.norm(motion.positions[-1] - vector("goal position", position)))
-    if rotation is not None:
-        turned = float((motion.rotations[-1].inv() * rotation).magnitude())
+    if goal.position is not None:
+        off = float(np.linalg.norm(motion.positions[-1] - goal.position))
+    if goal.rotation is not None:
+        turned = float((motion.rotations[-1].inv() * goal.rotation).magnitude())
     return off, turned
 
 
@@ -176,7 +170,7 @@ class _Sizes:
 
 
 def _measured(
-    motions: Mapping[str, PoseTrajectory], goals: Mapping[str, Goal], system: ConstraintSystem
+    motions: Mapping[str, PoseTrajectory], goals: Mapping[str, Boundary], system: ConstraintSystem
 ) -> list[_Sizes]:
     """What the panels beside the paths show; nothing that is not there."""
     errors = {name: end_errors(motion, goals[name]) for name, motion in motions.items()}
@@ -205,7 +199,7 @@ def _measured(
 def _finding(
     original: PoseTrajectory,
     motions: Mapping[str, PoseTrajectory],
-    goals: Mapping[str, Goal],
+    goals: Mapping[str, Boundary],
     panels: Sequence[_Sizes],
 ) -> str:
     """Say how far away the goals are, and how well all of them are reached."""
@@ -239,12 +233,12 @@ def _styles(motions: Mapping[str, PoseTrajectory]) -> dict[str, dict[str, Any]]:
     return dict(zip(motions, colors.values(), strict=True))
 
 
-def _views(family: Sequence[PoseTrajectory], goals: Mapping[str, Goal]) -> list[tuple[int, int]]:
+def _views(
+    family: Sequence[PoseTrajectory], goals: Mapping[str, Boundary]
+) -> list[tuple[int, int]]:
     """World axes of each view of the paths: that of the furthest reach, and one from the side."""
     points = [motion.positions for motion in family]
-    points += [
-        np.reshape(position, (1, 3)) for position, _ in goals.values() if position is not None
-    ]
+    points += [goal.position[None] for goal in goals.values() if goal.position is not None]
     reach = np.ptp(np.concatenate(points), axis=0)
     least = 2 if reach[2] <= reach[:2].min() else int(np.argmin(reach[:2]))
     a, b = (axis for axis in range(3) if axis != least)
@@ -257,7 +251,7 @@ def _draw_paths(
     view: tuple[int, int],
     original: PoseTrajectory,
     motions: Mapping[str, PoseTrajectory],
-    goals: Mapping[str, Goal],
+    goals: Mapping[str, Boundary],
     styles: Mapping[str, dict[str, Any]],
     system: ConstraintSystem,
 ) -> str:
@@ -287,10 +281,10 @@ def _draw_paths(
             ax.add_collection(LineCollection(list(scale * ticks), colors=color, linewidths=0.8))
         ax.plot(*end, "s", color=color, ms=0.75 * size, zorder=3)
         ax.plot(*start, "o", color=color, mfc="white", ms=size, zorder=3.2)
-    for name, (position, _) in goals.items():
-        if position is None:
+    for name, goal in goals.items():
+        if goal.position is None:
             continue
-        place = scale * np.asarray(position, dtype=np.float64)[columns]
+        place = scale * goal.position[columns]
         if name in motions:
             ax.plot(*place, **WANTED, ms=1.6 * size, zorder=3.5)
         else:

@@ -23,8 +23,7 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import nnls
+from numpy.typing import ArrayLike
 
 from noslip import _arguments
 from noslip._typing import Expression, Floats
@@ -32,6 +31,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
 from noslip.law.step import Coupled, Coupling, StepSymbols
+from noslip.projection.nearest import nearest
 from noslip.projection.quadratic import Pushes, least_push
 from noslip.rotations import quaternion_exp, quaternion_product
 from noslip.trajectory import PoseTrajectory
@@ -63,9 +63,6 @@ _LIMIT_APPROACHING, _LIMIT_RESTORING = 2, 4
 _HARD_CAP, _SOFT_CAPS = 1e7, (3e1, 3e4)
 """Largest multiplier of a hard limit, and of the least and most important soft one, over the
 velocity that the limits ask for."""
-_MOST_ITERATIONS = 50
-_CONTRADICTION = 1e-7
-"""What least distance programming leaves of 1 where no change keeps all limits."""
 
 
 def gauss_acceleration(
@@ -562,51 +559,27 @@ def project_velocities(
     levels = np.array(system.row_levels, dtype=object)
     # Limits of poses say nothing of velocities yet: their barriers do, step by step.
     counts = ~system.row_is_limit | (levels == "velocity")
-    is_limit = system.row_is_limit[counts]
     given = np.concatenate([np.ravel(linear_velocity), np.ravel(angular_velocity)]).astype(float)
-    weights = np.asarray(inverse_metric, dtype=np.float64)
-    found = given
-    close = 1e-15 * max(1.0, np.abs(given).max())
-    for iteration in range(_MOST_ITERATIONS):
-        residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
-        phi = (phi + np.where(levels == "position", residual_rate * residual, 0.0))[counts]
-        rows = rows[counts]
-        if np.abs(np.where(is_limit, np.minimum(phi, 0), phi)).max(initial=0.0) <= close:
-            break
-        base = given if iteration < _APPROACHING else found
-        found = base + least_change(rows, rows @ (found - base) - phi, is_limit, weights)
+
+    def conditions(change: Floats) -> tuple[Floats, Floats]:
+        velocities = given + change
+        residual, phi, rows = system.instant(
+            time, position, quaternion, velocities[:3], velocities[3:]
+        )
+        phi = phi + np.where(levels == "position", residual_rate * residual, 0.0)
+        return phi[counts], rows[counts]
+
+    change, _ = nearest(
+        conditions,
+        np.add,
+        system.row_is_limit[counts],
+        inverse_metric,
+        approaching=_APPROACHING,
+        tolerance=1e-15 * max(1.0, np.abs(given).max()),
+    )
+    found = given + change
+    residual, _, _ = system.instant(time, position, quaternion, found[:3], found[3:])
     return found[:3], found[3:], residual[~system.row_is_limit]
-
-
-def least_change(
-    rows: Floats, reach: Floats, is_limit: NDArray[np.bool_], inverse_metric: ArrayLike
-) -> Floats:
-    """Least d, in the metric, with ``rows d = reach``, or ``>= reach`` for limits.
-
-    Without limits the pseudo-inverse's, with them by non-negative least squares (Lawson and Hanson
-    1974, least distance programming).  Where not all limits can be kept, they are left out.
-    """
-    weights = np.asarray(inverse_metric, dtype=np.float64)
-    if not np.any(is_limit & (reach > 0)):
-        A, wanted = rows[~is_limit], reach[~is_limit]
-        weighted = weights[:, None] * A.T
-        d = weighted @ (np.linalg.pinv(A @ weighted, hermitian=True) @ wanted)
-        if np.all((rows @ d)[is_limit] >= reach[is_limit]):
-            return np.asarray(d)
-    roots = np.sqrt(weights)
-    A, wanted = rows * roots, reach
-    scale = np.abs(wanted).max() or 1.0
-    # An equality is two limits.
-    G = np.concatenate([A, -A[~is_limit]])
-    h = np.concatenate([wanted, -wanted[~is_limit]]) / scale
-    end = np.zeros(7)
-    end[-1] = 1.0
-    E = np.vstack([G.T, h])
-    push, distance = nnls(E, end)
-    left = E @ push - end
-    if distance < _CONTRADICTION:
-        return least_change(rows[~is_limit], reach[~is_limit], is_limit[~is_limit], weights)
-    return np.asarray(roots * (-scale * left[:6] / left[6]))
 
 
 def project_initial_velocity(

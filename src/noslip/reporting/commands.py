@@ -11,7 +11,7 @@ from noslip.constraints.expression import Instructions
 from noslip.edge import Edge
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
-from noslip.projection.trajectory import ROTATION_SMOOTHING
+from noslip.projection.request import LEARNING
 from noslip.rule import BARRIER_RATE
 
 BASIS_FUNCTIONS = 100
@@ -91,8 +91,10 @@ def _settings(dmp: ConstrainedDMP) -> list[str]:
     moved = any(record.position_change for record in dmp.record)
     if not moved and any(record.rotation_change for record in dmp.record):
         options += ["--hold-position"]
-    smoothing = min((record.smoothing for record in dmp.record), default=ROTATION_SMOOTHING)
-    if smoothing != ROTATION_SMOOTHING:
+    smoothing = min(
+        (record.smoothing for record in dmp.record), default=LEARNING.rotation_smoothing
+    )
+    if smoothing != LEARNING.rotation_smoothing:
         options += ["--smoothing", repr(smoothing)]
     options += _metric(dmp)
     if dmp.rule.barrier_rate != BARRIER_RATE:

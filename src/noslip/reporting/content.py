@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from noslip._version import __version__
+from noslip.boundary import Boundary
 from noslip.comparison import compare
 from noslip.constraints.blade import Blade
 from noslip.constraints.check import TOLERANCE, CheckReport, ConstraintCheck, check
@@ -378,7 +379,7 @@ def _merits(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> Table
     (against, reference), *_ = motions.items()
     units = set(dmp.system.equalities.row_units)
     unit = units.pop() if len(units) == 1 else "(SI)"
-    goal = (dmp.goal_position, dmp.goal_rotation)
+    goal = Boundary(1.0, dmp.goal_position, dmp.goal_rotation)
     columns: list[tuple[Cell, ...]] = []
     for motion in motions.values():
         merits = compare(motion, reference, dmp.system)

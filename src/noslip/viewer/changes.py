@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.boundary import Boundary
 from noslip.errors import NoslipError
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
@@ -31,19 +31,15 @@ class Wish:
 
     Attributes
     ----------
-    goal_position, start_position : array, shape (3,), or None
-        Meters.
-    goal_rotation, start_rotation : Rotation or None
+    goal, start : Boundary
     duration : float or None
         Seconds.
     metric : str
         Of ``METRICS``.
     """
 
-    goal_position: Floats | None = None
-    goal_rotation: Rotation | None = None
-    start_position: Floats | None = None
-    start_rotation: Rotation | None = None
+    goal: Boundary = field(default_factory=lambda: Boundary(1.0))
+    start: Boundary = field(default_factory=lambda: Boundary(0.0))
     duration: float | None = None
     metric: str = METRICS[0]
 
@@ -113,7 +109,8 @@ class Adapter:
         except (NoslipError, ArithmeticError) as error:
             passed = 1e3 * (time.perf_counter() - began)
             return Adapted(None, None, np.nan, np.nan, passed, str(error) or type(error).__name__)
-        goal = self.primitive.goal_position if wish.goal_position is None else wish.goal_position
+        own = self.primitive.goal_position, self.primitive.goal_rotation
+        goal, _ = wish.goal.pose_or(*own)
         return Adapted(
             dmp,
             motion,
@@ -128,14 +125,16 @@ class Adapter:
 
     def _adapted(self, wish: Wish, coarse: bool) -> ConstrainedDMP:
         dmp = self._with_metric(wish.metric)
-        asked = {
-            name: value
-            for name, value in vars(wish).items()
-            if name != "metric" and value is not None
-        }
-        if not asked:
+        if wish.goal.is_free and wish.start.is_free and wish.duration is None:
             return dmp
-        return dmp.adapt(**asked, samples=COARSE_SAMPLES if coarse else None)
+        return dmp.adapt(
+            goal_position=wish.goal.position,
+            goal_rotation=wish.goal.rotation,
+            start_position=wish.start.position,
+            start_rotation=wish.start.rotation,
+            duration=wish.duration,
+            samples=COARSE_SAMPLES if coarse else None,
+        )
 
     def _with_metric(self, metric: str) -> ConstrainedDMP:
         if metric not in self._by_metric:

@@ -21,6 +21,7 @@ import viser
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
+from noslip.boundary import Boundary
 from noslip.constraints.declaration import Constraint
 from noslip.errors import InputError, NoslipError
 from noslip.figures.style import PALETTE
@@ -393,8 +394,8 @@ class Page:
         self._follow(
             replace(
                 wish,
-                goal_position=_changed(self._goal.value, wish.goal_position, own.goal_position),
-                start_position=_changed(self._start.value, wish.start_position, own.start_position),
+                goal=_changed(self._goal.value, wish.goal, own.goal_position),
+                start=_changed(self._start.value, wish.start, own.start_position),
                 duration=self._duration.value
                 if wish.duration is not None or abs(self._duration.value - own.duration) > 1e-6
                 else None,
@@ -406,13 +407,14 @@ class Page:
         primitive, gizmo = self.entry.primitive, self._gizmos[what]
         if primitive is None:
             return
-        asked: dict[str, Any] = {f"{what}_position": np.array(gizmo.position)}
+        known = getattr(self.entry.wish, what)
+        asked = replace(known, position=np.array(gizmo.position))
         rotation = Rotation.from_quat(np.array(gizmo.wxyz), scalar_first=True)
         own = getattr(primitive, f"{what}_rotation")
-        known = getattr(self.entry.wish, f"{what}_rotation")
-        if known is not None or (rotation * own.inv()).magnitude() > 1e-6:
-            asked[f"{what}_rotation"] = rotation
-        self._follow(replace(self.entry.wish, **asked), coarse=coarse)
+        if known.rotation is not None or (rotation * own.inv()).magnitude() > 1e-6:
+            asked = replace(asked, rotation=rotation)
+        wish: dict[str, Any] = {what: asked}
+        self._follow(replace(self.entry.wish, **wish), coarse=coarse)
 
     def _redraw(self, name: str) -> None:
         """Draw a motion anew, and the others where the colors' scale changed."""
@@ -448,9 +450,8 @@ class Page:
         own, wish = entry.primitive, entry.wish
         assert own is not None
         for what, field_ in (("goal", self._goal), ("start", self._start)):
-            position = getattr(wish, f"{what}_position")
-            position = getattr(own, f"{what}_position") if position is None else position
-            rotation = getattr(wish, f"{what}_rotation") or getattr(own, f"{what}_rotation")
+            own_pose = getattr(own, f"{what}_position"), getattr(own, f"{what}_rotation")
+            position, rotation = getattr(wish, what).pose_or(*own_pose)
             field_.value = _plain(position)
             gizmo = self._gizmos[what]
             gizmo.position, gizmo.wxyz = position, rotation.as_quat(scalar_first=True)
@@ -571,13 +572,12 @@ class Page:
 # -------------------------------------------------------------------- texts
 
 
-def _changed(value: Sequence[float], known: Floats | None, own: Floats) -> Floats | None:
+def _changed(value: Sequence[float], known: Boundary, own: Floats) -> Boundary:
     """What a field says, unless it says what the primitive does and was never changed."""
     given = np.array(value, dtype=np.float64)
-    if known is None and np.abs(given - own).max() <= 1e-6:
-        return None
     # A browser shows and returns fewer digits than were set.
-    return known if known is not None and np.abs(given - known).max() <= 1e-9 else given
+    shown, digits = (own, 1e-6) if known.position is None else (known.position, 1e-9)
+    return known if np.abs(given - shown).max() <= digits else replace(known, position=given)
 
 
 def _plain(vector: Floats) -> tuple[float, ...]:
