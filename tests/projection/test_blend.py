@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.boundary import Boundary, sample_of
 from noslip.projection.blend import spread, through
 from noslip.trajectory import PoseTrajectory
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 counts = st.integers(1, 5)
 
 
