@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import cutting, numerical
-from measures import apart, degrees, slip
+from measures import apart, assert_same_poses, degrees, slip
 from motions import along, arc, cut, numerical_example
 from noslip._typing import Floats
 from refusals import refusal
@@ -265,9 +265,7 @@ def test_saved_and_loaded_its_motion_is_the_same_to_the_bit(tmp_path: Path) -> N
         (dmp.constrained.rollout(), loaded.constrained.rollout()),
         (dmp.adapt().rollout(), loaded.adapt().rollout()),
     ]:
-        np.testing.assert_array_equal(one.times, other.times)
-        np.testing.assert_array_equal(one.positions, other.positions)
-        np.testing.assert_array_equal(one.quaternions, other.quaternions)
+        assert_same_poses(one, other)
     assert loaded.record == dmp.record
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,26 +12,24 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from learned import numerical
-from measures import forward_speed, rms, slip, spin_about, steps
+from measures import assert_same_poses, forward_speed, rms, slip, spin_about, steps
 from motions import facing, numerical_example
 from noslip import (
     Blade,
     ConstraintError,
     ConvergenceError,
     InputError,
-    Instant,
     PoseDMP,
     PoseTrajectory,
     check,
     learn,
     load_demonstrations,
-    position_constraint,
     prepare,
     project_trajectory,
-    velocity_constraint,
 )
 from noslip._typing import Floats
 from refusals import refusal
+from rules import ceiling, no_roll, table
 from strategies import seeds
 
 BLADE = Blade()
@@ -67,16 +64,6 @@ def distances(motion: PoseTrajectory, demonstration: PoseTrajectory) -> Floats:
         times=demonstration.times[0] + fractions * demonstration.duration
     )
     return np.asarray(np.linalg.norm(motion.positions - reference.positions, axis=1))
-
-
-@position_constraint
-def table(motion: Instant) -> Any:
-    return motion.position[2]
-
-
-@velocity_constraint
-def no_roll(motion: Instant) -> Any:
-    return ca.dot(motion.rotation[:, 0], motion.angular_velocity)
 
 
 # -------------------------------------------------------------------- satisfied, whatever is asked
@@ -285,8 +272,7 @@ def test_without_constraints_a_pose_primitive_is_learned() -> None:
     assert learned.constraints == ()
     assert learned.record == ()
     mine, theirs = learned.rollout(), plain.rollout()
-    np.testing.assert_array_equal(mine.positions, theirs.positions)
-    np.testing.assert_array_equal(mine.rotations.as_quat(), theirs.rotations.as_quat())
+    assert_same_poses(mine, theirs)
     assert mine.constraint_residuals.shape == (len(mine), 0)
 
 
@@ -464,10 +450,6 @@ def test_the_impossible_is_refused_by_the_demonstrations_name() -> None:
 
 
 def test_contradictions_are_named_and_nothing_else() -> None:
-    @position_constraint
-    def ceiling(motion: Instant) -> Any:
-        return motion.position[2] - 1
-
     message = refusal(ConstraintError, learn, cut(1), [BLADE, table, ceiling])
     assert "'table' and 'ceiling' contradict" in message
     assert "blade" not in message

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import cutting, numerical
-from measures import degrees, slip
+from measures import assert_same_poses, degrees, slip
 from motions import along, arc, cut
 from noslip._typing import Floats
 from refusals import refusal
@@ -334,9 +334,7 @@ def test_saved_and_loaded_a_replanned_motion_is_the_same_to_the_bit(tmp_path: Pa
     dmp = cutting().replan(state)
     loaded = ns.load_primitive(dmp.save(tmp_path / "replanned.json"))
     one, other = dmp.rollout(), loaded.rollout()
-    np.testing.assert_array_equal(one.times, other.times)
-    np.testing.assert_array_equal(one.positions, other.positions)
-    np.testing.assert_array_equal(one.quaternions, other.quaternions)
+    assert_same_poses(one, other)
     assert loaded.begin == state.time
 
 

@@ -16,6 +16,7 @@ from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
+from panels import panel, title_of
 from scipy.spatial.transform import Rotation
 
 import noslip
@@ -170,17 +171,6 @@ def every_figure(motions, cuts, trained, resting, recording, limited, yielding):
         "adjustments": figures.orientation_adjustments(cuts, trained),
         "adjustments resting": figures.orientation_adjustments(resting, resting),
     }
-
-
-def title_of(figure):
-    return figure.get_suptitle().replace("\n", " ")
-
-
-def panel(figure, ylabel):
-    """The axes over time of that y label; its line breaks do not count."""
-    over_time = [ax for ax in figure.axes if not ax.get_title().startswith("path")]
-    (found,) = [ax for ax in over_time if ax.get_ylabel().replace("\n", " ") == ylabel]
-    return found
 
 
 def curves(ax):

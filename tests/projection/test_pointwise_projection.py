@@ -17,7 +17,7 @@ from noslip.primitives.stepping import StepSymbols
 from scipy.spatial.transform import Rotation
 
 from learned import constrained, fitted
-from measures import residuals
+from measures import assert_same_poses, residuals
 from motions import held_askew
 from noslip import (
     Blade,
@@ -41,6 +41,7 @@ from noslip.projection.pointwise import (
     project_velocities,
 )
 from refusals import refusal
+from rules import needle, no_roll, table
 from strategies import seeds
 
 FULL = (1.0,) * 6
@@ -49,11 +50,6 @@ METRICS = [POSITION_ONLY, FULL, UNEVEN]
 
 BLADE = Blade()
 CENTER = np.array([0.2, -0.3, 3.0])
-
-
-@velocity_constraint
-def needle(motion: Instant) -> Any:
-    return motion.rotation[:, 1:].T @ motion.linear_velocity
 
 
 @position_constraint
@@ -390,10 +386,6 @@ def test_the_papers_metric_leaves_the_rotation_as_it_is() -> None:
 
 def test_a_constraint_that_holds_anyway_does_no_work() -> None:
     # Flat demonstrations on a table.
-    @position_constraint
-    def table(motion: Instant) -> Any:
-        return motion.position[2]
-
     flat = replace(
         held_askew(), positions=held_askew().positions * [1, 1, 0], linear_velocities=None
     )
@@ -614,8 +606,7 @@ def test_only_the_initial_velocity_of_a_trajectory_is_projected(seed: int) -> No
     )
     np.testing.assert_array_equal(found.linear_velocities[1:], motion.linear_velocities[1:])
     np.testing.assert_array_equal(found.angular_velocities, motion.angular_velocities)
-    np.testing.assert_array_equal(found.positions, motion.positions)
-    np.testing.assert_array_equal(found.rotations.as_quat(), motion.rotations.as_quat())
+    assert_same_poses(found, motion)
     assert found.name == motion.name
 
 
@@ -649,9 +640,5 @@ def test_a_metric_is_six_numbers_that_leave_something_free(
 
 # Position only, as in the paper, cannot hold a rule about rotations.
 def test_a_metric_that_cannot_hold_a_constraint_is_refused() -> None:
-    @velocity_constraint
-    def no_roll(motion: Instant) -> Any:
-        return motion.rotation[:, 0].T @ motion.angular_velocity
-
     with pytest.raises(ConstraintError, match=r"'no roll'.*metric"):
         constrained([no_roll]).rollout()
