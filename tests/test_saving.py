@@ -125,11 +125,11 @@ def test_a_loaded_primitive_moves_the_same_to_the_bit(
         again,
         duration=rng.uniform(0.05, 600),
         goal_position=rng.normal(size=3),
-        start_rotation=Rotation.from_rotvec(0.2 * rng.normal(size=3)) * dmp.orientation.start,
+        start_rotation=Rotation.from_rotvec(0.2 * rng.normal(size=3)) * dmp.start_rotation,
     )
     assert_same_motions(dmp, again, time_step=dmp.duration / 137)
-    assert again.inverse_metric == dmp.inverse_metric
-    assert again.stabilization == dmp.stabilization
+    assert again.inverse_metric == dmp.rule.inverse_metric
+    assert again.stabilization == dmp.rule.stabilization
     assert again.record == dmp.record
 
 
@@ -346,7 +346,7 @@ def test_a_document_signed_again_is_loaded(dmp: ConstrainedDMP, saved: Path) -> 
         "primitive.position",
         "primitive.orientation",
         "primitive.position.weights",
-        "regular.orientation.winding",
+        "regular.law.goal.winding",
         "phase.alpha_s",
         pytest.param("phase"),
         pytest.param("attractor.alpha"),
@@ -369,10 +369,10 @@ def test_a_missing_field_is_named(saved: Path, field: str) -> None:
         ("inverse_metric", [1, 1, 1]),
         ("stabilization", []),
         ("constraints", 3),
-        ("primitive.position.goal", [1, 2]),
+        ("primitive.goal_position", [1, 2]),
         ("primitive.position.weights", [[1, 2, 3]]),
-        ("primitive.orientation.start", [1, 0, 0]),
-        ("primitive.orientation.winding", [1, 0, 0, 0]),
+        ("primitive.start_rotation", [1, 0, 0]),
+        ("primitive.law.goal.winding", [1, 0, 0, 0]),
         pytest.param("duration", 0),
         pytest.param("duration", -2.5),
         pytest.param("steps", 0),

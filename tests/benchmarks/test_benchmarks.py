@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from noslip.primitives import basis
 from rich.console import Console
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
@@ -21,6 +20,7 @@ from benchmarks.growth import Growth, grow, run_case
 from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
 from noslip import Blade, PoseTrajectory, check
+from noslip.law import basis
 
 needs_peer = pytest.mark.skipif(bool(peers.MISSING), reason=peers.MISSING)
 

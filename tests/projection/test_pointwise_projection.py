@@ -13,7 +13,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from noslip.primitives.stepping import StepSymbols
 from scipy.spatial.transform import Rotation
 
 from learned import constrained, fitted
@@ -26,14 +25,15 @@ from noslip import (
     ConstraintError,
     InputError,
     Instant,
-    PoseDMP,
     State,
+    learn,
     position_constraint,
     project_initial_velocity,
     velocity_constraint,
 )
 from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
+from noslip.law.step import StepSymbols
 from noslip.projection.pointwise import (
     POSITION_ONLY,
     coupling,
@@ -307,7 +307,7 @@ def test_multipliers_make_up_the_constraint_force(name: str) -> None:
 
 
 def start_on(name: str) -> Floats:
-    position = fitted().position.start.copy()
+    position = fitted().start_position.copy()
     if "sphere" in name:
         away = position - CENTER
         return np.asarray(CENTER + 3 * away / np.linalg.norm(away))
@@ -389,7 +389,7 @@ def test_a_constraint_that_holds_anyway_does_no_work() -> None:
     flat = replace(
         held_askew(), positions=held_askew().positions * [1, 1, 0], linear_velocities=None
     )
-    plain = PoseDMP.fit(flat, basis_functions=30)
+    plain = learn(flat, basis_functions=30)
     motion = constrained([table], plain=plain).rollout()
     np.testing.assert_allclose(motion.constraint_forces, 0, atol=1e-9)
     np.testing.assert_allclose(motion.positions, plain.rollout().positions, rtol=0, atol=1e-13)
@@ -461,7 +461,7 @@ def test_a_velocity_residual_decays_exponentially(rate: float, even: bool) -> No
     dmp = constrained([BLADE], stabilization=rate)
     gaps = np.random.default_rng(1).uniform(0.3, 1.7, 200) if not even else np.ones(200)
     steps = list(gaps / gaps.sum())
-    lateral = fitted().orientation.start.apply([0, 1, 0])
+    lateral = fitted().start_rotation.apply([0, 1, 0])
     states = off_start(dmp, steps, push=0.2 * lateral)
     times = np.array([state.time for state in states[1:]])
     found = np.array([state.constraint_residuals[0] for state in states[1:]])
@@ -471,7 +471,7 @@ def test_a_velocity_residual_decays_exponentially(rate: float, even: bool) -> No
 
 def test_the_rate_is_per_duration() -> None:
     dmp = constrained([BLADE], stabilization=10.0)
-    lateral = fitted().orientation.start.apply([0, 1, 0])
+    lateral = fitted().start_rotation.apply([0, 1, 0])
     state = dmp.initial_state(duration=50.0)
     state = replace(state, linear_velocity=state.linear_velocity + 0.2 * lateral)
     for _ in range(100):
