@@ -22,6 +22,7 @@ from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
 from noslip import Blade, Box, ConstrainedDMP, PoseTrajectory, State, learn
 from noslip.adapting import REPLANNED_SAMPLES
+from noslip.constraints.system import ConstraintSystem
 
 PUSHED_AT, PUSH = 0.4, 0.05
 """When the motion is pushed sideways to be re-planned, and how far: fractions of its duration and

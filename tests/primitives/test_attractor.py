@@ -165,13 +165,13 @@ def test_long_and_short_steps_in_turn_settle_at_the_goal() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(DAMPINGS), st.floats(-4, 0))
-def test_demonstrated_targets_reproduce_any_samples(
+def test_demonstrated_pulls_reproduce_any_samples(
     seed: int, damping: tuple[float, float], exponent: float
 ) -> None:
     rng = np.random.default_rng(seed)
     attractor, h = Attractor(*damping), 10**exponent
     values = rng.normal(size=(9, 2))
-    targets = attractor.demonstrated_target(values, np.diff(values, axis=0) / h, h)
+    targets = values[1:-1] + attractor.demonstrated_pull(np.diff(values, axis=0) / h, h)
     # The recursion written with the poles: x+ = S x - P x- + K x*.
     transition = expm(companion(attractor) * h)
     product, total = np.exp(-attractor.alpha * h), np.trace(transition)

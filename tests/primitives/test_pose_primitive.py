@@ -742,7 +742,7 @@ def test_a_step_must_take_time(fitted: ConstrainedDMP, value: float) -> None:
 )
 def test_constants_out_of_range_are_refused_by_name(argument: str, value: object) -> None:
     demonstration = Smooth(1).sampled(101)
-    assert argument in refused(ConstrainedDMP.fit, demonstration, **{argument: value})
+    assert argument in refused(learn, demonstration, **{argument: value})
 
 
 @pytest.mark.parametrize(
@@ -756,7 +756,7 @@ def test_constants_out_of_range_are_refused_by_name(argument: str, value: object
     ],
 )
 def test_demonstrations_must_be_trajectories(demonstrations: Any, message: str) -> None:
-    assert message in refused(ConstrainedDMP.fit, demonstrations)
+    assert message in refused(learn, demonstrations)
 
 
 def test_generators_of_demonstrations_are_taken() -> None:
