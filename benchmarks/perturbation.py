@@ -243,7 +243,7 @@ class _Motion:
         before = round(push.at * self.steps)
         own = self._controlled(push, before)
         steps = before + len(own) - 1
-        found = [self._recovery(NOSLIP, push, own, own.positions[-1:] - self.dmp.position.goal)]
+        found = [self._recovery(NOSLIP, push, own, own.positions[-1:] - self.dmp.goal_position)]
         for method in self.published:
             after = self._continued(method, push, before, max(steps, self.steps))
             to_goal = after.positions[self.steps - before :] - self.given.positions[-1]

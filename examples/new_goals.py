@@ -26,8 +26,8 @@ original = dmp.rollout()
 # All round the goal, half of them with another orientation at the end, one by way of a point.
 motions, goals = {}, {}
 for i, angle in enumerate(np.linspace(0, 2 * np.pi, 8, endpoint=False)):
-    goal = dmp.position.goal + 0.03 * np.array([np.cos(angle), np.sin(angle), 0.0])
-    turned = Rotation.from_euler("z", 25 * (i % 2), degrees=True) * dmp.orientation.goal
+    goal = dmp.goal_position + 0.03 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    turned = Rotation.from_euler("z", 25 * (i % 2), degrees=True) * dmp.goal_rotation
     via = [(0.5, [0.05, 0.015, 0.0])] if i == 2 else []
     adapted = dmp.adapt(goal_position=goal, goal_rotation=turned, via=via)
     name = f"{np.degrees(angle):.0f}°" + (", via a point" if via else "")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import noslip as ns
 from motions import cut, held_askew, numerical_example
+from noslip.constraints.system import ConstraintSystem
 from noslip.projection.pointwise import POSITION_ONLY
+from noslip.rule import Rule
 
 
 @cache
@@ -24,9 +27,9 @@ def cutting() -> ns.ConstrainedDMP:
 
 
 @cache
-def fitted(seed: int = 0) -> ns.PoseDMP:
+def fitted(seed: int = 0) -> ns.ConstrainedDMP:
     """One that knows nothing of constraints."""
-    return ns.PoseDMP.fit(held_askew(seed), basis_functions=30)
+    return ns.learn(held_askew(seed), basis_functions=30)
 
 
 def constrained(
@@ -34,19 +37,18 @@ def constrained(
     metric: Sequence[float] = POSITION_ONLY,
     seed: int = 0,
     *,
-    plain: ns.PoseDMP | None = None,
+    plain: ns.ConstrainedDMP | None = None,
     **settings: Any,
 ) -> ns.ConstrainedDMP:
     """Couple a primitive that knows nothing of the constraints to them."""
     plain = plain or fitted(seed)
-    return ns.ConstrainedDMP(
-        position=plain.position,
-        orientation=plain.orientation,
-        phase=plain.phase,
-        duration=plain.duration,
-        steps=plain.steps,
-        constraints=tuple(constraints),
-        regular=plain,
-        inverse_metric=tuple(metric),
-        **settings,
-    )
+    rule = Rule(ConstraintSystem(constraints), tuple(metric), **settings)
+    return ns.ConstrainedDMP(plain.law, rule)
+
+
+def under(
+    dmp: ns.ConstrainedDMP, constraints: Sequence[ns.Constraint], **settings: Any
+) -> ns.ConstrainedDMP:
+    """The same law under other constraints."""
+    rule = replace(dmp.rule, system=ConstraintSystem(constraints), **settings)
+    return replace(dmp, rule=rule)

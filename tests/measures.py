@@ -99,5 +99,12 @@ def apart(one: PoseTrajectory, other: PoseTrajectory) -> tuple[float, float]:
     return float(moved), degrees(one.rotations, other.rotations)
 
 
+def assert_same_poses(one: PoseTrajectory, other: PoseTrajectory) -> None:
+    """Two motions are the same to the bit."""
+    np.testing.assert_array_equal(one.times, other.times)
+    np.testing.assert_array_equal(one.positions, other.positions)
+    np.testing.assert_array_equal(one.rotations.as_quat(), other.rotations.as_quat())
+
+
 def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values))))

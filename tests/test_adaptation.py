@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import cutting, numerical
-from measures import apart, degrees, slip
+from measures import apart, assert_same_poses, degrees, slip
 from motions import along, arc, cut, numerical_example
 from noslip._typing import Floats
 from refusals import refusal
@@ -55,7 +55,7 @@ def assert_reaches(motion: ns.Motion, goal: Any, turned: Rotation, length: float
 
 
 def own_goal(dmp: ns.ConstrainedDMP) -> tuple[Floats, Rotation]:
-    return dmp.position.goal, dmp.orientation.goal
+    return dmp.goal_position, dmp.goal_rotation
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Goal:
         """From 1 % of the path's length away, in any direction, turned about any axis."""
         shift = rng.uniform(0.01, farthest) * length * unit(rng)
         turn = np.radians(rng.uniform(0, turned)) * unit(rng)
-        return cls(dmp.position.goal + shift, Rotation.from_rotvec(turn) * dmp.orientation.goal)
+        return cls(dmp.goal_position + shift, Rotation.from_rotvec(turn) * dmp.goal_rotation)
 
 
 # -------------------------------------------------------------------- new goals, as promised
@@ -136,27 +136,27 @@ def test_a_new_goal_is_reached_without_slip(seed: int) -> None:
     assert_reaches(motion, goal.position, goal.rotation, length)
     assert np.abs(slip(motion)).max() <= RESIDUAL
     # Nothing was said about the start.
-    np.testing.assert_allclose(motion.positions[0], dmp.position.start, atol=1e-12)
-    assert degrees(motion.rotations[0], dmp.orientation.start) <= 1e-9
+    np.testing.assert_allclose(motion.positions[0], dmp.start_position, atol=1e-12)
+    assert degrees(motion.rotations[0], dmp.start_rotation) <= 1e-9
 
 
 # What adapting is for: the coupling term alone stops short of a goal beside the blade.
 def test_without_adapting_the_same_goal_is_missed() -> None:
     dmp = cutting()
     length = dmp.rollout().path_length
-    goal = dmp.position.goal + 0.2 * length * dmp.orientation.goal.as_matrix()[:, 1]
+    goal = dmp.goal_position + 0.2 * length * dmp.goal_rotation.as_matrix()[:, 1]
     missed = dmp.rollout(goal_position=goal).positions[-1] - goal
     assert np.linalg.norm(missed) > 0.02 * length
-    assert_reaches(dmp.adapt(goal_position=goal).rollout(), goal, dmp.orientation.goal, length)
+    assert_reaches(dmp.adapt(goal_position=goal).rollout(), goal, dmp.goal_rotation, length)
 
 
 @pytest.mark.parametrize("far", [1.0, 10.0, 100.0])
 def test_goals_many_lengths_away_are_reached_too(far: float) -> None:
     dmp = cutting()
     length = dmp.rollout().path_length
-    goal = dmp.position.goal + far * length * np.array([0.6, 0.0, 0.8])
+    goal = dmp.goal_position + far * length * np.array([0.6, 0.0, 0.8])
     motion = dmp.adapt(goal_position=goal).rollout()
-    assert_reaches(motion, goal, dmp.orientation.goal, far * length)
+    assert_reaches(motion, goal, dmp.goal_rotation, far * length)
 
 
 @pytest.mark.parametrize("turn", [90, 135, 175])
@@ -164,22 +164,22 @@ def test_goals_turned_by_up_to_half_a_turn_are_reached(turn: float) -> None:
     dmp = cutting()
     turned = Rotation.from_rotvec(np.radians(turn) * np.array([0.6, 0, 0.8])) * own_goal(dmp)[1]
     motion = dmp.adapt(goal_rotation=turned).rollout()
-    assert_reaches(motion, dmp.position.goal, turned, motion.path_length)
+    assert_reaches(motion, dmp.goal_position, turned, motion.path_length)
 
 
 def test_a_goal_equal_to_the_start_is_reached() -> None:
     dmp = cutting()
-    motion = dmp.adapt(goal_position=dmp.position.start).rollout()
-    assert_reaches(motion, dmp.position.start, dmp.orientation.goal, dmp.rollout().path_length)
+    motion = dmp.adapt(goal_position=dmp.start_position).rollout()
+    assert_reaches(motion, dmp.start_position, dmp.goal_rotation, dmp.rollout().path_length)
 
 
 @pytest.mark.parametrize("samples", [40, 101, 1500])
 def test_the_number_of_samples_does_not_matter_to_where_it_ends(samples: int) -> None:
     dmp = cutting()
     length = dmp.rollout().path_length
-    goal = dmp.position.goal + [0.1, 0.1, 0.05]
+    goal = dmp.goal_position + [0.1, 0.1, 0.05]
     motion = dmp.adapt(goal_position=goal, samples=samples).rollout()
-    assert_reaches(motion, goal, dmp.orientation.goal, length)
+    assert_reaches(motion, goal, dmp.goal_rotation, length)
     usual = dmp.adapt(goal_position=goal).rollout()
     assert apart(motion, usual)[0] <= 0.01 * length
 
@@ -188,7 +188,7 @@ def test_the_number_of_samples_does_not_matter_to_where_it_ends(samples: int) ->
 # much the path may be reshaped.
 def test_the_position_weight_decides_how_much_the_path_is_reshaped() -> None:
     dmp = cutting()
-    goal = dmp.position.goal + 0.2 * dmp.orientation.goal.as_matrix()[:, 1]
+    goal = dmp.goal_position + 0.2 * dmp.goal_rotation.as_matrix()[:, 1]
     changes = [
         dmp.adapt(goal_position=goal, position_weight=weight).record[0].position_change
         for weight in (1.0, 100.0, 10000.0)
@@ -212,8 +212,8 @@ def test_adapting_to_its_own_values_is_adapting_to_nothing_new() -> None:
     spelled_out = dmp.adapt(
         goal_position=goal,
         goal_rotation=turned,
-        start_position=dmp.position.start,
-        start_rotation=dmp.orientation.start,
+        start_position=dmp.start_position,
+        start_rotation=dmp.start_rotation,
         duration=dmp.duration,
     )
     assert max(apart(spelled_out.rollout(), dmp.adapt().rollout())) <= 1e-9
@@ -232,7 +232,7 @@ def test_another_duration_keeps_the_path(duration: float) -> None:
 
 def test_a_new_goal_in_another_time_lies_on_the_same_path() -> None:
     dmp = cutting()
-    goal = dmp.position.goal + [0.2, -0.1, 0.1]
+    goal = dmp.goal_position + [0.2, -0.1, 0.1]
     slow = dmp.adapt(goal_position=goal, duration=7.0)
     usual = dmp.adapt(goal_position=goal)
     assert apart(slow.rollout(), usual.rollout())[0] <= 1e-8
@@ -265,9 +265,7 @@ def test_saved_and_loaded_its_motion_is_the_same_to_the_bit(tmp_path: Path) -> N
         (dmp.constrained.rollout(), loaded.constrained.rollout()),
         (dmp.adapt().rollout(), loaded.adapt().rollout()),
     ]:
-        np.testing.assert_array_equal(one.times, other.times)
-        np.testing.assert_array_equal(one.positions, other.positions)
-        np.testing.assert_array_equal(one.quaternions, other.quaternions)
+        assert_same_poses(one, other)
     assert loaded.record == dmp.record
 
 
@@ -288,10 +286,10 @@ def test_its_variants_roll_out_to_its_goal() -> None:
     dmp = adapted()
     regular, constrained = dmp.regular.rollout(), dmp.constrained.rollout()
     for motion in (regular, constrained):
-        np.testing.assert_allclose(motion.positions[0], dmp.position.start, atol=1e-12)
+        np.testing.assert_allclose(motion.positions[0], dmp.start_position, atol=1e-12)
         assert motion.duration == pytest.approx(dmp.duration)
-    assert np.linalg.norm(regular.positions[-1] - dmp.position.goal) <= 1e-3
-    assert degrees(regular.rotations[-1], dmp.orientation.goal) <= ROTATION
+    assert np.linalg.norm(regular.positions[-1] - dmp.goal_position) <= 1e-3
+    assert degrees(regular.rotations[-1], dmp.goal_rotation) <= ROTATION
     assert np.abs(slip(constrained)).max() <= RESIDUAL
     # The regular one knows of no constraint.
     assert np.abs(slip(regular)).max() > 1e-3
@@ -336,8 +334,8 @@ def at_start(steps: Floats) -> Floats:
 def test_it_starts_in_the_pose_and_with_the_velocities_wanted(seed: int) -> None:
     dmp, rng = cutting(), np.random.default_rng(seed)
     length = dmp.rollout().path_length
-    start = dmp.position.start + rng.uniform(0, 0.2) * length * unit(rng)
-    held = Rotation.from_rotvec(rng.uniform(0, 0.6) * unit(rng)) * dmp.orientation.start
+    start = dmp.start_position + rng.uniform(0, 0.2) * length * unit(rng)
+    held = Rotation.from_rotvec(rng.uniform(0, 0.6) * unit(rng)) * dmp.start_rotation
     velocity = rng.normal(size=6) * [0.5, 0.5, 0.5, 1, 1, 1]
     lateral = held.as_matrix()[:, 1]
     allowed = velocity[:3] - lateral * (lateral @ velocity[:3])
@@ -361,7 +359,7 @@ def test_it_starts_in_the_pose_and_with_the_velocities_wanted(seed: int) -> None
 
 def test_without_a_start_velocity_it_begins_as_suits_the_motion() -> None:
     dmp = cutting()
-    start = dmp.position.start + [0.02, 0.1, 0.02]
+    start = dmp.start_position + [0.02, 0.1, 0.02]
     motion = dmp.adapt(start_position=start).rollout()
     edge = motion.rotations[0].as_matrix()[:, 0]
     assert motion.linear_velocities[0] @ edge > 0.1
@@ -455,7 +453,7 @@ def test_only_what_is_asked_of_the_goal_is_kept(seed: int) -> None:
     }
     for end, motion in found.items():
         assert np.abs(slip(motion)).max() <= RESIDUAL
-        np.testing.assert_allclose(motion.positions[0], dmp.position.start, atol=1e-9)
+        np.testing.assert_allclose(motion.positions[0], dmp.start_position, atol=1e-9)
         if end in ("pose", "position"):
             assert np.linalg.norm(motion.positions[-1] - goal.position) <= POSITION * length
         if end in ("pose", "rotation"):
@@ -469,8 +467,8 @@ def test_only_what_is_asked_of_the_goal_is_kept(seed: int) -> None:
 def test_only_what_is_asked_of_the_start_is_kept(start: Any) -> None:
     dmp = cutting()
     length = dmp.rollout().path_length
-    first = dmp.position.start + [0.05, 0.1, 0.02]
-    held = Rotation.from_rotvec([0, 0.1, 0.3]) * dmp.orientation.start
+    first = dmp.start_position + [0.05, 0.1, 0.02]
+    held = Rotation.from_rotvec([0, 0.1, 0.3]) * dmp.start_rotation
     motion = dmp.adapt(start_position=first, start_rotation=held, start=start).rollout()
     assert_reaches(motion, *own_goal(dmp), length)
     there = np.linalg.norm(motion.positions[0] - first) <= 1e-9
@@ -525,7 +523,7 @@ def test_adapting_commutes_with_moving_the_scene(scaling: Any, seed: int) -> Non
 def test_adapting_knows_no_unit_of_length(scaling: Any, size: float) -> None:
     dmp, none = cutting(), (Rotation.identity(), np.zeros(3))
     other = ns.learn(moved(cut(), *none, size), [BLADE], basis_functions=40)
-    goal = dmp.position.goal + [0.2, 0.1, -0.1]
+    goal = dmp.goal_position + [0.2, 0.1, -0.1]
     one = dmp.adapt(goal_position=goal, scaling=scaling).rollout()
     two = other.adapt(goal_position=size * goal, scaling=scaling).rollout()
     off, angle = apart(two, moved(one, *none, size))
@@ -562,8 +560,8 @@ def assert_displaced(dmp: ns.ConstrainedDMP, shift: Floats, turn: Floats) -> Non
     """Where nothing needs to be projected, the adapted motion is known in closed form."""
     usual, s = dmp.rollout(), np.linspace(0, 1, dmp.steps + 1)
     # Turned in the tool's frame.
-    goal = dmp.position.goal + shift
-    held = dmp.orientation.goal * Rotation.from_rotvec(turn)
+    goal = dmp.goal_position + shift
+    held = dmp.goal_rotation * Rotation.from_rotvec(turn)
     found = dmp.adapt(goal_position=goal, goal_rotation=held).rollout()
     blend = minimum_jerk(s)
     wanted = usual.positions + blend * shift
@@ -608,8 +606,8 @@ def test_a_goal_farther_along_the_way_stretches_the_cut(scaling: Any, factor: fl
     s, x = arc()
     x = x + np.outer(s, [0, 0, 0.3])
     dmp = ns.learn(ns.PoseTrajectory(2 * s, x, along(x, s)), [BLADE], basis_functions=40)
-    start, usual = dmp.position.start, dmp.rollout()
-    goal = start + factor * (dmp.position.goal - start)
+    start, usual = dmp.start_position, dmp.rollout()
+    goal = start + factor * (dmp.goal_position - start)
     found = dmp.adapt(goal_position=goal, scaling=scaling).rollout()
     wanted = ns.PoseTrajectory(
         usual.times, start + factor * (usual.positions - start), usual.rotations
@@ -622,11 +620,11 @@ def test_a_goal_farther_along_the_way_stretches_the_cut(scaling: Any, factor: fl
 @pytest.mark.parametrize("part", [0.0, -1.0, 1e-6])
 def test_goals_at_the_start_or_opposite_to_it_are_reached(scaling: Any, part: float) -> None:
     dmp = cutting()
-    start = dmp.position.start
-    goal = start + part * (dmp.position.goal - start)
+    start = dmp.start_position
+    goal = start + part * (dmp.goal_position - start)
     new = dmp.adapt(goal_position=goal, scaling=scaling)
     # What is not named turns along with the path.
-    turned = new.orientation.goal if scaling == "rotation-dilation" else dmp.orientation.goal
+    turned = new.goal_rotation if scaling == "rotation-dilation" else dmp.goal_rotation
     assert_reaches(new.rollout(), goal, turned, dmp.rollout().path_length)
 
 
@@ -637,7 +635,7 @@ def test_a_turned_and_stretched_way_turns_and_stretches_the_whole_motion(
 ) -> None:
     dmp = cutting()
     own = dmp.rollout()
-    start, way = dmp.position.start, dmp.position.goal - dmp.position.start
+    start, way = dmp.start_position, dmp.goal_position - dmp.start_position
     # About what is square to the way: the smallest turn from the one way to the other.
     axis = np.cross(way, [0.0, 0.0, 1.0])
     axis = np.cross(axis, way) / np.linalg.norm(np.cross(axis, way))
@@ -656,13 +654,13 @@ def test_a_closed_cut_is_adapted_under_any_scaling() -> None:
     x = np.column_stack([np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), 0 * s])
     held = Rotation.from_euler("Z", 2 * np.pi * s + np.pi / 2)
     dmp = ns.learn(ns.PoseTrajectory(2 * s, x, held, name="circle"), [BLADE])
-    goal = dmp.position.goal + [0.3, 0.2, 0.1]
+    goal = dmp.goal_position + [0.3, 0.2, 0.1]
     motions = [
         dmp.adapt(goal_position=goal, scaling=scaling).rollout()
         for scaling in ("none", "difference", "rotation-dilation")
     ]
     for motion in motions:
-        assert_reaches(motion, goal, dmp.orientation.goal, dmp.rollout().path_length)
+        assert_reaches(motion, goal, dmp.goal_rotation, dmp.rollout().path_length)
     # Nothing says how to scale what returns to its start, so the force stays; only how the goal's
     # displacement spreads is the attractor's.
     assert apart(motions[1], motions[2])[0] <= 1e-9
@@ -789,20 +787,20 @@ def test_goals_are_reached_under_any_constraint(name: str) -> None:
     assert_reaches(motion, case.goal, turned, length * case.position / POSITION)
     assert ns.check(motion, dmp.constraints, tolerance=1e-9).satisfied
     # Not by standing about: the goal moved, so did the motion.
-    assert apart(motion, dmp.rollout())[0] >= 0.9 * np.linalg.norm(case.goal - dmp.position.goal)
+    assert apart(motion, dmp.rollout())[0] >= 0.9 * np.linalg.norm(case.goal - dmp.goal_position)
 
 
 @pytest.mark.parametrize("name", ["sphere", "remote center", "tool axis", "plane that moves"])
 def test_starts_off_the_constraint_are_moved_onto_it(name: str) -> None:
     _, dmp = learned(name)
     motion = dmp.adapt(
-        start_position=dmp.position.start + [0.03, 0.03, 0.03],
-        start_rotation=Rotation.from_rotvec([0.1, -0.1, 0.1]) * dmp.orientation.start,
+        start_position=dmp.start_position + [0.03, 0.03, 0.03],
+        start_rotation=Rotation.from_rotvec([0.1, -0.1, 0.1]) * dmp.start_rotation,
     ).rollout()
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL
     # As near as the constraint lets it: a nudge, no leap.
-    assert np.linalg.norm(motion.positions[0] - dmp.position.start) < 0.15
-    goal = motion.positions[-1] - dmp.position.goal
+    assert np.linalg.norm(motion.positions[0] - dmp.start_position) < 0.15
+    goal = motion.positions[-1] - dmp.goal_position
     assert np.linalg.norm(goal) <= POSITION * motion.path_length
 
 
@@ -835,7 +833,7 @@ def test_limits_hold_on_the_way_to_a_new_goal(name: str, priority: int) -> None:
     motion = new.rollout()
     assert new.record[0].left_out == ()
     assert motion.margins.min() >= -KEPT
-    assert_reaches(motion, goal, dmp.orientation.goal, motion.path_length)
+    assert_reaches(motion, goal, dmp.goal_rotation, motion.path_length)
     # Without it the same goal would violate it.
     free = cutting().adapt(goal_position=goal).rollout()
     assert not ns.check(free, [make(priority)], tolerance=1e-3).satisfied
@@ -870,7 +868,7 @@ def test_via_points_that_no_motion_can_pass_are_refused_by_name(name: str) -> No
 
 def test_a_rotation_that_no_motion_can_end_in_is_refused_by_name() -> None:
     dmp = ns.learn(cut(height=0), [ns.ToolAxis()], basis_functions=40)
-    turned = Rotation.from_rotvec([0.2, 0, 0]) * dmp.orientation.goal
+    turned = Rotation.from_rotvec([0.2, 0, 0]) * dmp.goal_rotation
     with pytest.raises(ns.ConstraintError, match=r"^goal violates 'tool-axis"):
         dmp.adapt(goal_rotation=turned)
 
@@ -883,7 +881,7 @@ def test_a_goal_too_far_for_a_hard_speed_limit_is_no_silent_failure() -> None:
         dmp.adapt(goal_position=goal)
     in_time = dmp.adapt(goal_position=goal, duration=8.0).rollout()
     assert in_time.margins.min() >= -KEPT
-    assert_reaches(in_time, goal, dmp.orientation.goal, in_time.path_length)
+    assert_reaches(in_time, goal, dmp.goal_rotation, in_time.path_length)
 
 
 def test_a_soft_limit_that_cannot_be_heeded_is_named() -> None:
@@ -902,12 +900,12 @@ def test_a_motion_under_way_is_adapted_by_the_constraints_own_clock() -> None:
     for _ in range(100):
         state = dmp.step(state, dmp.duration / dmp.steps)
     late = dmp.replan(state)
-    assert late.begin == pytest.approx(state.time) and state.time > 0.5
-    end = late.begin + late.duration
-    goal = late.position.goal + [0.05, 0.1, 0]
+    assert late.law.begin == pytest.approx(state.time) and state.time > 0.5
+    end = late.law.begin + late.duration
+    goal = late.goal_position + [0.05, 0.1, 0]
     goal[2] = 0.05 * np.sin(2 * np.pi / 1.7 * end + 0.4)
     motion = late.adapt(goal_position=goal).rollout()
-    assert motion.times[0] == late.begin
+    assert motion.times[0] == late.law.begin
     heights = 0.05 * np.sin(2 * np.pi / 1.7 * motion.times + 0.4)
     np.testing.assert_allclose(motion.positions[:, 2], heights, atol=1e-9)
     assert np.linalg.norm(motion.positions[-1] - goal) <= POSITION

@@ -236,7 +236,7 @@ def test_velocities_that_are_not_named_are_the_references() -> None:
 @settings(max_examples=5)
 def test_a_motion_adapted_to_come_to_rest_does(seed: int) -> None:
     dmp, rng = cutting(), np.random.default_rng(seed)
-    goal = dmp.position.goal + rng.uniform(-0.1, 0.1, 3)
+    goal = dmp.goal_position + rng.uniform(-0.1, 0.1, 3)
     moving, resting = (dmp.adapt(goal_position=goal, **v) for v in ({}, {"goal_velocity": 0}))
     motion = resting.rollout()
     assert np.linalg.norm(motion.positions[-1] - goal) <= 1e-3

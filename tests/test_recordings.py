@@ -235,8 +235,8 @@ def test_nothing_slips_on_the_way_to_another_goal(
     _, demonstration, dmp = learned(file, family, lowpass=LOWPASS)
     shift = 0.1 * extent(demonstration) * np.array([1.0, -1.0, 0.0])
     for asked in (
-        {"goal_position": dmp.position.goal + shift},
-        {"start_rotation": Rotation.from_rotvec([0, 0, 0.5]) * dmp.orientation.start},
+        {"goal_position": dmp.goal_position + shift},
+        {"start_rotation": Rotation.from_rotvec([0, 0, 0.5]) * dmp.start_rotation},
         {"duration": 2.5 * dmp.duration},
         {"time_step": 0.37 * dmp.duration / dmp.steps},
     ):

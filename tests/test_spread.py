@@ -151,7 +151,7 @@ def test_identical_demonstrations_have_none() -> None:
 
 def test_one_demonstration_has_no_spread() -> None:
     assert ns.learn(demonstration(), basis_functions=30).spread is None
-    assert Spread.about(ns.PoseDMP.fit(demonstration()), [demonstration()]) is None
+    assert Spread.about(ns.learn(demonstration()), [demonstration()]) is None
 
 
 @pytest.mark.parametrize("seed", range(3))

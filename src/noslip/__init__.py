@@ -33,6 +33,7 @@ from noslip.constraints import (
     velocity_constraint,
 )
 from noslip.constraints.check import CheckReport, check
+from noslip.control.controller import Controller
 from noslip.demonstrations.alignment import align
 from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.outliers import Outliers, outliers
@@ -46,14 +47,15 @@ from noslip.errors import (
     NoslipError,
     RecordingError,
 )
-from noslip.learning import ConstrainedDMP, learn
+from noslip.learning import learn
 from noslip.many import LearnedEach, learn_each
-from noslip.primitives import Motion, OrientationDMP, PoseDMP, PositionDMP, State
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import project_trajectory
 from noslip.recordings import BagTopic, bag_topics, write_bag, write_joints, write_recording
 from noslip.result_table import RecordingResult
-from noslip.runtime.controller import Controller
+from noslip.runtime.motion import Motion
+from noslip.runtime.state import State
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
@@ -84,12 +86,9 @@ __all__ = [
     "Motion",
     "Needle",
     "NoslipError",
-    "OrientationDMP",
     "Outliers",
     "PlaneContact",
-    "PoseDMP",
     "PoseTrajectory",
-    "PositionDMP",
     "RecordingError",
     "RecordingResult",
     "RemoteCenter",

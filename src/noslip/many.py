@@ -52,8 +52,8 @@ from noslip.demonstrations.loading import (
 )
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import ConstraintError, InputError, MissingDependencyError, NoslipError
-from noslip.learning import ConstrainedDMP, learn
-from noslip.projection.pointwise import project_initial_velocity
+from noslip.learning import learn
+from noslip.primitive import ConstrainedDMP
 from noslip.result_table import RecordingResult, read_results, require_format, write_results
 from noslip.trajectory import PoseTrajectory
 
@@ -105,7 +105,6 @@ def learn_each(
     jobs: int = 1,
     loading: Mapping[str, Any] | None = None,
     preparation: Mapping[str, Any] | None = None,
-    project_start: bool = False,
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> LearnedEach:
@@ -134,8 +133,6 @@ def learn_each(
         ``if __name__ == "__main__":`` around its call with more.
     loading, preparation : mapping, optional
         Options of :func:`noslip.load_demonstrations` and :func:`noslip.prepare`.
-    project_start : bool
-        Project the recordings' initial velocity onto the constraints.
     progress : callable, optional
         Called with (recordings done, all).
     **options
@@ -157,7 +154,7 @@ def learn_each(
         raise InputError(f"{folder}: is a file; give a folder for the primitives")
     own_table = None if folder is None else folder / TABLE
     target = own_table if table is None else Path(table)
-    settings = _settings(constraints, loading or {}, preparation or {}, project_start, options)
+    settings = _settings(constraints, loading or {}, preparation or {}, options)
     key = hashlib.sha256(settings.encode()).hexdigest()[:16]
     files = find_recordings(recordings, leave_out=[p for p in (target, own_table) if p])
 
@@ -321,7 +318,6 @@ def _settings(
     constraints: ConstraintSystem | Constraint | Sequence[Constraint],
     loading: Mapping[str, Any],
     preparation: Mapping[str, Any],
-    project_start: bool,
     options: Mapping[str, Any],
 ) -> str:
     """Return all that a worker needs besides the recording, as JSON."""
@@ -330,7 +326,6 @@ def _settings(
         "constraints": _specifications(as_system(constraints)),
         "loading": _completed(load_demonstrations, loading),
         "preparation": _completed(prepare, preparation),
-        "project_start": bool(project_start),
         "options": _completed(learn, options),
     }
     return json.dumps(asked, sort_keys=True, default=lambda array: array.tolist())
@@ -412,7 +407,6 @@ class _Worker:
                 "same version on both"
             )
         self.system = ConstraintSystem([restore(data) for data in self.asked["constraints"]])
-        self.steppers: dict[tuple[float, ...], Any] = {}
 
     def learn(self, name: str, file: Path, primitive: Path | None) -> RecordingResult:
         begin = perf_counter()
@@ -436,8 +430,6 @@ class _Worker:
         if len(loaded) != 1:
             raise InputError(f"{file}: holds {len(loaded)} recordings; give files with one each")
         demonstration = prepare(loaded[0], **self.asked["preparation"])
-        if self.asked["project_start"]:
-            demonstration = project_initial_velocity(demonstration, self.system)
         dmp = learn(demonstration, self.system, **self.asked["options"])
         figures = self._compared(dmp, demonstration)
         if primitive is not None:
@@ -446,10 +438,6 @@ class _Worker:
 
     def _compared(self, dmp: ConstrainedDMP, demonstration: PoseTrajectory) -> dict[str, Any]:
         system = self.system
-        # The graphs of the constraints and of a step do not depend on what was learned.
-        if dmp.inverse_metric not in self.steppers:
-            self.steppers[dmp.inverse_metric] = dmp.stepper
-        dmp.take_over(system, self.steppers[dmp.inverse_metric])
         motion = dmp.rollout()
         compared: Comparison = compare(motion, demonstration, system)
         off = step_residuals(demonstration, system.equalities)

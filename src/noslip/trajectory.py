@@ -19,6 +19,7 @@ from noslip import _arguments
 from noslip._files import write_beside
 from noslip._pose_files import read_csv, read_npz
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.errors import InputError
 
 CSV_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
@@ -27,7 +28,7 @@ UNIFORM_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class PoseTrajectory:
+class PoseTrajectory(Value):
     """Timed poses of a tool, with the velocities that go with them. Immutable.
 
     Parameters

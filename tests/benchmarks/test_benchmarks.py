@@ -20,7 +20,7 @@ from benchmarks.growth import Growth, grow, run_case
 from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
 from noslip import Blade, PoseTrajectory, check
-from noslip.primitives import basis
+from noslip.law import basis
 
 needs_peer = pytest.mark.skipif(bool(peers.MISSING), reason=peers.MISSING)
 

@@ -100,7 +100,7 @@ def test_what_is_told_is_what_the_motion_written_does(noslip, primitive, tmp_pat
     before, dmp = ns.load_primitive(primitive), ns.load_primitive(out)
     motion = dmp.rollout()
     off = np.linalg.norm(motion.positions[-1] - goal)
-    turned = (motion.rotations[-1].inv() * before.orientation.goal).magnitude()
+    turned = (motion.rotations[-1].inv() * before.goal_rotation).magnitude()
     peaks = [
         np.linalg.norm(m.step_velocities()[1], axis=1).max() for m in (before.rollout(), motion)
     ]

@@ -6,7 +6,6 @@ import contextlib
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from learned import under
 from motions import planar_cut
 from noslip.cli import main
 from noslip.figures import constraint_history, save_figure
@@ -61,7 +61,7 @@ def test_learned_motion_passes_the_check_that_its_recording_fails(noslip, primit
 def test_rollout_takes_goals_durations_and_rates(noslip, primitive, tmp_path):
     motion = tmp_path / "motion.npz"
     dmp = ns.load_primitive(primitive)
-    goal = dmp.position.goal + [0.01, 0.0, 0.0]
+    goal = dmp.goal_position + [0.01, 0.0, 0.0]
     result = noslip(
         *("rollout", primitive, "--out", motion, "--duration", 4, "--time-step", 0.01, "--json"),
         *("--goal-position", ",".join(map(repr, goal.tolist()))),
@@ -298,7 +298,7 @@ def advance(motion):
 
 def with_constraints(primitive, constraints, path) -> Path:
     """Save a primitive that is made to hold other constraints."""
-    return replace(ns.load_primitive(primitive), constraints=tuple(constraints)).save(path)
+    return under(ns.load_primitive(primitive), constraints).save(path)
 
 
 @pytest.mark.parametrize(("priority", "code", "kind"), [(0, 1, "hard"), (2, 0, "soft, priority 2")])

@@ -14,6 +14,7 @@ import pytest
 import noslip as ns
 from noslip.codegen import library
 from noslip.experiments.numerical_example import demonstration
+from noslip.runtime.stepper import stepper_of
 
 
 def learned(**options: Any) -> ns.ConstrainedDMP:
@@ -40,10 +41,10 @@ def test_it_is_compiled_once_for_the_same_constraints(compiling: Path) -> None:
 def test_it_is_begun_in_the_background_by_the_second_rollout(compiling: Path) -> None:
     dmp = learned()
     dmp.rollout()
-    assert dmp.stepper.native._thread is None
+    assert stepper_of(dmp.rule).native._thread is None
     dmp.rollout()
-    assert dmp.stepper.native._thread is not None
-    assert dmp.stepper.native.wait() is not None
+    assert stepper_of(dmp.rule).native._thread is not None
+    assert stepper_of(dmp.rule).native.wait() is not None
 
 
 @pytest.mark.parametrize("how", ["cut", "overwritten", "without its sum", "empty"])
@@ -64,7 +65,7 @@ def test_a_broken_cache_is_built_again(
     code = "import noslip as ns\n" + (
         "from noslip.experiments.numerical_example import demonstration\n"
         "dmp = ns.learn(demonstration(), [ns.Blade()])\n"
-        "assert dmp.compile(), dmp.stepper.native.failure\n"
+        "assert dmp.compile(), stepper_of(dmp.rule).native.failure\n"
         "print(dmp.rollout().positions[-1].tolist())\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -79,7 +80,7 @@ def test_several_processes_may_build_at_once(compiling: Path, tmp_path: Path) ->
         "import noslip as ns\n"
         "from noslip.experiments.numerical_example import demonstration\n"
         "dmp = ns.learn(demonstration(), [ns.Blade()])\n"
-        "assert dmp.compile(), dmp.stepper.native.failure\n"
+        "assert dmp.compile(), stepper_of(dmp.rule).native.failure\n"
         "print(dmp.rollout().positions[-1].tolist())\n"
     )
     environment = os.environ | {"NOSLIP_CACHE": str(tmp_path)}
@@ -114,7 +115,7 @@ def test_without_it_everything_works(
     dmp = learned()
     assert not dmp.compile()
     if why == "broken compiler":
-        assert "broken" in dmp.stepper.native.failure
+        assert "broken" in stepper_of(dmp.rule).native.failure
     controller = dmp.controller(time_step=dmp.duration / dmp.steps)
     assert not controller.is_compiled
     while not controller.done:

@@ -41,6 +41,7 @@ from noslip.comparison import compare
 from noslip.constraints.check import step_accelerations, step_residuals
 from noslip.constraints.system import ConstraintSystem
 from refusals import refusal
+from rules import needle
 from strategies import seeds
 
 
@@ -65,11 +66,6 @@ def straight(
 @position_constraint
 def plane(motion: Instant) -> Any:
     return motion.position[2] - 0.1
-
-
-@velocity_constraint
-def needle(motion: Instant) -> Any:
-    return motion.rotation[:, 1:].T @ motion.linear_velocity
 
 
 # -------------------------------------------------------------------- slip in closed form

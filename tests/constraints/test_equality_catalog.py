@@ -903,14 +903,14 @@ def smooth(seed: int) -> ns.PoseTrajectory:
 
 
 @cache
-def primitive(seed: int) -> ns.PoseDMP:
-    return ns.PoseDMP.fit(smooth(seed), basis_functions=20)
+def primitive(seed: int) -> ns.ConstrainedDMP:
+    return ns.learn(smooth(seed), basis_functions=20)
 
 
 def start_of(seed: int) -> Instant:
     plain = primitive(seed)
     still = np.zeros(3)
-    return Instant(0.0, plain.position.start, plain.orientation.start.as_matrix(), still, still)
+    return Instant(0.0, plain.start_position, plain.start_rotation.as_matrix(), still, still)
 
 
 def starting_on(name: str, rng: Rng, i: Instant) -> Any:

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from panels import panel, title_of
 from scipy.spatial.transform import Rotation
 
 import noslip
@@ -67,15 +68,6 @@ def every_figure():
             resting, {"still": resting}, {"still": noslip.Boundary(1, [1.0, 1.0, 1.1])}, BLADE
         ),
     }
-
-
-def panel(figure, ylabel):
-    (found,) = [ax for ax in figure.axes if ax.get_ylabel().replace("\n", " ") == ylabel]
-    return found
-
-
-def title_of(figure):
-    return figure.get_suptitle().replace("\n", " ")
 
 
 def values_of(ax):

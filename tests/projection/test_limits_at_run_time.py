@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import constrained, fitted
+from measures import assert_same_poses
 from noslip import ConstrainedDMP, Constraint, Motion
 from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
@@ -88,8 +89,7 @@ def idle_limits(seed: int) -> list[Constraint]:
 @pytest.mark.parametrize("index", range(10))
 def test_a_limit_that_is_never_met_changes_no_bit_of_an_unconstrained_motion(index: int) -> None:
     motion = constrained([idle_limits(0)[index]], FULL).rollout()
-    np.testing.assert_array_equal(motion.positions, free_motion().positions)
-    np.testing.assert_array_equal(motion.rotations.as_quat(), free_motion().rotations.as_quat())
+    assert_same_poses(motion, free_motion())
     np.testing.assert_array_equal(motion.limit_multipliers, 0.0)
     np.testing.assert_array_equal(motion.row_forces, 0.0)
     assert motion.gave_way == ()
@@ -139,7 +139,7 @@ def least(free: Floats, A: Floats, b: Floats, G: Floats, c: Floats) -> Floats:
 @settings(max_examples=8)
 def test_each_step_is_the_quadratic_programs_solution(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    start = fitted().position.start
+    start = fitted().start_position
     normals = np.array([unit(rng) for _ in range(2)])
     normals[0] = -np.array([1, *rng.uniform(-0.5, 0.5, 2)])
     normals[0] /= np.linalg.norm(normals[0])
@@ -149,7 +149,7 @@ def test_each_step_is_the_quadratic_programs_solution(seed: int) -> None:
         for gap, n in zip(gaps, normals, strict=True)
     ]
     dmp = constrained([ns.Blade(), *limits])
-    rate, h = dmp.barrier_rate, 1 / STEPS
+    rate, h = dmp.rule.barrier_rate, 1 / STEPS
     state = dmp.initial_state()
     margins = [gaps - h * normals @ state.linear_velocity, gaps]
     pushed = 0
@@ -475,7 +475,7 @@ def test_steps_of_uneven_length_keep_the_limits() -> None:
 @pytest.mark.parametrize("h", [1 / 200, 1 / 1000])
 @pytest.mark.parametrize("rate", [5.0, 30.0])
 def test_a_start_off_both_levels_decays_exponentially_beside_limits(rate: float, h: float) -> None:
-    start = fitted().position.start
+    start = fitted().start_position
     rules: list[Constraint] = [
         ns.Blade(),
         ns.PlaneContact(point=triple(start + [0, 0, 0.02])),
@@ -594,7 +594,7 @@ def composition(seed: int, lever: float = 0.0, shortest: float = 1e-3) -> Constr
     rng = np.random.default_rng(seed)
     which = int(rng.integers(7))
     plain, motion = fitted(which), free_motion(which)
-    p, R = plain.position.start, plain.orientation.start
+    p, R = plain.start_position, plain.start_rotation
     chosen: list[Constraint] = []
     for rules in (equalities(rng, p, R, lever), limits(rng, p, motion)):
         names = rng.choice(list(rules), int(rng.integers(0, 4)), replace=False)
@@ -629,7 +629,7 @@ def holds(dmp: ConstrainedDMP, seed: int) -> int:
     size = float(np.ptp(free_motion().positions, axis=0).max())
     taken = 0
     for trial, steps in enumerate((200, 1000, 300)):
-        goal = dmp.position.goal + (rng.normal(size=3) * 0.2 * size if trial else 0)
+        goal = dmp.goal_position + (rng.normal(size=3) * 0.2 * size if trial else 0)
         duration = float(10 ** rng.uniform(-1, 2)) if trial == 2 else 1.0
         motion = dmp.rollout(goal_position=goal, duration=duration, time_step=duration / steps)
         fast = max(1.0, 1 / duration)
@@ -673,7 +673,7 @@ def test_random_compositions_of_points_off_the_origin_hold(seed: int) -> None:
 
 @pytest.mark.parametrize("h", [1 / 200, 1 / 1000, 1 / 5000])
 def test_a_remote_center_is_held_by_the_position_alone(h: float) -> None:
-    start, turn = fitted().position.start, fitted().orientation.start
+    start, turn = fitted().start_position, fitted().start_rotation
     rule = ns.RemoteCenter(point=triple(start + 0.5 * turn.apply([0, 0, 1])))
     motion = constrained([rule]).rollout(time_step=h)
     assert np.abs(motion.constraint_residuals).max() <= 1e-12
@@ -681,7 +681,7 @@ def test_a_remote_center_is_held_by_the_position_alone(h: float) -> None:
 
 def levers() -> dict[str, list[Constraint]]:
     """Constraints of points far off the origin, through the start."""
-    start, turn = fitted().position.start, fitted().orientation.start
+    start, turn = fitted().start_position, fitted().start_rotation
     r = (-0.08, -0.14, 0.03)
     center = start + turn.apply(r) - [0, 0, 0.8]
     axle = (-0.055, 0.098, -0.031)
@@ -701,7 +701,7 @@ def reaching(name: str) -> tuple[Motion, ...]:
     """Motions to goals all round, in the default length of a shared metric: that of a step."""
     dmp = constrained(levers()[name], shared(free_motion().path_length / STEPS))
     rng = np.random.default_rng(0)
-    goals = dmp.position.goal + 0.3 * rng.normal(size=(40, 3))
+    goals = dmp.goal_position + 0.3 * rng.normal(size=(40, 3))
     return tuple(dmp.rollout(goal_position=goal) for goal in goals)
 
 

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import constrained
-from noslip import PoseDMP, PoseTrajectory
+from noslip import ConstrainedDMP, PoseTrajectory, learn
 from noslip.constraints import ConstraintSystem
-from noslip.primitives.stepping import StepSymbols
+from noslip.law.step import StepSymbols
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, coupling
 from refusals import refusal
@@ -57,8 +57,8 @@ DEMONSTRATIONS = {"curved": curved, "back and forth": back_and_forth, "cusp": cu
 
 
 @cache
-def primitive(name: str) -> PoseDMP:
-    return PoseDMP.fit(DEMONSTRATIONS[name](), basis_functions=40)
+def primitive(name: str) -> ConstrainedDMP:
+    return learn(DEMONSTRATIONS[name](), basis_functions=40)
 
 
 # -------------------------------------------------------------------- names and weights
@@ -253,7 +253,7 @@ def test_learning_takes_a_metric_and_a_length_and_saving_keeps_them(tmp_path: Pa
     assert learned.inverse_metric == pytest.approx((1, 1, 1, 2500, 2500, 2500))
     loaded = ns.load_primitive(learned.save(tmp_path / "primitive.json"))
     assert loaded.inverse_metric == learned.inverse_metric
-    goal = learned.position.goal + [0.05, -0.1, 0.02]
+    goal = learned.goal_position + [0.05, -0.1, 0.02]
     np.testing.assert_array_equal(
         loaded.rollout(goal_position=goal).positions, learned.rollout(goal_position=goal).positions
     )

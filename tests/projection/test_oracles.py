@@ -27,7 +27,7 @@ from scipy.special import ellipk
 from noslip import Blade, Constraint, Instant, position_constraint, velocity_constraint
 from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
-from noslip.primitives.stepping import StepSymbols
+from noslip.law.step import StepSymbols
 from noslip.projection.pointwise import POSITION_ONLY, coupling, gauss_acceleration
 from noslip.rotations import Expression
 

@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from learned import constrained, fitted
-from measures import residuals
+from measures import assert_same_poses, residuals
 from motions import held_askew
 from noslip import (
     Blade,
@@ -25,15 +25,15 @@ from noslip import (
     ConstraintError,
     InputError,
     Instant,
-    PoseDMP,
     State,
+    learn,
     position_constraint,
     project_initial_velocity,
     velocity_constraint,
 )
 from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
-from noslip.primitives.stepping import StepSymbols
+from noslip.law.step import StepSymbols
 from noslip.projection.pointwise import (
     POSITION_ONLY,
     coupling,
@@ -41,6 +41,7 @@ from noslip.projection.pointwise import (
     project_velocities,
 )
 from refusals import refusal
+from rules import needle, no_roll, table
 from strategies import seeds
 
 FULL = (1.0,) * 6
@@ -49,11 +50,6 @@ METRICS = [POSITION_ONLY, FULL, UNEVEN]
 
 BLADE = Blade()
 CENTER = np.array([0.2, -0.3, 3.0])
-
-
-@velocity_constraint
-def needle(motion: Instant) -> Any:
-    return motion.rotation[:, 1:].T @ motion.linear_velocity
 
 
 @position_constraint
@@ -311,7 +307,7 @@ def test_multipliers_make_up_the_constraint_force(name: str) -> None:
 
 
 def start_on(name: str) -> Floats:
-    position = fitted().position.start.copy()
+    position = fitted().start_position.copy()
     if "sphere" in name:
         away = position - CENTER
         return np.asarray(CENTER + 3 * away / np.linalg.norm(away))
@@ -390,14 +386,10 @@ def test_the_papers_metric_leaves_the_rotation_as_it_is() -> None:
 
 def test_a_constraint_that_holds_anyway_does_no_work() -> None:
     # Flat demonstrations on a table.
-    @position_constraint
-    def table(motion: Instant) -> Any:
-        return motion.position[2]
-
     flat = replace(
         held_askew(), positions=held_askew().positions * [1, 1, 0], linear_velocities=None
     )
-    plain = PoseDMP.fit(flat, basis_functions=30)
+    plain = learn(flat, basis_functions=30)
     motion = constrained([table], plain=plain).rollout()
     np.testing.assert_allclose(motion.constraint_forces, 0, atol=1e-9)
     np.testing.assert_allclose(motion.positions, plain.rollout().positions, rtol=0, atol=1e-13)
@@ -469,7 +461,7 @@ def test_a_velocity_residual_decays_exponentially(rate: float, even: bool) -> No
     dmp = constrained([BLADE], stabilization=rate)
     gaps = np.random.default_rng(1).uniform(0.3, 1.7, 200) if not even else np.ones(200)
     steps = list(gaps / gaps.sum())
-    lateral = fitted().orientation.start.apply([0, 1, 0])
+    lateral = fitted().start_rotation.apply([0, 1, 0])
     states = off_start(dmp, steps, push=0.2 * lateral)
     times = np.array([state.time for state in states[1:]])
     found = np.array([state.constraint_residuals[0] for state in states[1:]])
@@ -479,7 +471,7 @@ def test_a_velocity_residual_decays_exponentially(rate: float, even: bool) -> No
 
 def test_the_rate_is_per_duration() -> None:
     dmp = constrained([BLADE], stabilization=10.0)
-    lateral = fitted().orientation.start.apply([0, 1, 0])
+    lateral = fitted().start_rotation.apply([0, 1, 0])
     state = dmp.initial_state(duration=50.0)
     state = replace(state, linear_velocity=state.linear_velocity + 0.2 * lateral)
     for _ in range(100):
@@ -614,8 +606,7 @@ def test_only_the_initial_velocity_of_a_trajectory_is_projected(seed: int) -> No
     )
     np.testing.assert_array_equal(found.linear_velocities[1:], motion.linear_velocities[1:])
     np.testing.assert_array_equal(found.angular_velocities, motion.angular_velocities)
-    np.testing.assert_array_equal(found.positions, motion.positions)
-    np.testing.assert_array_equal(found.rotations.as_quat(), motion.rotations.as_quat())
+    assert_same_poses(found, motion)
     assert found.name == motion.name
 
 
@@ -649,9 +640,5 @@ def test_a_metric_is_six_numbers_that_leave_something_free(
 
 # Position only, as in the paper, cannot hold a rule about rotations.
 def test_a_metric_that_cannot_hold_a_constraint_is_refused() -> None:
-    @velocity_constraint
-    def no_roll(motion: Instant) -> Any:
-        return motion.rotation[:, 0].T @ motion.angular_velocity
-
     with pytest.raises(ConstraintError, match=r"'no roll'.*metric"):
         constrained([no_roll]).rollout()

@@ -28,12 +28,12 @@ from noslip import (
     check,
     position_constraint,
     project_trajectory,
-    velocity_constraint,
 )
 from noslip._typing import Floats
 from noslip.projection.request import LEARNING
 from noslip.projection.result import ProjectedTrajectory
 from refusals import refusal
+from rules import ceiling, needle, no_roll, table
 from strategies import AXES, axis_vector, seeds
 
 BLADE = Blade()
@@ -47,11 +47,6 @@ def change(result: ProjectedTrajectory, motion: PoseTrajectory) -> float:
 
 
 @position_constraint
-def table(motion: Instant) -> Any:
-    return motion.position[2]
-
-
-@position_constraint
 def ball(motion: Instant) -> Any:
     return ca.norm_2(motion.position - ca.DM([0.7, 0, -3])) - 3
 
@@ -59,16 +54,6 @@ def ball(motion: Instant) -> Any:
 @position_constraint
 def lift(motion: Instant) -> Any:
     return motion.position[2] - 0.1 * ca.sin(3 * motion.time)
-
-
-@velocity_constraint
-def needle(motion: Instant) -> Any:
-    return motion.rotation[:, 1:].T @ motion.linear_velocity
-
-
-@velocity_constraint
-def no_roll(motion: Instant) -> Any:
-    return ca.dot(motion.rotation[:, 0], motion.angular_velocity)
 
 
 # -------------------------------------------------------------------- feasible
@@ -589,11 +574,6 @@ def test_samples_must_be_uniform_and_enough() -> None:
 )
 def test_contradictory_options_are_refused_by_name(asked: dict[str, Any], named: str) -> None:
     assert named in refusal(InputError, project_trajectory, facing(1, 51), BLADE, **asked)
-
-
-@position_constraint
-def ceiling(motion: Instant) -> Any:
-    return motion.position[2] - 1
 
 
 @pytest.mark.parametrize(

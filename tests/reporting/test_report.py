@@ -23,6 +23,7 @@ from matplotlib.image import imread
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from learned import under
 from noslip.cli import main
 from noslip.constraints.catalog import CATALOG, parse_constraint
 from noslip.errors import InputError, MissingDependencyError
@@ -249,7 +250,7 @@ def test_figures_of_merit_are_those_of_the_motions(page, folder, recordings):
         assert cell("peak speed") == pytest.approx(top_speed(motion))
         turned = (motion.rotations[1:] * motion.rotations[:-1].inv()).magnitude()
         assert cell("peak angular speed") == pytest.approx((turned / np.diff(motion.times)).max())
-        off = np.linalg.norm(motion.positions[-1] - dmp.position.goal)
+        off = np.linalg.norm(motion.positions[-1] - dmp.goal_position)
         assert cell("end: distance from the learned goal") == pytest.approx(off, abs=1e-12)
     pushed = np.linalg.norm(dmp.rollout().constraint_forces[:, :3], axis=1).max()
     text, value = page.cell("Figures of merit", "peak constraint acceleration, linear", "optimized")
@@ -297,7 +298,7 @@ def test_a_violated_constraint_is_told(folder, recordings, undrawn):
     dmp = ns.load_primitive(folder / "cut.json")
     slow = ns.SpeedLimit(speed=0.05, priority=1)
     advance = ns.velocity_constraint(name="advance")(lambda m: m.linear_velocity[0] - 0.06)
-    replace(dmp, constraints=(slow, advance)).save(path)
+    under(dmp, (slow, advance)).save(path)
     told = report(path, recordings)
     assert not told.holds and told.verdict == "violated: speed-limit"
     page = Page(to_html(told))
@@ -418,9 +419,7 @@ def test_the_commands_make_the_same_primitive_again(
     first, again = (ns.load_primitive(path) for path in (before, "again.json"))
     np.testing.assert_allclose(again.inverse_metric, first.inverse_metric, rtol=1e-9)
     np.testing.assert_allclose(again.rollout().positions, first.rollout().positions, atol=1e-9)
-    np.testing.assert_array_equal(
-        again.orientation.forcing.weights, first.orientation.forcing.weights
-    )
+    np.testing.assert_array_equal(again.law.forcing.weights, first.law.forcing.weights)
     assert again.barrier_rate == first.barrier_rate
     capsys.readouterr()
 

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip._typing import Floats
+from noslip.control.steering import LARGEST_TURN, turn_that_allows
 from noslip.experiments.numerical_example import demonstration
-from noslip.runtime.steering import LARGEST_TURN, turn_that_allows
 from strategies import seeds, unit
 
 
@@ -88,7 +88,7 @@ def test_a_pushed_tool_reaches_the_goal_and_never_slips(
         direction = dmp.rollout().rotations[k].as_matrix()[:, 1]
     states = run(controller, {k: size * length() * direction})
     assert residual(states) <= 1e-10
-    off, turned = misses(states[-1], dmp.position.goal, dmp.orientation.goal)
+    off, turned = misses(states[-1], dmp.goal_position, dmp.goal_rotation)
     assert off <= 1e-3
     assert turned <= 1.0
     assert not any(plan.failure for plan in controller.replanned)
@@ -100,8 +100,8 @@ def test_a_goal_that_moves_is_reached(seed: int, when: float) -> None:
     rng = np.random.default_rng(seed)
     dmp = primitive()
     controller = dmp.controller(time_step=STEP)
-    goal = dmp.position.goal + 0.2 * length() * unit(rng)
-    turned_goal = Rotation.from_rotvec(0.5 * unit(rng)) * dmp.orientation.goal
+    goal = dmp.goal_position + 0.2 * length() * unit(rng)
+    turned_goal = Rotation.from_rotvec(0.5 * unit(rng)) * dmp.goal_rotation
     asked = {int(when * dmp.steps): (goal, turned_goal)}
     states = run(controller, goals=asked)
     assert residual(states) <= 1e-10
@@ -139,7 +139,7 @@ def test_noise_of_measurement_does_not_make_it_slip_or_miss() -> None:
     pushes = {k: 1e-5 * length() * rng.normal(size=3) for k in range(dmp.steps)}
     states = run(controller, pushes)
     assert residual(states) <= 1e-10
-    assert misses(states[-1], dmp.position.goal, dmp.orientation.goal)[0] <= 2e-3
+    assert misses(states[-1], dmp.goal_position, dmp.goal_rotation)[0] <= 2e-3
 
 
 def test_a_tool_that_is_held_is_waited_for() -> None:
@@ -162,7 +162,7 @@ def test_a_tool_that_is_held_is_waited_for() -> None:
     while not controller.done:
         state = controller.step(state)
         assert np.abs(state.constraint_residuals).max() <= 1e-10
-    off, turned = misses(state, dmp.position.goal, dmp.orientation.goal)
+    off, turned = misses(state, dmp.goal_position, dmp.goal_rotation)
     assert off <= 2e-3
     assert turned <= 1.0
 
@@ -181,7 +181,7 @@ def test_a_goal_that_no_motion_reaches_is_told_and_the_old_one_kept() -> None:
         state = controller.step(state)
         assert np.abs(state.constraint_residuals).max() <= 1e-10
     assert "plane-contact" in controller.replanned[0].failure
-    np.testing.assert_allclose(state.position, dmp.position.goal, atol=2e-3)
+    np.testing.assert_allclose(state.position, dmp.goal_position, atol=2e-3)
 
 
 def test_cycles_that_come_late_are_caught_up_with() -> None:
@@ -191,7 +191,7 @@ def test_cycles_that_come_late_are_caught_up_with() -> None:
     while not controller.done:
         state = controller.step(controller.state, time_step=STEP * rng.choice([0.5, 1, 1, 3]))
         assert np.abs(state.constraint_residuals).max() <= 1e-10
-    assert misses(state, dmp.position.goal, dmp.orientation.goal)[0] <= 3e-3
+    assert misses(state, dmp.goal_position, dmp.goal_rotation)[0] <= 3e-3
 
 
 def test_reset_begins_anew() -> None:
@@ -302,7 +302,7 @@ def turning_over() -> ns.PoseTrajectory:
 
 def start_of(name: str, dmp: ns.ConstrainedDMP) -> ns.State:
     off = [0, 0, 0.02] if name == "off its surface" else [0, 0, 0]
-    return dmp.initial_state(start_position=dmp.position.start + off, project_start="nothing")
+    return dmp.initial_state(start_position=dmp.start_position + off, project_start="nothing")
 
 
 def agrees(state: ns.State, expected: ns.State) -> None:
@@ -417,7 +417,7 @@ def test_it_pauses_on_its_path_and_goes_on(either: str) -> None:
     path = motion.positions
     off = [np.linalg.norm(path - s.position, axis=1).min() for s in states]
     assert max(off) <= 2e-3 * length()
-    assert misses(states[-1], dmp.position.goal, dmp.orientation.goal)[0] <= 2e-3
+    assert misses(states[-1], dmp.goal_position, dmp.goal_rotation)[0] <= 2e-3
     assert controller.replanned == []
 
 
@@ -434,8 +434,8 @@ def test_a_halted_tool_moves_along_with_what_moves(either: str) -> None:
 
 def test_a_goal_may_be_a_position_a_rotation_or_both(either: str) -> None:
     dmp = primitive()
-    goal = dmp.position.goal + [0.05, 0.02, 0.0]
-    turned = Rotation.from_rotvec([0, 0, 0.1]) * dmp.orientation.goal
+    goal = dmp.goal_position + [0.05, 0.02, 0.0]
+    turned = Rotation.from_rotvec([0, 0, 0.1]) * dmp.goal_rotation
     for asked in (goal, turned, (goal, turned)):
         controller = dmp.controller(time_step=STEP)
         for _ in range(200):
@@ -447,8 +447,8 @@ def test_a_goal_may_be_a_position_a_rotation_or_both(either: str) -> None:
         assert (
             misses(
                 state,
-                dmp.position.goal if asked is turned else goal,
-                dmp.orientation.goal if asked is goal else turned,
+                dmp.goal_position if asked is turned else goal,
+                dmp.goal_rotation if asked is goal else turned,
             )[0]
             <= 1e-3
         )
@@ -475,7 +475,7 @@ def test_without_plans_it_steers_and_waits_and_takes_no_goals(either: str) -> No
     assert pushed.phase == pytest.approx(state.phase, rel=1e-12)
     assert controller.replanned == []
     with pytest.raises(ns.InputError, match="makes no plans"):
-        controller.step(goal=dmp.position.goal)
+        controller.step(goal=dmp.goal_position)
 
 
 def test_a_goal_out_of_all_proportion_is_not_planned_for() -> None:

@@ -140,7 +140,7 @@ def test_the_generated_test_fails_where_the_motion_differs(tmp_path: Path, uncou
 @needs_compiler
 def test_another_primitive_needs_no_new_code(tmp_path: Path, uncounted: None) -> None:
     dmp = primitive("blade")
-    other = dmp.adapt(goal_position=dmp.position.goal + [0.3, 0.2, 0.1], duration=2.5)
+    other = dmp.adapt(goal_position=dmp.goal_position + [0.3, 0.2, 0.1], duration=2.5)
     dmp.export_c(tmp_path / "one", name="cut")
     other.export_c(tmp_path / "two", name="cut")
     first, second = ((tmp_path / part / "noslip.c").read_text() for part in ("one", "two"))

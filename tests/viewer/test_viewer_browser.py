@@ -279,7 +279,7 @@ def test_another_motion_is_looked_at(tab, page, artifacts):
 
 def test_a_goal_that_is_typed_moves_the_path(tab, page, primitive, artifacts):
     open_tab(tab, "Change")
-    goal = primitive.position.goal + [0.01, 0.0, 0.0]
+    goal = primitive.goal_position + [0.01, 0.0, 0.0]
     fill(tab, "Goal (m)", f"{goal[0]:.4f}")
     tab.view.get_by_text("residual at most").wait_for()
     motion = page.entry.track.motion
@@ -301,8 +301,8 @@ def test_a_goal_off_the_plane_is_explained(tab, page, primitive):
 
 def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artifacts):
     # The gizmo's first arrow, which is the tool's x axis at the goal.
-    axis = primitive.orientation.goal.apply([1.0, 0.0, 0.0])
-    goal = primitive.position.goal
+    axis = primitive.goal_rotation.apply([1.0, 0.0, 0.0])
+    goal = primitive.goal_position
     grip = goal + 0.95 * GIZMO * page.drawing.size * axis
     there = grip + 0.02 * axis
     mouse = tab.view.mouse

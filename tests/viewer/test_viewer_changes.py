@@ -20,7 +20,7 @@ EXACT = 1e-10
 
 
 def moved(primitive: ns.ConstrainedDMP, *by: float) -> Wish:
-    return Wish(goal=ns.Boundary(1, primitive.position.goal + by))
+    return Wish(goal=ns.Boundary(1, primitive.goal_position + by))
 
 
 @pytest.mark.parametrize("coarse", [True, False])
@@ -56,7 +56,7 @@ def test_a_goal_that_cannot_be_reached_is_explained(primitive):
 
 
 def test_start_duration_and_metric_change_too(primitive):
-    start = primitive.position.start + [-0.01, 0.004, 0.0]
+    start = primitive.start_position + [-0.01, 0.004, 0.0]
     found = Adapter(primitive)(Wish(start=ns.Boundary(0, start), duration=6.0, metric="shared"))
     assert found.motion.positions[0] == pytest.approx(start, abs=1e-9)
     assert found.motion.duration == pytest.approx(6.0, rel=1e-3)

@@ -116,7 +116,7 @@ def test_a_follower_of_nothing_is_refused(cut):
 
 def test_a_new_goal_changes_path_residual_and_duration(primitive):
     with opened({"cut.json": primitive}) as page:
-        goal = primitive.position.goal + [0.01, 0.0, 0.0]
+        goal = primitive.goal_position + [0.01, 0.0, 0.0]
 
         def ask() -> None:
             page._goal.value, page._duration.value = tuple(goal), 6.0
@@ -139,7 +139,7 @@ def test_what_cannot_be_done_is_told_and_the_motion_stays(primitive):
         before = page.entry.track
 
         def ask() -> None:
-            page._goal.value = tuple(primitive.position.goal + [0.0, 0.0, 0.01])
+            page._goal.value = tuple(primitive.goal_position + [0.0, 0.0, 0.01])
             page._wish_from_numbers()
 
         done(page, ask)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from learned import under
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.declaration import Instant
 from noslip.constraints.edge_motion import edge_motion
@@ -63,7 +63,7 @@ def test_where_the_constraint_holds_the_arrows_are_at_right_angles(primitive):
 
 
 def test_the_arrows_of_a_state_are_those_of_its_sample(primitive):
-    dmp = replace(primitive, constraints=(ns.Blade(reference_point=(0.01, 0.0, 0.0)),))
+    dmp = under(primitive, (ns.Blade(reference_point=(0.01, 0.0, 0.0)),))
     motion = dmp.rollout()
     shown = track(motion, *dmp.constraints)
     state = dmp.initial_state()
@@ -101,8 +101,7 @@ def test_without_constraints_there_is_nothing_to_tell(cut):
 
 def test_forces_are_drawn_against_the_accelerations_of_the_motion(primitive):
     # Without its learned orientation the coupling term has much to do.
-    turned = replace(primitive, orientation=primitive.orientation, projected_step=None)
-    motion = turned.rollout(goal_position=primitive.position.goal + [0.0, 0.02, 0.0])
+    motion = primitive.rollout(goal_position=primitive.goal_position + [0.0, 0.02, 0.0])
     shown = track(motion, *primitive.constraints)
     k = int(np.argmax(np.linalg.norm(motion.constraint_forces[:, :3], axis=1)))
     arrow = np.diff(shown.arrows(k, 1.0)["force"], axis=0)[0]

@@ -7,18 +7,7 @@ new boundary values by minimum jerk, projected onto the constraints with these v
 primitive is fitted to the result.  From a state in the middle of a motion, the same is re-planning.
 """
 
-from noslip.adapting.adaptation import Adapted, adapt, samples_of
-from noslip.adapting.ends import asked, placed, require_feasible
-from noslip.adapting.replanning import REPLANNED_SAMPLES, replan, require_state
+from noslip.adapting.adaptation import Adapted, adapt
+from noslip.adapting.replanning import REPLANNED_SAMPLES, replan
 
-__all__ = [
-    "REPLANNED_SAMPLES",
-    "Adapted",
-    "adapt",
-    "asked",
-    "placed",
-    "replan",
-    "require_feasible",
-    "require_state",
-    "samples_of",
-]
+__all__ = ["REPLANNED_SAMPLES", "Adapted", "adapt", "replan"]

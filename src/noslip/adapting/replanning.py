@@ -5,18 +5,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.adapting.adaptation import FEWEST_SAMPLES, Adapted, carried_out
-from noslip.adapting.ends import placed
+from noslip.adapting.adaptation import FEWEST_SAMPLES, Adapted, carried_out, samples_of
+from noslip.adapting.ends import asked, placed
 from noslip.boundary import Boundary, End
 from noslip.errors import InputError
-from noslip.primitives.pose import FEWEST_STEPS, SAMPLES_PER_BASIS_FUNCTION, PoseDMP, State
+from noslip.law.fitting import FEWEST_STEPS, SAMPLES_PER_BASIS_FUNCTION
+from noslip.law.law import Law
 from noslip.projection.blend import through
 from noslip.projection.feasibility import project_pose
-from noslip.projection.request import Request
+from noslip.projection.request import ADAPTING, Request, Weights
+from noslip.rule import Rule
+from noslip.runtime.rollout import rollout
+from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
 
 REPLANNED_SAMPLES = 201
@@ -32,41 +37,56 @@ _LEAST_TIME = 0.05
 
 
 def replan(
-    dmp: PoseDMP,
-    request: Request,
+    law: Law,
+    rule: Rule,
     state: State,
     *,
-    goal: Boundary,
-    end: End,
-    duration: float | None,
+    goal_position: ArrayLike | None = None,
+    goal_rotation: Rotation | None = None,
+    duration: float | None = None,
+    end: End = "pose",
+    samples: int = REPLANNED_SAMPLES,
+    position_weight: float = ADAPTING.position,
+    position_smoothing: float = ADAPTING.position_smoothing,
+    rotation_smoothing: float = ADAPTING.rotation_smoothing,
 ) -> Adapted:
-    """Adapt what remains of a motion to the state that it is in.
+    """Find a law for what remains of a motion, from any state in the middle of it.
+
+    It starts in the state's pose, with its velocities, leads back onto the path as it was and
+    ends at the goal.  What was planned for the rest of the motion is the first guess.
 
     Parameters
     ----------
-    dmp : PoseDMP
-        Whose constants the result has.
-    request : Request
-        Its reference is the motion as planned, whole; it has at most as many samples as are taken.
+    law : Law
+    rule : Rule
     state : State
-    goal : Boundary
-        What is not named of it is the state's.
+        Of the law, as ``initial_state`` and ``step`` give it, with whatever was
+        measured in place of what was expected.
+    goal_position, goal_rotation
+        The state's own by default.
+    duration : float, optional
+        Of what remains (s); by default what is left, and longer where the way is.
     end : "free", "position", "rotation" or "pose"
         What of the goal is kept to.
-    duration : float or None
-        Of what remains (s).  By default what is left of the motion, and the time that a
-        displacement takes besides.
+    samples : int
+        Of the projection, at most: fewer are faster.
 
     Returns
     -------
     Adapted
-        Its duration is that of its request's reference.
+        The ``initial_state`` of its law is the state to go on from.
     """
-    system, nominal = request.system, request.reference
+    count = samples_of(law, samples)
+    require_state(state)
+    nominal = rollout(law, rule, duration=state.duration, time_step=state.duration / (count - 1))
+    weights = Weights(position_weight, position_smoothing, rotation_smoothing)
+    request = Request(nominal, rule.system, weights=weights)
+    goal = asked("goal", goal_position, goal_rotation)
+    system = rule.system
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
-    done = min(max(dmp.phase.fraction(state.phase), 0.0), 1.0)
-    step = state.previous_step or state.duration / dmp.steps
+    done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
+    step = state.previous_step or state.duration / law.steps
     if duration is None:
         toward = state.goal_position if goal.position is None else goal.position
         duration = max(_time_needed(nominal, state, done, toward), FEWEST_SAMPLES * step)
@@ -86,15 +106,16 @@ def replan(
     if k < samples - 1:
         back = [Boundary.keeping(moved, k / (samples - 1), "pose")]
     # The time step stays what it was, unless that is too long for the fit.
-    steps = round(dmp.steps * duration / state.duration)
-    steps = max(steps, SAMPLES_PER_BASIS_FUNCTION * dmp.position.forcing.basis.count, FEWEST_STEPS)
-    asked = replace(
+    steps = round(law.steps * duration / state.duration)
+    steps = max(steps, SAMPLES_PER_BASIS_FUNCTION * law.basis.count, FEWEST_STEPS)
+    request = replace(
         request,
         reference=through(moved, [first, *back, last]),
         boundaries=(first, last),
         begin=state.time,
     )
-    return carried_out(dmp, asked, steps)
+    adapted = carried_out(law, request, steps)
+    return replace(adapted, law=replace(adapted.law, duration=request.reference.duration))
 
 
 def _time_needed(nominal: PoseTrajectory, state: State, done: float, goal: Floats) -> float:

@@ -25,9 +25,9 @@ from noslip.constraints.check import check
 from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import end_errors
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import Motion
-from noslip.primitives.scaling import Scaling
+from noslip.law.scaling import Scaling
+from noslip.primitive import ConstrainedDMP
+from noslip.runtime.motion import Motion
 from noslip.saving import load_primitive
 
 NAME = "adapt"
@@ -85,7 +85,7 @@ class _Asked:
 
     def goal_of(self, dmp: ConstrainedDMP) -> Boundary:
         """Where a motion should end: what was asked for, else the primitive's own goal."""
-        own = self.goal.pose_or(dmp.position.goal, dmp.orientation.goal)
+        own = self.goal.pose_or(dmp.goal_position, dmp.goal_rotation)
         return Boundary(1.0, *own).part(self.end)
 
 

@@ -17,6 +17,7 @@ from noslip.codegen import library
 from noslip.constraints import Blade
 from noslip.experiments.numerical_example import demonstration
 from noslip.learning import learn
+from noslip.runtime.stepper import stepper_of
 
 NAME = "doctor"
 EXAMPLES = """
@@ -81,7 +82,7 @@ def _steps() -> str:
     if not library.wanted():
         why = f"NOSLIP_COMPILE is {os.environ['NOSLIP_COMPILE']}"
     else:
-        why = dmp.stepper.native.failure or f"no C compiler ({library.compiler_name()})"
+        why = stepper_of(dmp.rule).native.failure or f"no C compiler ({library.compiler_name()})"
     return f"CasADi's virtual machine, several times slower: {why}"
 
 

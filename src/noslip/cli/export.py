@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from noslip.cli import options, output
-from noslip.runtime.export import export_c
 from noslip.saving import load_primitive
 
 NAME = "export"
@@ -47,7 +46,7 @@ def run(
     """
     dmp = load_primitive(primitive)
     chosen = name if name is not None else re.sub(r"\W", "_", primitive.stem)
-    exported = export_c(dmp, out, name=chosen)
+    exported = dmp.export_c(out, name=chosen)
     if as_json:
         output.print_json(
             {

@@ -15,9 +15,10 @@ from noslip.comparison import compare
 from noslip.constraints.check import check, told_margin
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
-from noslip.learning import BARRIER_RATE, ConstrainedDMP, learn
-from noslip.projection.pointwise import project_initial_velocity
+from noslip.learning import learn
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import LEARNING
+from noslip.rule import BARRIER_RATE
 from noslip.trajectory import PoseTrajectory
 
 NAME = "learn"
@@ -156,6 +157,7 @@ def run(
         "metric": options.metric(metric),
         "metric_length": metric_length,
         "barrier_rate": barrier_rate,
+        "project_start": project_start,
     }
     if each:
         if align:
@@ -172,7 +174,6 @@ def run(
             as_json=as_json,
             loading=given.loading(),
             preparation=given.preparation(),
-            project_start=project_start,
             **learning,
         )
         return
@@ -183,8 +184,6 @@ def run(
     demonstrations = given.load(recordings)
     if align:
         demonstrations = bring_into_step(demonstrations)
-    if project_start:
-        demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
     with output.progress("learning", len(demonstrations)) as progress:
         primitive = learn(
             demonstrations,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from noslip.cli import options
 from noslip.errors import InputError
 from noslip.figures import compare_motions, constraint_history, learned_spread, save_figure
-from noslip.learning import ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 

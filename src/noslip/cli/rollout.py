@@ -15,8 +15,9 @@ from noslip.cli import options, output
 from noslip.constraints.check import CheckReport, amount, check
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.primitives.pose import Motion, ProjectStart
 from noslip.recordings.writing import WRITABLE, WRITABLE_TOLD, write_recording
+from noslip.runtime.motion import Motion
+from noslip.runtime.rollout import ProjectStart
 from noslip.saving import load_primitive
 
 NAME = "rollout"
@@ -135,7 +136,7 @@ def run(
         write_recording(motion, out)
     report = check(motion, dmp.system) if dmp.constraints else None
     gave_way = _gave_way(motion, dmp.system.limits)
-    wanted = chosen.position.goal if goal is None else np.array(goal)
+    wanted = chosen.goal_position if goal is None else np.array(goal)
     goal_error = float(np.linalg.norm(motion.positions[-1] - wanted))
     if as_json:
         result = {"motion": str(out), "samples": len(motion), "goal_error": goal_error}

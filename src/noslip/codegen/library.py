@@ -170,7 +170,7 @@ def loaded(function: ca.Function, rows: int) -> Library:
         raise OSError(f"no C compiler ({compiler_name()})")
     texts = {
         "noslip.h": c99.header(rows, 0),
-        "noslip.c": c99.source(function) + "\n" + c99.template("many.c"),
+        "noslip.c": c99.source(function, rows) + "\n" + c99.template("many.c"),
     }
     told = "\0".join([*texts.values(), *found.command, found.version, *FLAGS, platform.machine()])
     library = cache_folder() / f"step-{hashlib.sha256(told.encode()).hexdigest()[:32]}.so"

@@ -14,7 +14,8 @@ from noslip.comparison import Comparison, compare
 from noslip.constraints.blade import Blade
 from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
 from noslip.demonstrations.preparation import prepare
-from noslip.learning import ConstrainedDMP, learn
+from noslip.learning import learn
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.trajectory import PoseTrajectory
 

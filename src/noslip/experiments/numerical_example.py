@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from noslip.comparison import Comparison, compare
 from noslip.constraints.blade import Blade
-from noslip.learning import ConstrainedDMP, learn
+from noslip.learning import learn
+from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 
 SAMPLES = 1000

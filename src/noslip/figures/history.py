@@ -48,7 +48,7 @@ from noslip.figures.style import (
     span_at_least,
     write_title,
 )
-from noslip.primitives.pose import HELD, Motion
+from noslip.runtime.motion import HELD, Motion
 
 ROW_HEIGHT, AROUND_ROWS = 1.05, 1.15
 """Of a constraint's panels, and of title, time axis and legend together (inches)."""

@@ -29,7 +29,7 @@ from noslip.figures.style import (
     span_at_least,
     write_title,
 )
-from noslip.learning import ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 

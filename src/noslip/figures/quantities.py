@@ -22,7 +22,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
 from noslip.figures.style import capitalized, number, short_name
-from noslip.primitives.pose import HELD, Motion
+from noslip.runtime.motion import HELD, Motion
 from noslip.trajectory import PoseTrajectory
 
 Motions = PoseTrajectory | Mapping[str, PoseTrajectory]

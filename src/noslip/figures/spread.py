@@ -46,7 +46,7 @@ from noslip.figures.style import (
     trial_styles,
     write_title,
 )
-from noslip.primitives.pose import as_demonstrations
+from noslip.law.fitting import as_demonstrations
 from noslip.trajectory import PoseTrajectory
 
 PROGRESS = "share of the motion's time (%)"

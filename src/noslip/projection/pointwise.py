@@ -40,7 +40,7 @@ from noslip._typing import Expression, Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
-from noslip.primitives.stepping import Coupled, Coupling, StepSymbols
+from noslip.law.step import Coupled, Coupling, StepSymbols
 from noslip.projection.nearest import nearest
 from noslip.projection.quadratic import Pushes, least_push
 from noslip.rotations import quaternion_exp, quaternion_product
@@ -124,7 +124,7 @@ def coupling(
     Returns
     -------
     Coupling
-        For :class:`noslip.primitives.stepping.Stepper`; rows of equalities first.
+        For :class:`noslip.runtime.stepper.Stepper`; rows of equalities first.
     """
     system = as_system(constraints)
     metric = _arguments.inverse_metric(inverse_metric)

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from noslip.constraints.declaration import Constraint, described, is_registered
 from noslip.constraints.expression import Instructions
 from noslip.edge import Edge
-from noslip.learning import BARRIER_RATE, ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
 from noslip.projection.request import LEARNING
+from noslip.rule import BARRIER_RATE
 
 BASIS_FUNCTIONS = 100
 """Of ``noslip learn``, unless said otherwise."""
@@ -84,7 +85,7 @@ def _is_own(constraint: Constraint) -> bool:
 def _settings(dmp: ConstrainedDMP) -> list[str]:
     """Options of ``noslip learn`` that are not its own."""
     options = []
-    count = dmp.position.forcing.basis.count
+    count = dmp.law.basis.count
     if count != BASIS_FUNCTIONS:
         options += ["--basis-functions", str(count)]
     moved = any(record.position_change for record in dmp.record)
@@ -96,18 +97,20 @@ def _settings(dmp: ConstrainedDMP) -> list[str]:
     if smoothing != LEARNING.rotation_smoothing:
         options += ["--smoothing", repr(smoothing)]
     options += _metric(dmp)
-    if dmp.barrier_rate != BARRIER_RATE:
-        options += ["--barrier-rate", repr(dmp.barrier_rate)]
+    if dmp.rule.barrier_rate != BARRIER_RATE:
+        options += ["--barrier-rate", repr(dmp.rule.barrier_rate)]
     return options
 
 
 def _metric(dmp: ConstrainedDMP) -> list[str]:
-    length = dmp.inverse_metric[3] ** -0.5 if dmp.inverse_metric[3] else 1.0
+    length = dmp.rule.inverse_metric[3] ** -0.5 if dmp.rule.inverse_metric[3] else 1.0
     for name in (None, "position", "shared", "rotation"):
-        if _same(inverse_metric(dmp.system, name, length, length), dmp.inverse_metric):
+        if _same(inverse_metric(dmp.system, name, length, length), dmp.rule.inverse_metric):
             option = [] if name is None else ["--metric", name]
-            return [*option, "--metric-length", repr(length)] if dmp.inverse_metric[3] else option
-    weights = ",".join(repr(1 / weight) if weight else "inf" for weight in dmp.inverse_metric)
+            return (
+                [*option, "--metric-length", repr(length)] if dmp.rule.inverse_metric[3] else option
+            )
+    weights = ",".join(repr(1 / weight) if weight else "inf" for weight in dmp.rule.inverse_metric)
     return ["--metric", weights, "--metric-length", "1"]
 
 

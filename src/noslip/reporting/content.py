@@ -31,9 +31,9 @@ from noslip.figures import (
 from noslip.figures.family import end_errors
 from noslip.figures.quantities import amount, finding, length, residual_rows
 from noslip.figures.style import name_lines, number, write_title
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import Motion
+from noslip.primitive import ConstrainedDMP
 from noslip.reporting.commands import commands, declaration
+from noslip.runtime.motion import Motion
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
@@ -236,8 +236,8 @@ def _mismatches(dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory]) -
         if Path(learned).name != Path(given.name).name:
             yield f"learned from {learned}, given {given.name}: another recording, or adapted since"
     for what, sample, own in (
-        ("starts", 0, dmp.regular.position.start),
-        ("ends", -1, dmp.regular.position.goal),
+        ("starts", 0, dmp.regular.start_position),
+        ("ends", -1, dmp.regular.goal_position),
     ):
         theirs = np.mean([d.positions[sample] for d in demonstrations], axis=0)
         off = float(np.linalg.norm(own - theirs))
@@ -379,7 +379,7 @@ def _merits(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> Table
     (against, reference), *_ = motions.items()
     units = set(dmp.system.equalities.row_units)
     unit = units.pop() if len(units) == 1 else "(SI)"
-    goal = Boundary(1.0, dmp.position.goal, dmp.orientation.goal)
+    goal = Boundary(1.0, dmp.goal_position, dmp.goal_rotation)
     columns: list[tuple[Cell, ...]] = []
     for motion in motions.values():
         merits = compare(motion, reference, dmp.system)
@@ -437,12 +437,12 @@ def _settings(dmp: ConstrainedDMP) -> Table:
         ("duration τ", _amount(dmp.duration, "s")),
         ("steps", _count(dmp.steps)),
         ("time step", Value(step, f"{number(1e3 * step)} ms")),
-        ("basis functions", _count(dmp.position.forcing.basis.count)),
-        ("attractor α, β", f"{dmp.position.attractor.alpha:g}, {dmp.position.attractor.beta:g}"),
-        ("phase α_s", _plain(dmp.phase.alpha_s)),
-        ("inverse metric, diagonal of M⁻¹", ", ".join(map(number, dmp.inverse_metric))),
-        ("stabilization, per duration", _plain(dmp.stabilization)),
-        ("barrier rate, per duration", _plain(dmp.barrier_rate)),
+        ("basis functions", _count(dmp.law.basis.count)),
+        ("attractor α, β", f"{dmp.law.attractor.alpha:g}, {dmp.law.attractor.beta:g}"),
+        ("phase α_s", _plain(dmp.law.clock.alpha_s)),
+        ("inverse metric, diagonal of M⁻¹", ", ".join(map(number, dmp.rule.inverse_metric))),
+        ("stabilization, per duration", _plain(dmp.rule.stabilization)),
+        ("barrier rate, per duration", _plain(dmp.rule.barrier_rate)),
     ]
     smoothing = sorted({record.smoothing for record in dmp.record})
     if smoothing:

@@ -12,9 +12,11 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.boundary import Boundary
 from noslip.errors import NoslipError
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import Motion, State
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
+from noslip.rule import Rule
+from noslip.runtime.motion import Motion
+from noslip.runtime.state import State
 
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
 """Of an adaptation while a goal is dragged."""
@@ -107,7 +109,7 @@ class Adapter:
         except (NoslipError, ArithmeticError) as error:
             passed = 1e3 * (time.perf_counter() - began)
             return Adapted(None, None, np.nan, np.nan, passed, str(error) or type(error).__name__)
-        own = self.primitive.position.goal, self.primitive.orientation.goal
+        own = self.primitive.goal_position, self.primitive.goal_rotation
         goal, _ = wish.goal.pose_or(*own)
         return Adapted(
             dmp,
@@ -139,7 +141,9 @@ class Adapter:
             dmp = self.primitive
             length = dmp.regular.rollout().path_length
             chosen = inverse_metric(dmp.system, metric, None, length)  # type: ignore[arg-type]
-            self._by_metric[metric] = replace(dmp, inverse_metric=chosen)
+            rates = dmp.rule.stabilization, dmp.rule.barrier_rate
+            rule = Rule(dmp.system, chosen, stabilization=rates[0], barrier_rate=rates[1])
+            self._by_metric[metric] = replace(dmp, rule=rule)
         return self._by_metric[metric]
 
 
@@ -204,4 +208,4 @@ class PushedRun:
     @property
     def goal_error(self) -> float:
         """Distance from where the tool is to the goal (m)."""
-        return float(np.linalg.norm(self.states[-1].position - self.dmp.position.goal))
+        return float(np.linalg.norm(self.states[-1].position - self.dmp.goal_position))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from noslip._typing import Floats
 from noslip.figures.style import PALETTE
-from noslip.primitives.pose import State
+from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm
 from noslip.viewer.scene import Track, rgb

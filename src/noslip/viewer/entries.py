@@ -13,7 +13,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.edge import Edge
 from noslip.errors import InputError
-from noslip.learning import ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm, Simulation
 from noslip.viewer.changes import Adapted, Adapter, Wish

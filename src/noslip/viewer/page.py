@@ -394,8 +394,8 @@ class Page:
         self._follow(
             replace(
                 wish,
-                goal=_changed(self._goal.value, wish.goal, own.position.goal),
-                start=_changed(self._start.value, wish.start, own.position.start),
+                goal=_changed(self._goal.value, wish.goal, own.goal_position),
+                start=_changed(self._start.value, wish.start, own.start_position),
                 duration=self._duration.value
                 if wish.duration is not None or abs(self._duration.value - own.duration) > 1e-6
                 else None,
@@ -410,7 +410,7 @@ class Page:
         known = getattr(self.entry.wish, what)
         asked = replace(known, position=np.array(gizmo.position))
         rotation = Rotation.from_quat(np.array(gizmo.wxyz), scalar_first=True)
-        own = getattr(primitive.orientation, what)
+        own = getattr(primitive, f"{what}_rotation")
         if known.rotation is not None or (rotation * own.inv()).magnitude() > 1e-6:
             asked = replace(asked, rotation=rotation)
         wish: dict[str, Any] = {what: asked}
@@ -450,7 +450,7 @@ class Page:
         own, wish = entry.primitive, entry.wish
         assert own is not None
         for what, field_ in (("goal", self._goal), ("start", self._start)):
-            own_pose = getattr(own.position, what), getattr(own.orientation, what)
+            own_pose = getattr(own, f"{what}_position"), getattr(own, f"{what}_rotation")
             position, rotation = getattr(wish, what).pose_or(*own_pose)
             field_.value = _plain(position)
             gizmo = self._gizmos[what]

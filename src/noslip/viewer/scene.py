@@ -25,7 +25,8 @@ from noslip.constraints.edge_motion import EdgeMotion, edge_motion, edge_steps, 
 from noslip.constraints.system import ConstraintSystem
 from noslip.edge import Edge
 from noslip.figures.style import PALETTE
-from noslip.primitives.pose import Motion, State
+from noslip.runtime.motion import Motion
+from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
 
 Bytes = NDArray[np.uint8]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from noslip.demonstrations.loading import load_demonstrations
 from noslip.errors import InputError, NoslipError
-from noslip.learning import ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 

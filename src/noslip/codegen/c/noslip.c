@@ -11,8 +11,8 @@ static void noslip_core(const noslip_real *state, const noslip_real *step, nosli
 /* Of the core: force, values, multipliers. */
 #define NOSLIP_OUTPUTS @OUTPUTS@
 
-/* Numbers that a step of the core takes. */
-#define NOSLIP_STEP 19
+/* Where each number stands in what the core takes and returns. */
+@OFFSETS@
 /* A rate that leaves nothing after any step, 1/s. */
 #define AT_ONCE REAL(1e18)
 /* Residual that rounding causes, over the largest velocity, or 1. */
@@ -160,7 +160,7 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
     const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
-    noslip_real now[13], step[NOSLIP_STEP], after[13], output[NOSLIP_OUTPUTS];
+    noslip_real now[STATE_SIZE], step[STEP_SIZE], after[STATE_SIZE], output[NOSLIP_OUTPUTS];
     noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain;
     noslip_real sum = 0, fast = 1, slip_rate = state->previous_step > 0 ? AT_ONCE : state->pull_in;
     int i;
@@ -182,41 +182,41 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
         gain = less * less + 4 * half * turned * turned;
     }
     for (i = 0; i < 3; ++i) {
-        now[i] = state->position[i];
-        now[7 + i] = state->linear_velocity[i];
-        now[10 + i] = state->angular_velocity[i];
-        step[9 + i] = state->goal_position[i] + offset[i];
-        step[16 + i] = offset[3 + i] + state->steering[i];
+        now[STATE_POSITION + i] = state->position[i];
+        now[STATE_LINEAR_VELOCITY + i] = state->linear_velocity[i];
+        now[STATE_ANGULAR_VELOCITY + i] = state->angular_velocity[i];
+        step[STEP_POSITION_TARGET + i] = state->goal_position[i] + offset[i];
+        step[STEP_ROTATION_OFFSET + i] = offset[3 + i] + state->steering[i];
     }
-    for (i = 0; i < 4; ++i) now[3 + i] = state->quaternion[i];
-    step[0] = time_step;
-    step[1] = kick;
-    step[2] = state->previous_step;
-    step[3] = state->time + time_step;
-    step[4] = state->pull_in;
-    step[5] = slip_rate;
-    step[6] = p->barrier_rate / tau;
-    step[7] = decay;
-    step[8] = gain / kick;
-    leading(p, state->fraction, state->goal_quaternion, step + 12);
+    for (i = 0; i < 4; ++i) now[STATE_QUATERNION + i] = state->quaternion[i];
+    step[STEP_TIME_STEP] = time_step;
+    step[STEP_KICK] = kick;
+    step[STEP_PREVIOUS_STEP] = state->previous_step;
+    step[STEP_TIME] = state->time + time_step;
+    step[STEP_RESIDUAL_RATE] = state->pull_in;
+    step[STEP_SLIP_RATE] = slip_rate;
+    step[STEP_BARRIER_RATE] = p->barrier_rate / tau;
+    step[STEP_DECAY] = decay;
+    step[STEP_GAIN] = gain / kick;
+    leading(p, state->fraction, state->goal_quaternion, step + STEP_ROTATION_GOAL);
 
     noslip_core(now, step, after, output);
 
-    for (i = 0; i < 13; ++i) sum += after[i] - after[i];
+    for (i = 0; i < STATE_SIZE; ++i) sum += after[i] - after[i];
     if (!(sum >= 0)) return 1;
     for (i = 0; i < 3; ++i) {
-        state->position[i] = after[i];
-        state->linear_velocity[i] = after[7 + i];
-        state->angular_velocity[i] = after[10 + i];
+        state->position[i] = after[STATE_POSITION + i];
+        state->linear_velocity[i] = after[STATE_LINEAR_VELOCITY + i];
+        state->angular_velocity[i] = after[STATE_ANGULAR_VELOCITY + i];
     }
-    for (i = 0; i < 4; ++i) state->quaternion[i] = after[3 + i];
+    for (i = 0; i < 4; ++i) state->quaternion[i] = after[STATE_QUATERNION + i];
     for (i = 0; i < 6; ++i) {
-        state->acceleration[i] = (after[7 + i] - now[7 + i]) / kick;
-        state->force[i] = output[i];
+        state->acceleration[i] = (after[STATE_LINEAR_VELOCITY + i] - now[STATE_LINEAR_VELOCITY + i]) / kick;
+        state->force[i] = output[OUTPUT_FORCE + i];
     }
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
-        state->values[i] = output[6 + i];
-        state->multipliers[i] = output[6 + NOSLIP_EQUALITIES + NOSLIP_LIMITS + i];
+        state->values[i] = output[OUTPUT_VALUES + i];
+        state->multipliers[i] = output[OUTPUT_MULTIPLIERS + i];
     }
     state->time += time_step;
     state->fraction += h;

@@ -3,7 +3,7 @@
 What leads a tool back that was pushed off its path depends on how far it is:
 
 - within the tolerance it is *steered*: the orientation's target is turned towards the path
-  (:mod:`noslip.runtime.steering`);
+  (:mod:`noslip.control.steering`);
 - beyond it, or when the goal moves, what remains is *re-planned* (:meth:`ConstrainedDMP.replan`),
   with more time the more it was displaced: the phase slows down;
 - between two plans, or if there is none, the phase *stops* while the tool is beyond the tolerance
@@ -19,7 +19,7 @@ moment needs a way back, which only a new plan, and time, can give.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,13 +27,17 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.adapting import REPLANNED_SAMPLES
+from noslip.adapting import REPLANNED_SAMPLES, replan
+from noslip.control.steering import PATH, Guidance
 from noslip.errors import InputError, NoslipError
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import DONE, State
+from noslip.law.law import Law
+from noslip.law.layout import STATE
+from noslip.rule import Rule
 from noslip.runtime import engine
 from noslip.runtime.engine import Compiled, Memory, Virtual
-from noslip.runtime.steering import Guidance
+from noslip.runtime.rollout import initial_state, rollout
+from noslip.runtime.state import State
+from noslip.runtime.stepper import stepper_of
 
 TOLERANCE = 2e-3
 """Of the path's length: farther off its path a tool is led back by a new plan."""
@@ -41,6 +45,8 @@ ANGLE_TOLERANCE = 0.05
 """rad."""
 FARTHEST = 3.0
 """Over the path's length: a goal farther away is not planned for in the loop."""
+_POSITION, _QUATERNION, _LINEAR, _ANGULAR = (STATE[name] for name in STATE)
+_PASSED, _NOW = PATH.index("passed"), PATH.index("time")
 _PAUSE = 0.02
 """Fraction of the duration between two plans, and that a tool takes to come to a halt."""
 _STANDING = 1e15
@@ -69,6 +75,18 @@ class Replanned:
     failure: str = ""
 
 
+class Primitive(Protocol):
+    """What has a law and a rule."""
+
+    @property
+    def law(self) -> Law:
+        """What it wants."""
+
+    @property
+    def rule(self) -> Rule:
+        """What it must."""
+
+
 class Controller:
     """Steps a primitive, and leads it back when what is measured is not what was planned.
 
@@ -78,6 +96,7 @@ class Controller:
     Parameters
     ----------
     dmp : ConstrainedDMP
+        Or whatever has a law and a rule.
     time_step : float
         Of the loop (s).
     tolerance : float
@@ -92,7 +111,7 @@ class Controller:
 
     Attributes
     ----------
-    plan : ConstrainedDMP
+    plan : Law
         What is followed now.
     replanned : list of Replanned
     memory : Memory
@@ -101,7 +120,7 @@ class Controller:
 
     def __init__(
         self,
-        dmp: ConstrainedDMP,
+        dmp: Primitive,
         *,
         time_step: float,
         tolerance: float = TOLERANCE,
@@ -109,18 +128,18 @@ class Controller:
         samples: int = REPLANNED_SAMPLES,
         replan: bool = True,
     ) -> None:
-        self.dmp, self.replans = dmp, replan
+        self.law, self.rule, self.replans = dmp.law, dmp.rule, replan
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
         self.tolerance = _arguments.positive("tolerance", tolerance)
         self.angle_tolerance = _arguments.positive("angle_tolerance", angle_tolerance, "rad")
         self.samples = samples
-        self.memory = Memory(dmp)
-        self._library = dmp.stepper.native.wait()
-        self._length = dmp.rollout().path_length
+        self.memory = Memory(dmp.law.clock, dmp.rule.system)
+        self._library = stepper_of(dmp.rule).native.wait()
+        self._length = rollout(dmp.law, dmp.rule).path_length
         self._guidance = Guidance(
-            dmp.system,
+            dmp.rule.system,
             self._length,
-            dmp.duration,
+            dmp.law.duration,
             self.tolerance,
             self.angle_tolerance,
         )
@@ -133,11 +152,11 @@ class Controller:
         self._speed = self._wanted_speed = 1.0
         self._ramp = 0.0
         self._halted: Floats | None = None
-        begun = self.dmp.initial_state() if state is None else state
+        begun = initial_state(self.law, self.rule) if state is None else state
         self._goal = begun.goal_position.tolist()
         self._goal_rotation = begun.goal_rotation
         self._goal_moved = False
-        self._follow(self.dmp, begun)
+        self._follow(self.law, begun)
         return self.state
 
     @property
@@ -148,7 +167,7 @@ class Controller:
     @property
     def done(self) -> bool:
         """Whether the motion has come to its end."""
-        return self.memory.data.item(engine.FRACTION) >= DONE
+        return self.law.clock.is_over(self.memory.data.item(engine.FRACTION))
 
     @property
     def is_compiled(self) -> bool:
@@ -247,7 +266,7 @@ class Controller:
 
     def _head_for(self, speed: float, within: float | None) -> None:
         if within is None:
-            within = _PAUSE * self.dmp.duration
+            within = _PAUSE * self.law.duration
         within = _arguments.not_negative("within", within)
         self._wanted_speed = speed
         self._ramp = 1 / within if within > 0 else np.inf
@@ -285,11 +304,13 @@ class Controller:
             if (asked_rotation * self._goal_rotation.inv()).magnitude() > 0:
                 self._goal_rotation, self._goal_moved = asked_rotation, True
 
-    def _follow(self, plan: ConstrainedDMP, state: State) -> None:
+    def _follow(self, plan: Law, state: State) -> None:
         self.plan = plan
         begins = state.previous_step == 0.0
         # On the loop's own steps: undisturbed, the tool is exactly on it.
-        motion = plan.rollout(
+        motion = rollout(
+            plan,
+            self.rule,
             goal_position=state.goal_position,
             goal_rotation=state.goal_rotation,
             start_position=state.position if begins else None,
@@ -308,11 +329,11 @@ class Controller:
         )
         self._last = len(self._path) - 1
         self._between = motion.duration / len(self._path)
-        self.memory.set(plan, state)
+        self.memory.set(state)
         self._engine = (
-            Virtual(plan, self.memory, self.time_step)
+            Virtual(plan, self.rule, self.memory, self.time_step)
             if self._library is None
-            else Compiled(plan, self.memory, self._library)
+            else Compiled(plan, self.rule, self.memory, self._library)
         )
 
     def _measure(self, measured: State) -> bool:
@@ -323,10 +344,10 @@ class Controller:
         place = min(data.item(engine.FRACTION), 1.0) * len(self._path)
         k = min(int(place), self._last)
         given, path = guidance.measured, guidance.path
-        given[0:3], given[3:7] = measured.position, measured.quaternion
-        given[7:10], given[10:13] = measured.linear_velocity, measured.angular_velocity
-        path[:13] = self._path[k]
-        path[13], path[14] = (place - k) * self._between, data.item(engine.TIME)
+        given[_POSITION], given[_QUATERNION] = measured.position, measured.quaternion
+        given[_LINEAR], given[_ANGULAR] = measured.linear_velocity, measured.angular_velocity
+        path[: STATE.size] = self._path[k]
+        path[_PASSED], path[_NOW] = (place - k) * self._between, data.item(engine.TIME)
         guidance()
         if not guidance.is_finite:
             raise InputError(
@@ -345,7 +366,7 @@ class Controller:
     def _replan(self, reason: Literal["path", "goal"]) -> bool:
         """Change the plan, if one is found; else the old one is followed on."""
         state = self.memory.state()
-        self._pause = state.time + _PAUSE * self.dmp.duration
+        self._pause = state.time + _PAUSE * self.law.duration
         far = np.linalg.norm(self._goal - state.position)
         try:
             # A plan of thousands of seconds would be sought for seconds, while the tool waits.
@@ -354,17 +375,21 @@ class Controller:
                     f"the goal is {far:.3g} m away, the whole path {self._length:.3g} m; adapt the "
                     "primitive to it first"
                 )
-            plan = self.plan.replan(
+            plan = replan(
+                self.plan,
+                self.rule,
                 state,
                 goal_position=self._goal,
                 goal_rotation=self._goal_rotation,
                 samples=self.samples,
-            )
+            ).law
         except NoslipError as failure:
             self.replanned.append(Replanned(state.time, reason, np.nan, str(failure)))
             return False
         self.replanned.append(Replanned(state.time, reason, plan.duration))
         self._goal_moved = False
-        begun = plan.initial_state(start_position=state.position, start_rotation=state.rotation)
+        begun = initial_state(
+            plan, self.rule, start_position=state.position, start_rotation=state.rotation
+        )
         self._follow(plan, begun)
         return True

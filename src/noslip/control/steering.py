@@ -22,7 +22,7 @@ import numpy as np
 
 from noslip._typing import Expression
 from noslip.constraints.system import ConstraintSystem
-from noslip.primitives.stepping import STATE_SIZE
+from noslip.law.layout import STATE, VELOCITY, Layout
 from noslip.rotations import (
     quaternion_conjugate,
     quaternion_exp,
@@ -36,6 +36,10 @@ LARGEST_TURN = 0.5
 """rad; the linearization holds for little more."""
 RETURN_RATE = 8.0
 """k of the steering, per duration."""
+PATH = Layout(**{name: STATE.width(name) for name in STATE}, passed=1, time=1)
+"""A state of the path, seconds since then, time now."""
+_FOUND = Layout(distance=1, angle=1, sum=1, steering=3, state=STATE.size)
+"""What the comparison returns."""
 DEADBAND = 0.1
 """Fraction of the tolerance within which nothing is done."""
 
@@ -98,7 +102,7 @@ class Guidance:
     Attributes
     ----------
     path : array, shape (15,)
-        To be written to before a call: a state of the path, seconds since then, time now.
+        To be written to before a call; see :data:`PATH`.
     measured : array, shape (13,)
         To be written to before a call: pose and velocities.
     distance, angle : float
@@ -117,13 +121,12 @@ class Guidance:
         tolerance: float,
         angle_tolerance: float,
     ) -> None:
-        path, measured = ca.SX.sym("path", STATE_SIZE + 2), ca.SX.sym("measured", STATE_SIZE)
-        p, q, v, w = path[0:3], path[3:7], path[7:10], path[10:13]
-        passed, time = path[13], path[14]
+        path, measured = ca.SX.sym("path", PATH.size), ca.SX.sym("measured", STATE.size)
+        p, q, v, w, passed, time = (path[PATH[name]] for name in PATH)
         position = p + passed * v
         quaternion = quaternion_product(quaternion_exp(passed * w), q)
-        off = position - measured[0:3]
-        unit = measured[3:7] / ca.norm_2(measured[3:7])
+        place, turned = measured[STATE["position"]], measured[STATE["quaternion"]]
+        off, unit = position - place, turned / ca.norm_2(turned)
         distance = ca.norm_2(off) / (path_length or 1.0) / tolerance
         wish = RETURN_RATE / duration * off
         turn = turn_that_allows(
@@ -132,13 +135,13 @@ class Guidance:
         turn = ca.if_else(distance > DEADBAND, turn, 0.0)
         apart = quaternion_log(quaternion_product(quaternion, quaternion_conjugate(unit)))
         angle = ca.norm_2(apart) / (angle_tolerance + ca.norm_2(turn))
-        state = ca.vertcat(measured[0:3], unit, measured[7:13])
+        state = ca.vertcat(place, unit, measured[VELOCITY])
         # One sum instead of thirteen questions: what is not finite stays so.
         found = ca.densify(ca.vertcat(distance, angle, ca.sum1(state), turn, state))
         self._function = ca.Function("guidance", [path, measured], [ca.cse(found)])
-        self.path, self.measured = np.zeros(STATE_SIZE + 2), np.zeros(STATE_SIZE)
-        self._found = np.zeros(6 + STATE_SIZE)
-        self.steering, self.state = self._found[3:6], self._found[6:]
+        self.path, self.measured = np.zeros(PATH.size), np.zeros(STATE.size)
+        self._found = np.zeros(_FOUND.size)
+        self.steering, self.state = self._found[_FOUND["steering"]], self._found[_FOUND["state"]]
         self._buffer, self._evaluate = self._function.buffer()
         self._buffer.set_arg(0, self.path.data)
         self._buffer.set_arg(1, self.measured.data)
@@ -151,14 +154,14 @@ class Guidance:
     @property
     def distance(self) -> float:
         """Off the path, over what is tolerated."""
-        return self._found.item(0)
+        return self._found.item(_FOUND.index("distance"))
 
     @property
     def is_finite(self) -> bool:
         """Whether all that was measured is."""
-        return isfinite(self._found.item(2))
+        return isfinite(self._found.item(_FOUND.index("sum")))
 
     @property
     def angle(self) -> float:
         """Off the path's orientation, over what is tolerated."""
-        return self._found.item(1)
+        return self._found.item(_FOUND.index("angle"))

@@ -22,9 +22,10 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.errors import InputError
-from noslip.primitives.forcing import ForcingTerm
-from noslip.primitives.orientation import OrientationDMP
-from noslip.primitives.position import PositionDMP
+from noslip.law.forcing import ForcingTerm
+from noslip.law.law import Law
+from noslip.law.layout import FORCE, STATE
+from noslip.law.space import Goal
 
 Scaling = Literal["none", "difference", "rotation-dilation"]
 
@@ -34,18 +35,18 @@ _CLOSED = 0.01
 """Demonstrated way, over the reach of the force, of a path that ends where it began."""
 
 
-def scaled_position(
-    position: PositionDMP,
+def scaled(
+    law: Law,
     scaling: Scaling,
     *,
     start_position: ArrayLike | None = None,
     goal_position: ArrayLike | None = None,
-) -> PositionDMP:
-    """Return a position primitive whose path is stretched or turned to a new start and goal.
+) -> Law:
+    """Return a law whose path is stretched or turned to a new start and goal.
 
     Parameters
     ----------
-    position : PositionDMP
+    law : Law
     scaling : "none", "difference" or "rotation-dilation"
         - ``"none"``: S = 1 (the paper; Hoffmann et al. 2009 scale nothing either).
         - ``"difference"``: S is diagonal with the ratios of ``g - p_0``, axis by axis (Ijspeert et
@@ -54,60 +55,51 @@ def scaled_position(
         - ``"rotation-dilation"``: S is the smallest rotation that turns the demonstrated way into
           the new one, times the ratio of their lengths (Ginesi, Sansonetto and Fiorini 2021,
           section 3.2).  Into the opposite direction it turns about the vertical.  A demonstration
-          that ends where it began says nothing about a direction; it is not scaled.
+          that ends where it began says nothing about a direction; it is not scaled.  The
+          orientation turns along.
     start_position, goal_position : array, shape (3,), optional
         Meters; the learned ones by default.
 
     Returns
     -------
-    PositionDMP
+    Law
         A goal equal to the start lets an axis that is scaled stand still, and with
         ``"rotation-dilation"`` the whole motion.
     """
     if scaling not in get_args(Scaling):
         raise InputError(f"scaling is one of {', '.join(get_args(Scaling))}; got {scaling!r}")
-    start, goal = position.start, position.goal
+    start, goal = law.start_position, law.goal_position
     if start_position is not None:
         start = _arguments.vector("start_position", start_position)
     if goal_position is not None:
         goal = _arguments.vector("goal_position", goal_position)
-    matrix = _matrix(position, scaling, start, goal)
+    matrix = _matrix(law, scaling, start, goal)
+    ratio = float(np.cbrt(np.linalg.det(matrix)))
+    if scaling == "rotation-dilation" and ratio:
+        law = law.turned(Rotation.from_matrix(matrix / ratio))
+    weights, velocity, point = (
+        np.array(x) for x in (law.forcing.weights, law.start_velocity, law.start)
+    )
+    weights[:, FORCE["linear"]] = weights[:, FORCE["linear"]] @ matrix.T
+    velocity[FORCE["linear"]] = matrix @ velocity[FORCE["linear"]]
+    point[STATE["position"]] = start
     return replace(
-        position,
-        forcing=ForcingTerm(position.forcing.basis, position.forcing.weights @ matrix.T),
-        start=start,
-        goal=goal,
-        start_velocity=matrix @ position.start_velocity,
+        law,
+        forcing=ForcingTerm(law.basis, weights),
+        start=point,
+        start_velocity=velocity,
+        goal=Goal(goal, law.goal.winding),
     )
 
 
-def scaled_orientation(
-    position: PositionDMP, orientation: OrientationDMP, scaled: PositionDMP, scaling: Scaling
-) -> OrientationDMP:
-    """Return an orientation primitive that turns along with a position primitive.
-
-    Parameters
-    ----------
-    position, orientation : PositionDMP, OrientationDMP
-        As learned.
-    scaled : PositionDMP
-        As :func:`scaled_position` returned it.
-    """
-    if scaling != "rotation-dilation":
-        return orientation
-    matrix = _matrix(position, scaling, scaled.start, scaled.goal)
-    ratio = float(np.cbrt(np.linalg.det(matrix)))
-    return orientation.turned(Rotation.from_matrix(matrix / ratio)) if ratio else orientation
-
-
-def _matrix(position: PositionDMP, scaling: Scaling, start: Floats, goal: Floats) -> Floats:
+def _matrix(law: Law, scaling: Scaling, start: Floats, goal: Floats) -> Floats:
     """S, shape (3, 3)."""
     if scaling == "none":
         return np.eye(3)
     # In meters: how far the force alone would move the attractor.
-    reach = np.abs(position.forcing.weights).max() / position.attractor.stiffness
+    reach = np.abs(law.offset_weights[:, FORCE["linear"]]).max()
     stretch = _difference if scaling == "difference" else _rotation_dilation
-    return stretch(position.goal - position.start, goal - start, _CLOSED * reach)
+    return stretch(law.goal_position - law.start_position, goal - start, _CLOSED * reach)
 
 
 def _difference(demonstrated: Floats, wanted: Floats, closed: float) -> Floats:

@@ -66,23 +66,20 @@ class Attractor:
         product, gain = self.factors(fraction / 2)
         return np.asarray((first_step - gain / (fraction / 2) * pull) / product)
 
-    def demonstrated_target(self, values: Floats, velocities: Floats, fraction: float) -> Floats:
-        """Targets x* under which the steps reproduce samples: the step's exact inverse.
+    def demonstrated_pull(self, velocities: Floats, fraction: float) -> Floats:
+        """Pulls ``x* - x`` under which the steps reproduce samples: the step's exact inverse.
 
         Parameters
         ----------
-        values : array, shape (N, d)
-            Samples that are ``fraction`` of the duration apart.
         velocities : array, shape (N - 1, d)
-            Of the steps between them, per duration.
+            Of the steps between samples that are ``fraction`` of the duration apart, per duration.
         fraction : float
             ``dt / tau``.
 
         Returns
         -------
         array, shape (N - 2, d)
-            For the samples 1 to N - 2.
+            At the samples 1 to N - 2.
         """
         product, gain = self.factors(fraction)
-        pull = (velocities[1:] - product * velocities[:-1]) * (fraction / gain)
-        return np.asarray(values[1:-1] + pull)
+        return (velocities[1:] - product * velocities[:-1]) * (fraction / gain)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.errors import InputError
 from noslip.trajectory import continuous_quaternions
 
@@ -20,7 +21,7 @@ _MOST_KNOTS = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
-class Winding:
+class Winding(Value):
     """W(t / duration): the rotation that plays the goal's part in ``Log(R_g R^T)``.
 
     The logarithm of eq. 7 knows only angles up to pi, so an attractor to a fixed goal cannot tell

@@ -10,12 +10,13 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.errors import InputError
-from noslip.primitives.basis import Basis
+from noslip.law.basis import Basis
 
 
 @dataclass(frozen=True, eq=False)
-class ForcingTerm:
+class ForcingTerm(Value):
     """``f(s) = sum psi_i(s) theta_i s / sum psi_i(s)`` (the paper's eq. 3).
 
     Parameters

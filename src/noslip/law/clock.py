@@ -9,12 +9,16 @@ from numpy.typing import ArrayLike
 
 from noslip._typing import Floats
 
+DONE = 1 - 1e-9
+"""Fraction of the duration from which on a motion has come to its end: steps add up to 1 only to
+rounding."""
+
 
 @dataclass(frozen=True)
 class Phase:
     """``tau ds/dt = -alpha_s s`` with tau the duration (the paper's eq. 2).
 
-    The phase runs from 1 to ``exp(-alpha_s)`` over the motion, whatever its duration.
+    The phase runs from 1 to ``exp(-alpha_s)`` over the motion, whatever its duration, once.
     """
 
     alpha_s: float = 1.0
@@ -30,3 +34,8 @@ class Phase:
     def decay(self, fraction: float) -> float:
         """Factor by which the phase shrinks over a fraction of the duration; exact."""
         return float(np.exp(-self.alpha_s * fraction))
+
+    @staticmethod
+    def is_over(fraction: float) -> bool:
+        """Whether a motion has come to its end at a fraction of its duration."""
+        return fraction >= DONE

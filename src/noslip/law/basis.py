@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from noslip._typing import Floats
-from noslip.primitives.phase import Phase
+from noslip.law.clock import Phase
 
 CACHED = 2048
 """Steps whose activations are kept together."""
