@@ -21,6 +21,7 @@ import noslip as ns
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.catalog import CATALOG, parse_constraint, restore, specification
 from noslip.constraints.formula import surface_value
+from noslip.edge import Edge
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
@@ -393,6 +394,7 @@ def literal(constraint: Any) -> str:
     arguments = []
     for f in fields(constraint):
         value = getattr(constraint, f.name)
+        value = value.travel if isinstance(value, Edge) else value
         if f.init:
             arguments.append(f"{f.name}={list(value) if isinstance(value, tuple) else value!r}")
     name = next(name for name, kind in CATALOG.items() if kind is type(constraint))
