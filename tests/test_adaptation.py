@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.experiments.numerical_example import demonstration
+from learned import cutting, numerical
+from measures import apart, degrees, slip
+from motions import along, arc, cut, numerical_example
+from noslip._typing import Floats
+from refusals import refusal
+from strategies import seeds, unit
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 BLADE = ns.Blade()
 POSITION, ROTATION = 1e-3, 0.5
 """What a rollout may be off its goal: share of the path's length, degrees."""
@@ -29,23 +31,6 @@ KEPT = 1e-6
 
 
 # -------------------------------------------------------------------- what is measured
-
-
-def slip(motion: ns.PoseTrajectory) -> Floats:
-    """Lateral speed of each step, by NumPy alone."""
-    v = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
-    return np.einsum("ki,ki->k", motion.rotations.as_matrix()[1:, :, 1], v)
-
-
-def degrees(one: Rotation, other: Rotation) -> float:
-    return float(np.degrees((one * other.inv()).magnitude()))
-
-
-def apart(one: ns.PoseTrajectory, other: ns.PoseTrajectory) -> tuple[float, float]:
-    """Farthest two motions are apart at the same sample (m, degrees)."""
-    moved = np.linalg.norm(one.positions - other.positions, axis=1).max()
-    turned = (one.rotations * other.rotations.inv()).magnitude().max()
-    return float(moved), float(np.degrees(turned))
 
 
 def peak_rate(motion: ns.PoseTrajectory) -> float:
@@ -67,42 +52,6 @@ def assert_reaches(motion: ns.Motion, goal: Any, turned: Rotation, length: float
 
 
 # -------------------------------------------------------------------- primitives
-
-
-def direction(rng: np.random.Generator) -> Floats:
-    u = rng.normal(size=3)
-    return np.asarray(u / np.linalg.norm(u))
-
-
-def along(x: Floats, s: Floats) -> Rotation:
-    """Rotations whose x axis follows a path and whose y axis stays level."""
-    v = np.gradient(x, s, axis=0)
-    yaw, pitch = np.arctan2(v[:, 1], v[:, 0]), -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
-    return Rotation.from_euler("ZY", np.column_stack([np.unwrap(yaw), pitch]))
-
-
-def arc(count: int = 301, height: float = 0.1) -> tuple[Floats, Floats]:
-    """A bent path of about a meter, flat if the height is 0."""
-    s = np.linspace(0, 1, count)
-    return s, np.column_stack([s, 0.2 * np.sin(2 * s), height * np.sin(3 * s)])
-
-
-def cut(height: float = 0.1) -> ns.PoseTrajectory:
-    """The arc in 2 s, with the edge askew by up to 10 degrees."""
-    s, x = arc(height=height)
-    error = np.outer(0.17 * np.sin(2.5 * s), [0, 0, 1])
-    return ns.PoseTrajectory(2 * s, x, Rotation.from_rotvec(error) * along(x, s), name="cut")
-
-
-@cache
-def cutting() -> ns.ConstrainedDMP:
-    """A blade's primitive, cheap to adapt."""
-    return ns.learn(cut(), [BLADE], basis_functions=40)
-
-
-@cache
-def numerical() -> ns.ConstrainedDMP:
-    return ns.learn(demonstration(), [BLADE])
 
 
 def own_goal(dmp: ns.ConstrainedDMP) -> tuple[Floats, Rotation]:
@@ -127,8 +76,8 @@ class Goal:
         turned: float = 45.0,
     ) -> Goal:
         """From 1 % of the path's length away, in any direction, turned about any axis."""
-        shift = rng.uniform(0.01, farthest) * length * direction(rng)
-        turn = np.radians(rng.uniform(0, turned)) * direction(rng)
+        shift = rng.uniform(0.01, farthest) * length * unit(rng)
+        turn = np.radians(rng.uniform(0, turned)) * unit(rng)
         return cls(dmp.position.goal + shift, Rotation.from_rotvec(turn) * dmp.orientation.goal)
 
 
@@ -167,7 +116,7 @@ def five_hundred(given_: ns.PoseTrajectory, count: int, seed: int) -> None:
 
 @pytest.mark.slow
 def test_the_numerical_example_reaches_any_goal() -> None:
-    five_hundred(demonstration(), 168, seed=0)
+    five_hundred(numerical_example(), 168, seed=0)
 
 
 @pytest.mark.slow
@@ -387,8 +336,8 @@ def at_start(steps: Floats) -> Floats:
 def test_it_starts_in_the_pose_and_with_the_velocities_wanted(seed: int) -> None:
     dmp, rng = cutting(), np.random.default_rng(seed)
     length = dmp.rollout().path_length
-    start = dmp.position.start + rng.uniform(0, 0.2) * length * direction(rng)
-    held = Rotation.from_rotvec(rng.uniform(0, 0.6) * direction(rng)) * dmp.orientation.start
+    start = dmp.position.start + rng.uniform(0, 0.2) * length * unit(rng)
+    held = Rotation.from_rotvec(rng.uniform(0, 0.6) * unit(rng)) * dmp.orientation.start
     velocity = rng.normal(size=6) * [0.5, 0.5, 0.5, 1, 1, 1]
     lateral = held.as_matrix()[:, 1]
     allowed = velocity[:3] - lateral * (lateral @ velocity[:3])
@@ -439,8 +388,8 @@ def test_points_and_poses_on_the_way_are_passed(seed: int, count: int, poses: bo
     length = usual.path_length
     via = []
     for place in np.linspace(0, dmp.steps, count + 2).astype(int)[1:-1]:
-        point = usual.positions[place] + 0.05 * length * rng.uniform() * direction(rng)
-        held = Rotation.from_rotvec(rng.uniform(0, 0.3) * direction(rng)) * usual.rotations[place]
+        point = usual.positions[place] + 0.05 * length * rng.uniform() * unit(rng)
+        held = Rotation.from_rotvec(rng.uniform(0, 0.3) * unit(rng)) * usual.rotations[place]
         via.append((place / dmp.steps, point, held) if poses else (place / dmp.steps, point))
     motion = dmp.adapt(via=via).rollout()
     for at, point, *held in via:
@@ -628,7 +577,7 @@ def assert_displaced(dmp: ns.ConstrainedDMP, shift: Floats, turn: Floats) -> Non
 def test_within_a_plane_the_displacement_is_of_minimum_jerk(seed: int) -> None:
     rng = np.random.default_rng(seed)
     dmp = ns.learn(cut(height=0), [ns.PlaneContact()], basis_functions=40)
-    assert_displaced(dmp, 0.3 * direction(rng) * [1, 1, 0], 0.5 * direction(rng))
+    assert_displaced(dmp, 0.3 * unit(rng) * [1, 1, 0], 0.5 * unit(rng))
 
 
 def test_without_constraints_too() -> None:
@@ -824,10 +773,15 @@ CASES: dict[str, Callable[[], Case]] = {
 }
 
 
+@cache
+def learned(name: str) -> tuple[Case, ns.ConstrainedDMP]:
+    case = CASES[name]()
+    return case, ns.learn(case.demonstration, case.constraints)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_goals_are_reached_under_any_constraint(name: str) -> None:
-    case = CASES[name]()
-    dmp = ns.learn(case.demonstration, case.constraints)
+    case, dmp = learned(name)
     length = dmp.rollout().path_length
     new = dmp.adapt(goal_position=case.goal, goal_rotation=case.turned, end=case.end)
     motion = new.rollout()
@@ -840,8 +794,7 @@ def test_goals_are_reached_under_any_constraint(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["sphere", "remote center", "tool axis", "plane that moves"])
 def test_starts_off_the_constraint_are_moved_onto_it(name: str) -> None:
-    case = CASES[name]()
-    dmp = ns.learn(case.demonstration, case.constraints, basis_functions=40)
+    _, dmp = learned(name)
     motion = dmp.adapt(
         start_position=dmp.position.start + [0.03, 0.03, 0.03],
         start_rotation=Rotation.from_rotvec([0.1, -0.1, 0.1]) * dmp.orientation.start,
@@ -884,7 +837,7 @@ def test_limits_hold_on_the_way_to_a_new_goal(name: str, priority: int) -> None:
     assert motion.margins.min() >= -KEPT
     assert_reaches(motion, goal, dmp.orientation.goal, motion.path_length)
     # Without it the same goal would violate it.
-    free = ns.learn(cut(), [BLADE], basis_functions=40).adapt(goal_position=goal).rollout()
+    free = cutting().adapt(goal_position=goal).rollout()
     assert not ns.check(free, [make(priority)], tolerance=1e-3).satisfied
 
 
@@ -944,8 +897,7 @@ def test_a_soft_limit_that_cannot_be_heeded_is_named() -> None:
 
 
 def test_a_motion_under_way_is_adapted_by_the_constraints_own_clock() -> None:
-    case = on_a_swaying_plane()
-    dmp = ns.learn(case.demonstration, case.constraints)
+    _, dmp = learned("plane that moves")
     state = dmp.initial_state()
     for _ in range(100):
         state = dmp.step(state, dmp.duration / dmp.steps)
@@ -964,8 +916,7 @@ def test_a_motion_under_way_is_adapted_by_the_constraints_own_clock() -> None:
 # In another duration the plane is elsewhere at the end: the own goal goes with it, one that is
 # given and does not lie there is refused.
 def test_a_goal_on_a_moving_surface_is_where_that_is_at_the_end() -> None:
-    case = on_a_swaying_plane()
-    dmp = ns.learn(case.demonstration, case.constraints)
+    case, dmp = learned("plane that moves")
     motion = dmp.adapt(duration=2.6).rollout()
     heights = 0.05 * np.sin(2 * np.pi / 1.7 * motion.times + 0.4)
     np.testing.assert_allclose(motion.positions[:, 2], heights, atol=1e-9)
@@ -1017,9 +968,7 @@ BAD: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("arguments", BAD, ids=lambda a: " ".join(repr(a).split())[:40])
 def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> None:
-    with pytest.raises(ns.InputError) as error:
-        cutting().adapt(**arguments)
-    assert "\n" not in str(error.value) and str(error.value)
+    refusal(ns.InputError, cutting().adapt, **arguments)
 
 
 @pytest.mark.parametrize("start", ["free", "position", "rotation"])

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import noslip as ns
 from noslip import InputError, MissingDependencyError, PoseDMP, PoseTrajectory
+from noslip._typing import Floats
 from noslip.demonstrations.excision import synthetic_excisions
 from noslip.interop import (
     from_movement_primitives,
@@ -26,9 +25,8 @@ from noslip.interop import (
     to_pqs,
     to_transforms,
 )
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interop.md"
 STEPS = 500
 

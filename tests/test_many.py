@@ -16,9 +16,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import planar_cut
 from noslip import many
 from noslip.comparison import compare
 from noslip.many import find_recordings, learn_each
@@ -29,13 +29,8 @@ FEW = {"basis_functions": 15}
 
 def recording(number: int) -> ns.PoseTrajectory:
     """A curved cut that slips a little sideways."""
-    random = np.random.default_rng(number)
-    t = np.linspace(0.0, 2.0, 60)
-    bend, slip = random.uniform([0.3, 0.05], [0.8, 0.2])
-    heading = bend * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
-    return ns.PoseTrajectory(t, positions, Rotation.from_euler("z", heading + slip * np.sin(3 * t)))
+    bend, slip = np.random.default_rng(number).uniform([0.3, 0.05], [0.8, 0.2])
+    return planar_cut(bend, wavering=slip, count=60)
 
 
 def write(folder: Path, count: int) -> Path:

@@ -12,66 +12,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.experiments.numerical_example import demonstration
+from learned import cutting, numerical
+from measures import degrees, slip
+from motions import along, arc, cut
+from noslip._typing import Floats
+from refusals import refusal
+from strategies import seeds, unit
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 BLADE = ns.Blade()
 POSITION, ROTATION = 1e-3, 0.5
 """What a motion may be off its goal or its path: share of the path's length, degrees."""
 RESIDUAL = 1e-10
 PERIOD, PHASE, SWAY = 1.7, 0.4, 0.05
-
-
-def slip(motion: ns.PoseTrajectory) -> Floats:
-    """Lateral speed of each step, by NumPy alone."""
-    v = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
-    return np.einsum("ki,ki->k", motion.rotations.as_matrix()[1:, :, 1], v)
-
-
-def degrees(one: Rotation, other: Rotation) -> float:
-    return float(np.degrees((one * other.inv()).magnitude()))
-
-
-def direction(rng: np.random.Generator) -> Floats:
-    u = rng.normal(size=3)
-    return np.asarray(u / np.linalg.norm(u))
-
-
-def along(x: Floats, s: Floats) -> Rotation:
-    """Rotations whose x axis follows a path and whose y axis stays level."""
-    v = np.gradient(x, s, axis=0)
-    yaw, pitch = np.arctan2(v[:, 1], v[:, 0]), -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
-    return Rotation.from_euler("ZY", np.column_stack([np.unwrap(yaw), pitch]))
-
-
-def arc(height: float = 0.1) -> tuple[Floats, Floats]:
-    """A bent path of about a meter, flat if the height is 0."""
-    s = np.linspace(0, 1, 301)
-    return s, np.column_stack([s, 0.2 * np.sin(2 * s), height * np.sin(3 * s)])
-
-
-def cut(height: float = 0.1) -> ns.PoseTrajectory:
-    """The arc in 2 s, with the edge askew by up to 10 degrees."""
-    s, x = arc(height)
-    error = np.outer(0.17 * np.sin(2.5 * s), [0, 0, 1])
-    return ns.PoseTrajectory(2 * s, x, Rotation.from_rotvec(error) * along(x, s), name="cut")
-
-
-@cache
-def cutting() -> ns.ConstrainedDMP:
-    return ns.learn(cut(), [BLADE])
-
-
-@cache
-def numerical() -> ns.ConstrainedDMP:
-    return ns.learn(demonstration(), [BLADE])
 
 
 PRIMITIVES: list[Callable[[], ns.ConstrainedDMP]] = [cutting, numerical]
@@ -203,8 +160,8 @@ def disturbed(
     turned: float = 30.0,
 ) -> ns.State:
     """Pushed by 1 to 20 % of the path and turned by up to 30 degrees."""
-    towards = state.rotation.as_matrix()[:, 1] if lateral else direction(rng)
-    turn = np.radians(rng.uniform(0, turned)) * direction(rng)
+    towards = state.rotation.as_matrix()[:, 1] if lateral else unit(rng)
+    turn = np.radians(rng.uniform(0, turned)) * unit(rng)
     return replace(
         state,
         position=state.position + rng.uniform(0.01, farthest) * length * towards,
@@ -232,8 +189,8 @@ def test_pushed_and_turned_it_still_reaches_the_goal(
 def test_a_goal_that_moved_is_reached(seed: int, done: float) -> None:
     dmp, rng, length = cutting(), np.random.default_rng(seed), path(cutting)[1]
     state = disturbed(state_at(cutting, done), rng, length)
-    goal = dmp.position.goal + rng.uniform(0.01, 0.3) * length * direction(rng)
-    turned = Rotation.from_rotvec(rng.uniform(0, 0.7) * direction(rng)) * dmp.orientation.goal
+    goal = dmp.position.goal + rng.uniform(0.01, 0.3) * length * unit(rng)
+    turned = Rotation.from_rotvec(rng.uniform(0, 0.7) * unit(rng)) * dmp.orientation.goal
     new = dmp.replan(state, goal_position=goal, goal_rotation=turned)
     assert_goes_on(new, state, goal, turned, length)
     np.testing.assert_allclose(new.position.goal, goal, atol=1e-6)
@@ -323,7 +280,7 @@ def test_what_was_replanned_can_be_replanned(seed: int) -> None:
         for _ in range(60):
             state = dmp.step(state, 0.005)
         assert state.time == pytest.approx(now + 0.3)
-        state = replace(state, position=state.position + 0.03 * length * direction(rng))
+        state = replace(state, position=state.position + 0.03 * length * unit(rng))
         dmp = dmp.replan(state)
         assert_goes_on(dmp, state, cutting().position.goal, cutting().orientation.goal, length)
         now = dmp.begin
@@ -339,7 +296,7 @@ def test_replanned_in_a_loop_it_arrives_in_spite_of_pushes() -> None:
         for _ in range(20):
             state = dmp.step(state, 0.01)
             worst = max(worst, float(np.abs(state.constraint_residuals).max()))
-        state = replace(state, position=state.position + 0.005 * length * direction(rng))
+        state = replace(state, position=state.position + 0.005 * length * unit(rng))
         dmp = dmp.replan(state)
         state = dmp.initial_state()
     motion = dmp.rollout()
@@ -413,7 +370,7 @@ def test_replanning_commutes_with_moving_the_scene(seed: int) -> None:
     moved = ns.PoseTrajectory(
         given_.times, turn.apply(given_.positions) + shift, turn * given_.rotations
     )
-    other = ns.learn(moved, [BLADE])
+    other = ns.learn(moved, [BLADE], basis_functions=40)
     # Far from the path there may be two ways back, and rounding decides which is found.
     state = disturbed(
         state_at(cutting, rng.uniform(0.1, 0.7)), rng, path(cutting)[1], farthest=0.05, turned=10
@@ -590,10 +547,8 @@ BAD: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("arguments", BAD, ids=repr)
 def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> None:
-    with pytest.raises(ns.InputError) as error:
-        cutting().replan(state_at(cutting, 0.5), **arguments)
     (name,) = arguments
-    assert "\n" not in str(error.value) and name in str(error.value)
+    assert name in refusal(ns.InputError, cutting().replan, state_at(cutting, 0.5), **arguments)
 
 
 @pytest.mark.parametrize(
@@ -610,9 +565,7 @@ def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> Non
 )
 def test_a_sensor_that_fails_is_noticed(measured: dict[str, Any]) -> None:
     state = replace(state_at(cutting, 0.5), **measured)
-    with pytest.raises(ns.InputError) as error:
-        cutting().replan(state)
-    assert "\n" not in str(error.value)
+    refusal(ns.InputError, cutting().replan, state)
 
 
 @pytest.mark.parametrize("state", [None, [0.5, 0.2, 0.1], 0.5])

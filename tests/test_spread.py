@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import eased
+from noslip._typing import Floats
 from noslip.spread import Spread
-
-Floats = NDArray[np.float64]
+from refusals import refusal
 
 SAMPLES = 301
 SHARE = np.linspace(0, 1, SAMPLES)
-BLEND = SHARE**3 * (10 - 15 * SHARE + 6 * SHARE**2)
+BLEND = eased(SHARE)
 """Minimum jerk (Flash and Hogan 1985)."""
 BUMP = (4 * SHARE * (1 - SHARE)) ** 3
 """A deviation that leaves start and goal, and the velocities there, as they are."""
@@ -90,7 +90,7 @@ def test_it_is_the_covariance_about_the_primitive_moved_to_each_demonstration() 
     spread = dmp.spread
     assert spread is not None and spread.demonstrations == len(demonstrations)
     at = spread.fractions
-    blend = at**3 * (10 - 15 * at + 6 * at**2)
+    blend = eased(at)
     mean = dmp.rollout().resampled(times=dmp.duration * at)
     apart: list[Floats] = []
     for k in range(len(at)):
@@ -305,10 +305,8 @@ def test_a_damaged_field_is_named(
             part[field] = value
 
     path = rewritten(dmp.save(tmp_path / "cut.json"), damage)
-    with pytest.raises(ns.InputError) as caught:
-        ns.load_primitive(path)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ") and field in message and "\n" not in message
+    message = refusal(ns.InputError, ns.load_primitive, path)
+    assert message.startswith(f"{path}: ") and field in message
 
 
 # -------------------------------------------------------------------- a primitive in other places

@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import planar_cut
 from noslip.cli import adapt
 
 HEADER = [
@@ -29,13 +30,7 @@ HEADER = [
 
 
 def learned(*constraints: ns.Constraint) -> ns.ConstrainedDMP:
-    """A curved planar cut of 0.1 m in 2 s, along its blade."""
-    t = np.linspace(0.0, 2.0, 121)
-    heading = 0.6 * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
-    demonstration = ns.PoseTrajectory(t, positions, Rotation.from_euler("z", heading))
-    return ns.learn(demonstration, constraints, basis_functions=20)
+    return ns.learn(planar_cut(), constraints, basis_functions=20)
 
 
 @pytest.fixture(scope="module")

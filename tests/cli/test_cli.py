@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import planar_cut
 from noslip.cli import main
 from noslip.figures import constraint_history, save_figure
 
@@ -21,15 +22,7 @@ from noslip.figures import constraint_history, save_figure
 @pytest.fixture
 def slipping(tmp_path) -> Path:
     """A planar cut whose blade is 20 degrees off its path."""
-    t = np.linspace(0.0, 2.0, 241)
-    heading = 0.6 * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
-    yaw = heading + np.radians(20)
-    trajectory = ns.PoseTrajectory(
-        times=t, positions=positions, rotations=Rotation.from_euler("z", yaw)
-    )
-    return trajectory.to_csv(tmp_path / "slipping.csv")
+    return planar_cut(beside=np.radians(20), count=241).to_csv(tmp_path / "slipping.csv")
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip import (
@@ -31,12 +30,14 @@ from noslip import (
     SpeedLimit,
     TurningRadius,
 )
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.catalog import CATALOG, build, parse_constraint, restore, specification
 from noslip.constraints.declaration import constraint_function
 from noslip.constraints.limit import Limit
+from refusals import refusal
+from strategies import AXES
 
-Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 LIMITS: list[type[Limit]] = [
@@ -63,7 +64,6 @@ NAMES = {
     "forward-only": ForwardOnly,
     "turning-radius": TurningRadius,
 }
-AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 # -------------------------------------------------------------------- states
 
@@ -619,10 +619,7 @@ def test_wrong_arguments_are_refused_in_one_line_by_name(
     limit: type[Limit], arguments: dict[str, Any]
 ) -> None:
     for make in (lambda: limit(**arguments), lambda: build(limit.name, arguments)):
-        with pytest.raises(ConstraintError) as caught:
-            make()
-        message = str(caught.value)
-        assert "\n" not in message
+        message = refusal(ConstraintError, make)
         assert message.startswith(f"{limit.name}: ")
         assert next(iter(arguments)) in message
 
@@ -647,11 +644,7 @@ def test_wrong_arguments_are_refused_in_one_line_by_name(
 def test_wrong_priorities_and_rates_are_refused_by_the_system(
     limit: type[Limit], arguments: dict[str, Any]
 ) -> None:
-    made = limit(**arguments)
-    with pytest.raises(NoslipError) as caught:
-        ConstraintSystem([made])
-    message = str(caught.value)
-    assert "\n" not in message
+    message = refusal(NoslipError, ConstraintSystem, [limit(**arguments)])
     assert repr(limit.name) in message
     assert next(iter(arguments)) in message
 

@@ -12,9 +12,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import eased
 
 S = np.linspace(0, 1, 241)
-U = S**3 * (10 - 15 * S + 6 * S**2)
+U = eased(S)
 REST, CUTS = 80, 4
 
 

@@ -19,6 +19,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from scipy.spatial.transform import Rotation
 
 import noslip
+from motions import numerical_example
 from noslip import figures
 from noslip.constraints.check import step_residuals
 from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
@@ -44,22 +45,9 @@ def upright(motion):
     return [motion.angular_velocity[0], motion.angular_velocity[1]]
 
 
-def numerical_example(samples=100):
-    """The paper's, more coarsely sampled."""
-    t = np.arange(samples) / samples
-    x, y = np.sin(np.pi * t) ** 2, np.sin(np.pi * t / 2) ** 3
-    angles = np.column_stack([0 * t, np.full(samples, np.pi / 4), np.arctan2(y, x)])
-    return noslip.PoseTrajectory(
-        times=t,
-        positions=np.column_stack([x, y, 0 * t]),
-        rotations=Rotation.from_euler("xyz", angles),
-        name="numerical example",
-    )
-
-
 @pytest.fixture(scope="module")
 def motions():
-    demonstration = numerical_example()
+    demonstration = numerical_example(100)
     dmp = noslip.learn(demonstration, BLADE, basis_functions=30)
     return {
         "demonstration": demonstration,
@@ -116,7 +104,7 @@ def recording():
 @pytest.fixture(scope="module")
 def blade_dmp():
     """Learned without limits, which then have something to do."""
-    return noslip.learn(numerical_example(), BLADE, basis_functions=30)
+    return noslip.learn(numerical_example(100), BLADE, basis_functions=30)
 
 
 @pytest.fixture(scope="module")

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from noslip import InputError, PositionDMP
+from noslip._typing import Floats
 from noslip.primitives.attractor import Attractor
 from noslip.primitives.basis import Basis
 from noslip.primitives.forcing import ForcingTerm
 from noslip.primitives.phase import Phase
-
-Floats = NDArray[np.float64]
 
 rates = st.floats(0.05, 20)
 counts = st.integers(1, 120)

@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from noslip import InputError, PoseDMP, PoseTrajectory, State
+from noslip._typing import Floats
 from noslip.primitives.pose import Motion
-
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
+from refusals import refusal
+from strategies import seeds
 
 
 @dataclass(frozen=True)
@@ -666,12 +665,9 @@ def fitted() -> PoseDMP:
     return PoseDMP.fit(Smooth(1).sampled(101), basis_functions=10)
 
 
-def refusal(call: Callable[[], object]) -> str:
-    """Message of the InputError that a call raises; one line of readable length."""
-    with pytest.raises(InputError) as caught:
-        call()
-    message = str(caught.value)
-    assert "\n" not in message
+def refused(call: Callable[..., object], *given: Any, **asked: Any) -> str:
+    """Message of the InputError that a call raises; of readable length."""
+    message = refusal(InputError, call, *given, **asked)
     assert len(message) < 300
     return message
 
@@ -693,7 +689,7 @@ def refusal(call: Callable[[], object]) -> str:
 def test_a_position_must_be_three_finite_numbers(
     fitted: PoseDMP, argument: str, value: object
 ) -> None:
-    assert argument in refusal(lambda: fitted.rollout(**{argument: value}))
+    assert argument in refused(fitted.rollout, **{argument: value})
 
 
 @pytest.mark.parametrize("argument", ["goal_rotation", "start_rotation"])
@@ -709,7 +705,7 @@ def test_a_position_must_be_three_finite_numbers(
 def test_a_rotation_must_be_a_single_scipy_rotation(
     fitted: PoseDMP, argument: str, value: object
 ) -> None:
-    assert argument in refusal(lambda: fitted.rollout(**{argument: value}))
+    assert argument in refused(fitted.rollout, **{argument: value})
 
 
 @pytest.mark.parametrize("argument", ["duration", "time_step"])
@@ -717,12 +713,12 @@ def test_a_rotation_must_be_a_single_scipy_rotation(
     "value", [0, -1.0, np.nan, np.inf, *(pytest.param(v) for v in ("abc", [1, 2]))]
 )
 def test_times_must_be_positive_numbers(fitted: PoseDMP, argument: str, value: object) -> None:
-    assert argument in refusal(lambda: fitted.rollout(**{argument: value}))
+    assert argument in refused(fitted.rollout, **{argument: value})
 
 
 @pytest.mark.parametrize("value", [0, -0.1, np.nan, np.inf])
 def test_a_step_must_take_time(fitted: PoseDMP, value: float) -> None:
-    assert "time_step" in refusal(lambda: fitted.step(fitted.initial_state(), value))
+    assert "time_step" in refused(fitted.step, fitted.initial_state(), value)
 
 
 @pytest.mark.parametrize(
@@ -746,7 +742,7 @@ def test_a_step_must_take_time(fitted: PoseDMP, value: float) -> None:
 )
 def test_constants_out_of_range_are_refused_by_name(argument: str, value: object) -> None:
     demonstration = Smooth(1).sampled(101)
-    assert argument in refusal(lambda: PoseDMP.fit(demonstration, **{argument: value}))
+    assert argument in refused(PoseDMP.fit, demonstration, **{argument: value})
 
 
 @pytest.mark.parametrize(
@@ -760,7 +756,7 @@ def test_constants_out_of_range_are_refused_by_name(argument: str, value: object
     ],
 )
 def test_demonstrations_must_be_trajectories(demonstrations: Any, message: str) -> None:
-    assert message in refusal(lambda: PoseDMP.fit(demonstrations))
+    assert message in refused(PoseDMP.fit, demonstrations)
 
 
 def test_generators_of_demonstrations_are_taken() -> None:

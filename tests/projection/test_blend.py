@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
+from noslip._typing import Floats
 from noslip.projection.blend import spread
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 counts = st.integers(1, 5)
 
 

@@ -9,29 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip import Constraint, ConstraintError, PoseTrajectory, velocity_constraint
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.projection.feasibility import project_pose, require_consistent
+from refusals import refusal
+from strategies import seeds, triple, unit
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 FULL = (1.0,) * 6
-
-
-def unit(rng: np.random.Generator) -> Floats:
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def triple(vector: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z
 
 
 def through(rng: np.random.Generator, p: Floats, R: Rotation, names: Sequence[str]) -> Any:
@@ -188,9 +177,8 @@ def test_velocity_constraints_leave_every_pose() -> None:
 
 def test_a_pose_that_no_constraint_allows_is_refused_by_name() -> None:
     rules = [ns.PlaneContact(), ns.PlaneContact(point=(0, 0, 1))]
-    with pytest.raises(ConstraintError, match="plane-contact and plane-contact 2") as caught:
-        project_pose(rules, 0.0, (0, 0, 0.3), (1, 0, 0, 0))
-    assert "\n" not in str(caught.value)
+    message = refusal(ConstraintError, project_pose, rules, 0.0, (0, 0, 0.3), (1, 0, 0, 0))
+    assert "plane-contact and plane-contact 2" in message
     with pytest.raises(ConstraintError, match="tool-axis"):
         project_pose(
             ns.ToolAxis(), 0.0, (0, 0, 0), (0.8, 0.6, 0, 0), inverse_metric=(1, 1, 1, 0, 0, 0)
@@ -264,10 +252,8 @@ def test_a_planted_contradiction_is_named_and_nothing_else(name: str, seed: int)
     rules = [*culprits, *others]
     order = rng.permutation(len(rules))
     system = ConstraintSystem([rules[i] for i in order])
-    with pytest.raises(ConstraintError, match="contradict each other") as caught:
-        require_consistent(system, CUT)
-    message = str(caught.value)
-    assert "\n" not in message
+    message = refusal(ConstraintError, require_consistent, system, CUT)
+    assert "contradict each other" in message
     for constraint, label in zip(system.constraints, system.names, strict=True):
         assert (repr(label) in message) == any(constraint is rule for rule in culprits), message
     with pytest.raises(ConstraintError, match="contradict each other"):

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from measures import slip
+from motions import along
 from noslip import (
     Blade,
     ConvergenceError,
@@ -23,9 +24,8 @@ from noslip import (
     project_trajectory,
     velocity_constraint,
 )
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 BLADE = Blade()
 LAST = 200
 
@@ -37,17 +37,9 @@ def askew(seed: int) -> PoseTrajectory:
     x = np.outer(s, [1.5, 0, 0])
     for k in (1, 2):
         x += np.outer(np.sin(np.pi * k * s + rng.uniform(0, 6)), 0.1 * rng.uniform(-1, 1, 3) / k)
-    v = np.gradient(x, s, axis=0)
-    yaw, pitch = np.arctan2(v[:, 1], v[:, 0]), -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
     error = np.outer(np.sin(np.pi * rng.uniform(0.5, 2) * s), 0.15 * rng.uniform(-1, 1, 3))
-    rotations = Rotation.from_rotvec(error) * Rotation.from_euler("ZY", np.stack([yaw, pitch], 1))
+    rotations = Rotation.from_rotvec(error) * along(x, s)
     return PoseTrajectory(s, x, rotations, name=f"cut {seed}")
-
-
-def slip(motion: PoseTrajectory) -> Floats:
-    """Lateral speed of each step, by NumPy alone."""
-    v = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
-    return np.einsum("ki,ki->k", motion.rotations.as_matrix()[1:, :, 1], v)
 
 
 def turned(one: PoseTrajectory, other: PoseTrajectory, k: int) -> float:

@@ -10,18 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import ConstrainedDMP, Constraint, Motion, PoseDMP, PoseTrajectory
+from learned import constrained, fitted
+from noslip import ConstrainedDMP, Constraint, Motion
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
+from strategies import seeds, triple, unit
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 FULL = (1.0,) * 6
 STEPS = 200
 
@@ -33,46 +32,9 @@ CURVED = pytest.mark.xfail(
 )
 
 
-def smooth(seed: int = 0) -> PoseTrajectory:
-    """A curved cut along x, held askew."""
-    rng = np.random.default_rng(seed)
-    s = np.linspace(0, 1, 301)
-    waves = [0.1 * np.outer(np.sin(np.pi * k * s), rng.normal(size=3)) / k for k in (1, 2)]
-    positions = np.column_stack([s, 0.3 * s**2, 0 * s]) + sum(waves) * [1, 1, 0.3]
-    v = np.gradient(positions, s, axis=0)
-    angles = np.column_stack([np.arctan2(v[:, 1], v[:, 0]) + 0.3 * np.sin(4 * s), 0.3 + 0.2 * s])
-    return PoseTrajectory(times=s, positions=positions, rotations=Rotation.from_euler("ZY", angles))
-
-
-@cache
-def primitive(seed: int = 0) -> PoseDMP:
-    return PoseDMP.fit(smooth(seed), basis_functions=30)
-
-
 @cache
 def free_motion(seed: int = 0) -> Motion:
-    return primitive(seed).rollout()
-
-
-def constrained(
-    constraints: Sequence[Constraint],
-    metric: Sequence[float] = POSITION_ONLY,
-    seed: int = 0,
-    **settings: Any,
-) -> ConstrainedDMP:
-    """Couple a primitive that knows nothing of the constraints."""
-    plain = primitive(seed)
-    return ConstrainedDMP(
-        position=plain.position,
-        orientation=plain.orientation,
-        phase=plain.phase,
-        duration=plain.duration,
-        steps=plain.steps,
-        constraints=tuple(constraints),
-        regular=plain,
-        inverse_metric=tuple(metric),
-        **settings,
-    )
+    return fitted(seed).rollout()
 
 
 def shared(length: float, constraints: Sequence[Constraint] = ()) -> tuple[float, ...]:
@@ -88,16 +50,6 @@ def accelerations(motion: Motion) -> Floats:
     """Of each step but the first, from velocities alone, shape (N - 2, 6)."""
     velocities = np.hstack([motion.linear_velocities, motion.angular_velocities])
     return np.asarray(np.diff(velocities[1:], axis=0) / motion.times[1])
-
-
-def triple(vector: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z
-
-
-def unit(rng: np.random.Generator) -> Floats:
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def allowed(margins: Floats, rate: float, h: float) -> Floats:
@@ -187,7 +139,7 @@ def least(free: Floats, A: Floats, b: Floats, G: Floats, c: Floats) -> Floats:
 @settings(max_examples=8)
 def test_each_step_is_the_quadratic_programs_solution(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    start = primitive().position.start
+    start = fitted().position.start
     normals = np.array([unit(rng) for _ in range(2)])
     normals[0] = -np.array([1, *rng.uniform(-0.5, 0.5, 2)])
     normals[0] /= np.linalg.norm(normals[0])
@@ -295,7 +247,7 @@ def test_a_start_outside_is_pulled_in_like_a_critically_damped_oscillator(
 
 def test_a_start_outside_of_a_velocity_limit_is_projected_onto_it() -> None:
     limit = ns.SpeedLimit(speed=0.3)
-    assert np.linalg.norm(primitive().position.start_velocity) > 0.5
+    assert np.linalg.norm(fitted().position.start_velocity) > 0.5
     motion = constrained([limit]).rollout()
     assert motion.margins.min() >= -1e-12
     outside = constrained([limit]).rollout(project_start="nothing")
@@ -523,7 +475,7 @@ def test_steps_of_uneven_length_keep_the_limits() -> None:
 @pytest.mark.parametrize("h", [1 / 200, 1 / 1000])
 @pytest.mark.parametrize("rate", [5.0, 30.0])
 def test_a_start_off_both_levels_decays_exponentially_beside_limits(rate: float, h: float) -> None:
-    start = primitive().position.start
+    start = fitted().position.start
     rules: list[Constraint] = [
         ns.Blade(),
         ns.PlaneContact(point=triple(start + [0, 0, 0.02])),
@@ -641,7 +593,7 @@ def composition(seed: int, lever: float = 0.0, shortest: float = 1e-3) -> Constr
     """Up to three equalities, up to three limits and a metric; None where the rows depend."""
     rng = np.random.default_rng(seed)
     which = int(rng.integers(7))
-    plain, motion = primitive(which), free_motion(which)
+    plain, motion = fitted(which), free_motion(which)
     p, R = plain.position.start, plain.orientation.start
     chosen: list[Constraint] = []
     for rules in (equalities(rng, p, R, lever), limits(rng, p, motion)):
@@ -721,7 +673,7 @@ def test_random_compositions_of_points_off_the_origin_hold(seed: int) -> None:
 
 @pytest.mark.parametrize("h", [1 / 200, 1 / 1000, 1 / 5000])
 def test_a_remote_center_is_held_by_the_position_alone(h: float) -> None:
-    start, turn = primitive().position.start, primitive().orientation.start
+    start, turn = fitted().position.start, fitted().orientation.start
     rule = ns.RemoteCenter(point=triple(start + 0.5 * turn.apply([0, 0, 1])))
     motion = constrained([rule]).rollout(time_step=h)
     assert np.abs(motion.constraint_residuals).max() <= 1e-12
@@ -729,7 +681,7 @@ def test_a_remote_center_is_held_by_the_position_alone(h: float) -> None:
 
 def levers() -> dict[str, list[Constraint]]:
     """Constraints of points far off the origin, through the start."""
-    start, turn = primitive().position.start, primitive().orientation.start
+    start, turn = fitted().position.start, fitted().orientation.start
     r = (-0.08, -0.14, 0.03)
     center = start + turn.apply(r) - [0, 0, 0.8]
     axle = (-0.055, 0.098, -0.031)

@@ -8,12 +8,13 @@ import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from measures import slip
+from motions import along, waving
 from noslip import Blade, Constraint, PoseTrajectory, project_trajectory
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.projection.trajectory import (
     POSITION_SMOOTHING,
@@ -21,9 +22,8 @@ from noslip.projection.trajectory import (
     ROTATION_SMOOTHING,
     ProjectedTrajectory,
 )
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 BLADE = Blade()
 
 
@@ -31,15 +31,9 @@ def cut(seed: int, count: int = 201) -> PoseTrajectory:
     """A random smooth curve of 1.5 m in 2 s, with the edge a little beside its path."""
     rng = np.random.default_rng(seed)
     s = np.linspace(0, 1, count)
-    x = np.outer(s, [1.5, 0, 0])
-    for k in (1, 2):
-        phase, size = rng.uniform(0, 6), rng.normal(size=3)
-        x += np.outer(np.sin(np.pi * k * s + phase), size / np.linalg.norm(size)) * 0.12 / k
-    v = np.gradient(x, s, axis=0)
-    yaw = np.arctan2(v[:, 1], v[:, 0]) + 0.2 * np.sin(3 * s + rng.uniform(0, 6))
-    pitch = -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
-    rotations = Rotation.from_euler("ZY", np.column_stack([yaw, pitch]))
-    return PoseTrajectory(2 * s, x, rotations, name=f"cut {seed}")
+    x = waving(rng, s, 2)
+    beside = Rotation.from_euler("z", 0.2 * np.sin(3 * s + rng.uniform(0, 6)))
+    return PoseTrajectory(2 * s, x, beside * along(x, s), name=f"cut {seed}")
 
 
 def speeds(motion: PoseTrajectory) -> Floats:
@@ -85,9 +79,7 @@ def test_limits_are_kept_and_the_blade_does_not_slip(name: str, seed: int) -> No
     assert found.residual <= 1e-10
     assert found.margins.shape == (len(demonstration), 1)
     assert found.margins.min() >= -1e-7
-    lateral = found.trajectory.rotations[1:].apply([0, 1, 0])
-    slip = np.sum(lateral * found.trajectory.step_velocities()[0], axis=1)
-    assert np.abs(slip).max() <= 1e-10
+    assert np.abs(slip(found.trajectory)).max() <= 1e-10
     # The margins are those of the motion itself.
     system = ConstraintSystem(limit)
     if limit.level != "acceleration":

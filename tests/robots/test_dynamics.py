@@ -13,9 +13,10 @@ pytest.importorskip("mujoco", reason="the extra robots is not installed")
 pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
+from measures import slip
 from noslip import robots
 
-from .arms import arc, lateral_speeds, published_motion
+from .arms import arc, published_motion
 
 BLADE = ns.Blade()
 
@@ -35,7 +36,7 @@ def test_an_ideal_arm_follows_to_the_hundredth_of_a_millimeter(
     executed = published_motion(tracked.times, done.joint_positions)
     off = np.linalg.norm(executed.positions - tracked.commanded.positions, axis=1)
     assert off.max() <= 2e-5
-    speeds = lateral_speeds(executed)
+    speeds = slip(executed)
     assert done.slip[:, 0] == pytest.approx(speeds, abs=1e-9)
     assert done.slip_distance[0] == pytest.approx(np.abs(speeds).sum() * 1e-3, rel=1e-6)
     assert done.slip_distance[0] <= 5e-5

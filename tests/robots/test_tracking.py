@@ -17,11 +17,13 @@ pytest.importorskip("mujoco", reason="the extra robots is not installed")
 pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
+from measures import slip
 from noslip import robots
 from noslip.constraints.system import as_system
 from noslip.robots.kinematics import Chord, InverseKinematics
+from strategies import unit
 
-from .arms import Floats, arc, lateral_speeds, line, published_motion
+from .arms import Floats, arc, line, published_motion
 
 BLADE = ns.Blade()
 SLIP = 1e-6
@@ -44,7 +46,7 @@ def assert_kept(tracked: robots.TrackedMotion) -> None:
     """Everything that was promised, by kinematics of the tests' own."""
     arm, times = tracked.robot, tracked.times
     executed = published_motion(times, tracked.joint_positions)
-    assert np.abs(lateral_speeds(executed)).max() <= SLIP
+    assert np.abs(slip(executed)).max() <= SLIP
     off = np.linalg.norm(executed.positions - tracked.commanded.positions, axis=1)
     turned = (executed.rotations * tracked.commanded.rotations.inv()).magnitude()
     assert off.max() <= OFF
@@ -96,7 +98,7 @@ def test_whatever_is_asked_a_step_does_not_slip_and_keeps_the_limits(
     assert solved is not None
     times = np.array([0.0, step])
     executed = published_motion(times, np.array([q, solved.positions]))
-    assert np.abs(lateral_speeds(executed)).max() <= 1e-8
+    assert np.abs(slip(executed)).max() <= 1e-8
     assert np.all(np.abs(solved.velocities) <= arm.velocity_limits * (1 + 1e-9))
     assert np.all((solved.positions >= arm.lower) & (solved.positions <= arm.upper))
 
@@ -130,11 +132,6 @@ def test_bounds_leave_room_to_brake(seed: int, step: float, fast: float) -> None
         assert np.all(np.abs(x) <= arm.velocity_limits * (1 + 1e-9))
 
 
-def unit(random: np.random.Generator) -> Floats:
-    direction = random.normal(size=3)
-    return np.asarray(direction / np.linalg.norm(direction))
-
-
 def test_what_joints_cannot_do_falls_along_the_path(arm: robots.Robot) -> None:
     """Ten times too slow, the tool falls behind its target, by any amount but sideways."""
     slow = arm.with_limits(velocity=0.1 * arm.velocity_limits)
@@ -152,7 +149,7 @@ def test_what_joints_cannot_do_falls_along_the_path(arm: robots.Robot) -> None:
     positions = CubicSpline(commanded.times, commanded.positions)(tracked.clock)
     rotations = Slerp(commanded.times, commanded.rotations)(tracked.clock)
     executed = published_motion(tracked.times, tracked.joint_positions)
-    assert np.abs(lateral_speeds(executed)).max() <= SLIP
+    assert np.abs(slip(executed)).max() <= SLIP
     assert np.linalg.norm(executed.positions - positions, axis=1).max() <= OFF
     assert (executed.rotations * rotations.inv()).magnitude().max() <= TURNED
     assert np.allclose(executed.positions[-1], tracked.commanded.positions[-1], atol=1e-4)
@@ -341,7 +338,7 @@ def test_at_the_edge_of_reach_no_joint_jumps(arm: robots.Robot) -> None:
     assert tracked.errors.position[-1] > 0.05
     assert_within_limits(arm, tracked.times, tracked.joint_positions)
     executed = published_motion(tracked.times, tracked.joint_positions)
-    assert np.abs(lateral_speeds(executed)).max() <= SLIP
+    assert np.abs(slip(executed)).max() <= SLIP
     assert np.linalg.norm(executed.positions, axis=1).max() < 1.2
 
 
@@ -417,10 +414,7 @@ def test_limits_that_nobody_gave_are_not_kept(tmp_path: Path) -> None:
     assert arm.unknown_limits == ("position", "velocity", "acceleration", "torque")
     motion = arc(step=5e-3)
     tracked = robots.track(arm, motion, BLADE, placement=at(arm, motion, 0.4, 0, 0.3))
-    assert (
-        np.abs(lateral_speeds(published_motion(tracked.times, tracked.joint_positions))).max()
-        <= SLIP
-    )
+    assert np.abs(slip(published_motion(tracked.times, tracked.joint_positions))).max() <= SLIP
     assert tracked.margins.position == tracked.margins.velocity == 1.0
 
 

@@ -13,15 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from noslip._typing import Floats
 from noslip.experiments.numerical_example import demonstration
 from noslip.runtime.steering import LARGEST_TURN, turn_that_allows
-
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
+from strategies import seeds, unit
 
 
 @cache
@@ -35,11 +33,6 @@ def length() -> float:
 
 
 STEP = primitive().duration / primitive().steps
-
-
-def unit(rng: np.random.Generator) -> Floats:
-    x = rng.normal(size=3)
-    return np.asarray(x / np.linalg.norm(x))
 
 
 def run(

@@ -7,7 +7,7 @@ import json
 import re
 import shutil
 import subprocess
-import sys
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.cli import main
 from noslip.experiments.numerical_example import demonstration
 from noslip.runtime import export
 
@@ -234,19 +233,13 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_command_writes_the_files_and_names_them_after_the_primitive(
-    tmp_path: Path,
-    uncounted: None,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, uncounted: None, noslip: Callable[..., Any]
 ) -> None:
     file = primitive("blade").save(tmp_path / "my cut.json")
     out = tmp_path / "c"
-    monkeypatch.setattr(sys, "argv", ["noslip", "export", str(file), "--out", str(out), "--json"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-        raise SystemExit(0)
-    assert stop.value.code in (0, None)
-    told = json.loads(capsys.readouterr().out)
+    result = noslip("export", file, "--out", out, "--json")
+    assert result.code == 0
+    told = json.loads(result.out)
     assert sorted(Path(path).name for path in told["files"]) == sorted(
         path.name for path in out.iterdir()
     )

@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from refusals import refusal
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 pytest.importorskip("mujoco", reason="the extra robots is not installed")
@@ -281,7 +282,5 @@ def test_a_damaged_folder_is_refused_in_one_line(arm_folder, tmp_path, file, cha
         (folder / file).unlink()
     else:
         (folder / file).write_text(change((folder / file).read_text()))
-    with pytest.raises(ns.InputError, match=message) as refused:
-        read_simulation(folder)
-    assert "\n" not in str(refused.value)
+    assert re.search(message, refusal(ns.InputError, read_simulation, folder))
     assert json.loads((arm_folder / "summary.json").read_text())["robot"] == "panda"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import casadi as ca
@@ -16,6 +17,7 @@ from noslip.constraints import ConstraintSystem
 from noslip.constraints.declaration import Instant
 from noslip.constraints.edge_motion import edge_motion
 from noslip.edge import Edge
+from refusals import refusal
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
@@ -383,6 +385,4 @@ def test_a_tool_that_is_none_is_refused_in_one_line(tmp_path):
         "tool.step": "a tool is a mesh in .stl, .obj, .glb",
         "missing.stl": "no such file",
     }.items():
-        with pytest.raises(ns.InputError, match=expected) as refused:
-            load_tool(tmp_path / name)
-        assert "\n" not in str(refused.value)
+        assert re.search(expected, refusal(ns.InputError, load_tool, tmp_path / name))
