@@ -161,7 +161,9 @@ def elsewhere(value: Any) -> Any:
 def test_values_cross_processes() -> None:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as pool:
-        for name, (again, motion) in zip(NAMES, pool.map(elsewhere, values().values()), strict=True):
+        for name, (again, motion) in zip(
+            NAMES, pool.map(elsewhere, values().values()), strict=True
+        ):
             value = values()[name]
             assert again == value
             if motion is not None:
