@@ -28,14 +28,15 @@ class Steps(NamedTuple):
 
 
 def steps(motion: PoseTrajectory) -> Steps:
-    """Velocities of each step from the poses alone, and the pose where the step ends."""
+    """Velocities of each step from the poses alone, and the pose in its middle."""
     h = np.diff(motion.times)[:, None]
+    turns = (motion.rotations[1:] * motion.rotations[:-1].inv()).as_rotvec()
     return Steps(
-        motion.times[1:],
-        motion.positions[1:],
-        motion.rotations[1:],
+        (motion.times[1:] + motion.times[:-1]) / 2,
+        (motion.positions[1:] + motion.positions[:-1]) / 2,
+        Rotation.from_rotvec(turns / 2) * motion.rotations[:-1],
         np.diff(motion.positions, axis=0) / h,
-        (motion.rotations[1:] * motion.rotations[:-1].inv()).as_rotvec() / h,
+        turns / h,
     )
 
 
@@ -65,15 +66,26 @@ def forward_speed(motion: PoseTrajectory) -> Floats:
 
 
 def residuals(motion: PoseTrajectory, constraints: Sequence[Constraint]) -> Floats:
-    """Residuals computed again from poses alone, shape (N - 1, m)."""
-    found = steps(motion)
-    return ConstraintSystem(constraints).residuals(
+    """Residuals computed again from poses alone, shape (N - 1, m).
+
+    At the middle of each step, of position level at its end.
+    """
+    found, system = steps(motion), ConstraintSystem(constraints)
+    middle = system.residuals(
         found.times,
         found.positions,
         found.rotations.as_quat(scalar_first=True),
         found.linear,
         found.angular,
     )
+    end = system.residuals(
+        motion.times[1:],
+        motion.positions[1:],
+        motion.quaternions[1:],
+        found.linear,
+        found.angular,
+    )
+    return np.where(np.array(system.row_levels) == "position", end, middle)
 
 
 def degrees(one: Rotation, other: Rotation) -> float:

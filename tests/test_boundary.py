@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip import Boundary
+from noslip._typing import Floats
 from noslip.boundary import sample_of, twist
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 BLADE = ns.Blade()
 PARTS = ("position", "rotation", "linear_velocity", "angular_velocity")
 

@@ -19,9 +19,9 @@ from noslip.constraints.edge_motion import edge_motion, edge_steps, work_moves
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
 from noslip.projection.heading import turn_edge_into_path
-from noslip.projection.trajectory import ROTATION_SMOOTHING, project_trajectory
+from noslip.projection.trajectory import project_trajectory
 
-SPEED = 0.05
+SPEED, SMOOTHING = 0.05, 1e-6
 BELT = (0.0, 0.3, 0.0)
 STILL = {"amplitude": (0.0, 0.0, 0.0)}
 
@@ -145,10 +145,10 @@ def test_a_motion_that_a_frame_carries_looks_from_it_as_it_was(name: str) -> Non
         seen = edge_motion(constraint, there.clock, there.positions, there.rotations)
         np.testing.assert_allclose(seen.points, motion.positions, atol=1e-12)
         assert (seen.rotations * motion.rotations.inv()).magnitude().max() < 1e-12
-        found = turn_edge_into_path(there, ConstraintSystem(constraint), ROTATION_SMOOTHING)
+        found = turn_edge_into_path(there, ConstraintSystem(constraint), SMOOTHING)
         assert found.backing == 0
         # Turns are about the axes of the world; how far is the same.
-        expected = turn_edge_into_path(motion, ConstraintSystem(ns.Blade()), ROTATION_SMOOTHING)
+        expected = turn_edge_into_path(motion, ConstraintSystem(ns.Blade()), SMOOTHING)
         assert np.abs(found.turns).max() < np.abs(expected.turns).max() + 0.02
 
 
@@ -192,7 +192,7 @@ def test_a_cut_on_a_belt_is_projected_like_one_at_rest() -> None:
     found = project_trajectory(motion, on_belt())
     at_rest = project_trajectory(cut(off=0.1), ns.Blade())
     assert found.iterations <= max(5, at_rest.iterations)
-    assert found.smoothing == at_rest.smoothing == ROTATION_SMOOTHING
+    assert found.smoothing == at_rest.smoothing == SMOOTHING
     assert found.backing == 0
     held = project_trajectory(motion, on_belt(), hold_position=True).trajectory.rotations
     still = project_trajectory(cut(off=0.1), ns.Blade(), hold_position=True).trajectory.rotations
@@ -207,7 +207,7 @@ def test_a_blade_away_from_the_origin_does_not_back_up(still: bool) -> None:
     if still:
         blade = ns.InMovingFrame(blade, **STILL)  # type: ignore[arg-type]
     motion = from_point(cut(off=0.1), point)
-    found = turn_edge_into_path(motion, ConstraintSystem(blade), ROTATION_SMOOTHING)
+    found = turn_edge_into_path(motion, ConstraintSystem(blade), SMOOTHING)
     assert found.backing == 0
     assert np.abs(found.turns).max() < 0.15
 

@@ -28,7 +28,8 @@ from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.space import POINT_SIZE, VELOCITY_SIZE, Goal
 from noslip.law.winding import Winding
-from noslip.rule import Push, Rule
+from noslip.projection.pointwise import Push
+from noslip.rule import Rule
 from noslip.spread import Spread
 
 T = TypeVar("T")

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from noslip import _arguments
 from noslip._values import Value
 from noslip.constraints.system import ConstraintSystem
-from noslip.projection.pointwise import POSITION_ONLY
+from noslip.projection.pointwise import POSITION_ONLY, Push
 
-Push = Literal["steering", "force"]
 STABILIZATION = 20.0
 """How fast a violation at the start decays, per duration: gone, to e^-20, when the motion ends."""
 BARRIER_RATE = 300.0

@@ -24,6 +24,7 @@ from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.catalog import CATALOG, parse_constraint, restore, specification
 from noslip.constraints.formula import surface_value
+from noslip.edge import Edge
 from refusals import refusal
 from strategies import seeds
 
@@ -395,6 +396,7 @@ def literal(constraint: Any) -> str:
     arguments = []
     for f in fields(constraint):
         value = getattr(constraint, f.name)
+        value = value.travel if isinstance(value, Edge) else value
         if f.init:
             arguments.append(f"{f.name}={list(value) if isinstance(value, tuple) else value!r}")
     name = next(name for name, kind in CATALOG.items() if kind is type(constraint))

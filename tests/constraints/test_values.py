@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import pickle
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from typing import Any
 
 import casadi as ca
@@ -167,3 +169,18 @@ def test_what_a_system_owns_is_bounded() -> None:
         assert system.owned(number, lambda number=number: [number]) == [number]  # type: ignore[misc]
     assert system.owned(999, lambda: "built anew") == [999]
     assert system.owned(0, lambda: "built anew") == "built anew"
+
+
+def sent(constraint: Constraint) -> tuple[Constraint, list[float]]:
+    """Run in another process: what arrives there, and its residuals."""
+    return constraint, values(constraint)
+
+
+def test_constraints_and_systems_cross_processes() -> None:
+    several = [one for one, _ in PAIRS.values()]
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        for constraint, (found, there) in zip(several, pool.map(sent, several), strict=True):
+            assert found == constraint
+            np.testing.assert_array_equal(there, values(constraint))
+        system = ConstraintSystem(several)
+        assert pool.submit(copy.copy, system).result() == system

@@ -22,7 +22,7 @@ from noslip.constraints.declaration import (
     row_units,
 )
 from noslip.errors import ConstraintError
-from noslip.rotations import quaternion_product, rotation_matrix
+from noslip.rotations import quaternion_exp, quaternion_product, rotation_matrix
 
 T = TypeVar("T")
 
@@ -208,21 +208,28 @@ class ConstraintSystem:
         angular_accelerations: ArrayLike | None = None,
     ) -> Floats:
         """Residuals of many instants, shape (N, m); arguments have time first."""
-        count = len(np.atleast_1d(times))
-        if self.size == 0:
-            return np.zeros((count, 0))
-        still = np.zeros((count, 3))
-        given = (
+        return self._mapped(
+            self.function,
             times,
             positions,
             quaternions,
             linear_velocities,
             angular_velocities,
-            still if linear_accelerations is None else linear_accelerations,
-            still if angular_accelerations is None else angular_accelerations,
+            linear_accelerations,
+            angular_accelerations,
         )
-        arguments = (np.asarray(a, dtype=np.float64).reshape(count, -1).T for a in given)
-        residuals = np.array(self.function.map(count)(*arguments)).T.reshape(count, self.size)
+
+    def _mapped(self, function: ca.Function, times: ArrayLike, *given: ArrayLike | None) -> Floats:
+        """Residuals at many instants or steps; what is not given is zero."""
+        count = np.size(times)
+        if self.size == 0:
+            return np.zeros((count, 0))
+        still = np.zeros((3, count))
+        arguments = (
+            still if a is None else np.asarray(a, dtype=np.float64).reshape(count, -1).T
+            for a in (times, *given)
+        )
+        residuals = np.array(function.map(count)(*arguments)).T.reshape(count, self.size)
         if not np.all(np.isfinite(residuals)):
             sample, row = np.argwhere(~np.isfinite(residuals))[0]
             raise ConstraintError(
@@ -230,6 +237,73 @@ class ConstraintSystem:
                 f"instant {sample} of the motion; it must be finite wherever the tool may be"
             )
         return residuals
+
+    def of_step(
+        self,
+        t: Expression,
+        h: Expression,
+        p: Expression,
+        q: Expression,
+        v: Expression,
+        w: Expression,
+        a: Expression = 0,
+        alpha: Expression = 0,
+    ) -> Expression:
+        """Residual of the step of length h from (t, p, q) at constant velocities v, w.
+
+        Rows at velocity level are those of the step's middle, ``p + h v / 2``, ``Exp(h w / 2) R``,
+        which is second order and symmetric in time; rows at position level those of its end.
+        """
+        at_end = [level == "position" for level in self.row_levels]
+        middle = end = ca.SX()
+        if not all(at_end):
+            turned = quaternion_product(quaternion_exp(h / 2 * w), q)
+            middle = self.residual(t + h / 2, p + h / 2 * v, turned, v, w, a, alpha)
+        if any(at_end):
+            half = quaternion_exp(h / 2 * w)
+            turned = quaternion_product(half, quaternion_product(half, q))
+            end = self.residual(t + h, p + h * v, turned, v, w, a, alpha)
+        rows = [(end if ends else middle)[i] for i, ends in enumerate(at_end)]
+        return ca.vertcat(ca.SX(0, 1), *rows)
+
+    def _step_residual(self) -> Any:
+        t, p, q, v, w = _state_symbols()
+        h, a, alpha = ca.SX.sym("h"), ca.SX.sym("a", 3), ca.SX.sym("alpha", 3)
+        arguments = [t, h, p, q, v, w, a, alpha]
+        return ca.Function("of_step", arguments, [ca.cse(self.of_step(*arguments))])
+
+    def of_steps(
+        self,
+        times: ArrayLike,
+        positions: ArrayLike,
+        quaternions: ArrayLike,
+        linear_velocities: ArrayLike,
+        angular_velocities: ArrayLike,
+        linear_accelerations: ArrayLike | None = None,
+        angular_accelerations: ArrayLike | None = None,
+    ) -> Floats:
+        """Residuals of the N - 1 steps between N samples, as :meth:`of_step`, shape (N - 1, m).
+
+        Parameters
+        ----------
+        times, positions, quaternions : array, shape (N, ...)
+            Of the samples (s, m, w first).
+        linear_velocities, angular_velocities : array, shape (N - 1, 3)
+            Of the steps.
+        linear_accelerations, angular_accelerations : array, shape (N - 1, 3), optional
+        """
+        times = np.asarray(times, dtype=np.float64)
+        return self._mapped(
+            self.owned("of step", self._step_residual),
+            times[:-1],
+            np.diff(times),
+            np.asarray(positions)[:-1],
+            np.asarray(quaternions)[:-1],
+            linear_velocities,
+            angular_velocities,
+            linear_accelerations,
+            angular_accelerations,
+        )
 
     def _first_order(self) -> Any:
         state = _state_symbols()

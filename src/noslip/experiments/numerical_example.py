@@ -46,9 +46,9 @@ class NumericalExample:
 
     @classmethod
     def run(cls) -> NumericalExample:
-        """Learn from the demonstration."""
+        """Learn from the demonstration; its motion ends where that one does."""
         recorded = demonstration()
-        return cls(learn(recorded, [CONSTRAINT]), recorded)
+        return cls(learn(recorded, [CONSTRAINT], end="position"), recorded)
 
     @cached_property
     def motions(self) -> dict[str, PoseTrajectory]:

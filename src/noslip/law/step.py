@@ -60,7 +60,9 @@ class StepSymbols:
 
     def advance(self, linear: Expression, angular: Expression) -> tuple[Expression, Expression]:
         """Pose after the step at given velocities: ``p + dt v``, ``Exp(dt w) R``."""
-        turned = quaternion_product(quaternion_exp(self.time_step * angular), self.quaternion)
+        # By way of the middle, where constraints are asked: both have one sine and cosine.
+        half = quaternion_exp(self.time_step / 2 * angular)
+        turned = quaternion_product(half, quaternion_product(half, self.quaternion))
         return self.position + self.time_step * linear, turned
 
 

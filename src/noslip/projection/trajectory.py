@@ -4,12 +4,14 @@ Unknown at each sample are a rotation correction delta (``R = Exp(delta) R_ref``
 a displacement of the position.  Minimized is, with time normalized by the duration and L the path's
 length,
 
-    ``int (w_p |p - p_ref|^2 + mu_p |p'' - p_ref''|^2) / L^2 + w_R u |delta|^2 + mu_R |delta''|^2``
+    ``int (w_p |p - p_ref|^2 + mu_p |p'' - p_ref''|^2) / L^2
+    + w_R u |delta|^2 + g |delta'|^2 + mu_R |delta''|^2``
 
-subject to the constraints on the discrete motion that the primitive will run, ``(R_k+1,
-(p_k+1 - p_k) / dt, ...)``.  The weight u follows the speed: a turn of the tool costs per path cut,
-so nothing pulls the tool round while it rests.  Only the acceleration of the *correction* costs, so
-a feasible trajectory comes back unchanged.
+subject to the constraints on the discrete motion that the primitive will run: at the middle of each
+step, of position level at its end.  The weight u follows the speed: a turn of the tool costs per
+path cut, so nothing pulls the tool round while it rests; g is felt there alone, and keeps the turn
+as it was before.  Only the change of the *correction* costs, so a feasible trajectory comes back
+unchanged.
 
 The paper's "orientation optimized for zero constraint force" is the case with the position held; a
 new goal or start is the case with other boundary values.

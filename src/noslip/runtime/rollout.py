@@ -29,6 +29,8 @@ T = TypeVar("T")
 ProjectStart = Literal["velocity", "pose", "nothing"]
 HELD_RESIDUAL = 1e-12
 """Residual that rounding causes, over the largest velocity, or 1."""
+SAME_STEP = 1e-6
+"""Relative difference up to which a last step counts as equal: that of times that were rounded."""
 AT_ONCE = 1e18
 """A rate that leaves nothing after any step (1/s)."""
 
@@ -59,8 +61,7 @@ def rollout(
         tau (s).  The motion keeps its shape; only its speed changes.
     time_step : float, optional
         Seconds.  By default the motion has as many samples as the demonstration (200 or more),
-        whatever its duration.  If the duration is no multiple of it, the last sample lies beyond
-        the duration by less than a step.
+        whatever its duration.  If the duration is no multiple of it, the last step is shorter.
     project_start : "velocity", "pose" or "nothing"
         What of a start that violates the constraints is replaced by the nearest that does not.  By
         default the velocity (as in the paper).
@@ -102,12 +103,13 @@ def rollout(
     # The acceleration of the first sample is that of the step which leaves it.
     outputs = np.empty((steps + 1, stepper.outputs.size))
     states[0] = first
-    table = steps_ahead(law, rule, state, steps, time_step)
-    stepper.run(first, table, states[1:], outputs[1:])
+    times: Floats = state.time + time_step * np.arange(steps + 1, dtype=np.float64)
+    times[-1] = state.time + state.duration
+    stepper.run(first, _table(law, rule, state, times, time_step), states[1:], outputs[1:])
     outputs[0] = outputs[1]
     outputs[0, stepper.outputs["values"]] = [*state.constraint_residuals, *state.margins]
     return Motion.of_steps(
-        np.asarray(state.time + np.arange(steps + 1) * time_step),
+        times,
         states,
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
         tuple(system.equalities.row_names),
@@ -233,6 +235,22 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
         column[name][:] = values
     column["rotation_offset"] += state.steering
     return table
+
+
+def _table(law: Law, rule: Rule, state: State, times: Floats, time_step: float) -> Floats:
+    """Rows of equal steps, and of a last one that may be shorter."""
+    steps = len(times) - 1
+    rest = times[-1] - state.time - (steps - 1) * time_step
+    if steps == 1 or abs(rest - time_step) <= SAME_STEP * time_step:
+        return steps_ahead(law, rule, state, steps, time_step)
+    done = law.clock.fraction(state.phase) + (steps - 1) * time_step / state.duration
+    late = replace(state, time=times[-2], phase=float(law.clock.at(done)), previous_step=time_step)
+    return np.vstack(
+        [
+            steps_ahead(law, rule, state, steps - 1, time_step),
+            steps_ahead(law, rule, late, 1, rest),
+        ]
+    )
 
 
 def _admissible(rule: Rule, state: State, project: ProjectStart) -> State:

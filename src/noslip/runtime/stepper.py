@@ -11,7 +11,7 @@ from noslip.codegen.library import Native
 from noslip.constraints.system import ConstraintSystem
 from noslip.law.layout import output_layout
 from noslip.law.step import step_function
-from noslip.projection.pointwise import POSITION_ONLY, coupling
+from noslip.projection.pointwise import POSITION_ONLY, Push, coupling
 from noslip.rule import Rule
 
 
@@ -19,8 +19,8 @@ def stepper_of(rule: Rule) -> Stepper:
     """Return the stepper of a rule; built once for all that are alike."""
     system = rule.system
     # Nothing gives way where nothing is held.
-    metric = rule.inverse_metric if system.size else POSITION_ONLY
-    return system.owned(("stepper", metric), lambda: Stepper(system, metric))
+    alike = (rule.inverse_metric, rule.push) if system.size else (POSITION_ONLY, "force")
+    return system.owned(("stepper", *alike), lambda: Stepper(system, *alike))
 
 
 class Stepper:
@@ -31,13 +31,18 @@ class Stepper:
     system : ConstraintSystem
         What its steps hold; may be empty.
     inverse_metric : tuple of 6 floats
+    push : "force" or "steering"
+        See :mod:`noslip.projection.pointwise`.
     """
 
-    def __init__(self, system: ConstraintSystem, inverse_metric: tuple[float, ...]) -> None:
+    def __init__(
+        self, system: ConstraintSystem, inverse_metric: tuple[float, ...], push: Push
+    ) -> None:
         self.outputs = output_layout(system.size)
-        self.function = step_function(
-            coupling(system, inverse_metric=inverse_metric) if system.size else None
-        )
+        held = None
+        if system.size:
+            held = coupling(system, inverse_metric=inverse_metric, push=push)
+        self.function = step_function(held)
         self._accumulated = lru_cache(maxsize=8)(self._accumulate)
         self.native = Native(self.function, system.size)
         self._runs = 0
