@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from noslip import ConstrainedDMP, InputError, PoseTrajectory, State, learn
+from noslip import ConstrainedDMP, PoseTrajectory, State, learn
 from noslip._typing import Floats
+from noslip.errors import InputError
 from noslip.runtime.motion import Motion
 from refusals import refusal
 from strategies import seeds

@@ -383,11 +383,11 @@ def test_declarations_are_understood_again():
         ns.Blade(lateral="z", edge="-x", reference_point=(0.0, 0.01, 0.0)),
         ns.Needle(),
         ns.SpeedLimit(speed=0.3, priority=2),
-        ns.Box(lower=(-1, -1, 0), upper=(1, 1, 1)),
-        ns.Box(upper=(np.inf, np.inf, 0.1)),
+        ns.constraints.Box(lower=(-1, -1, 0), upper=(1, 1, 1)),
+        ns.constraints.Box(upper=(np.inf, np.inf, 0.1)),
         ns.KeepOutSphere(center=(0.1, 0, 0), radius=0.02),
-        ns.SurfaceContact(surface="z - 0.1*x**2"),
-        ns.TurningRadius(radius=0.2),
+        ns.constraints.SurfaceContact(surface="z - 0.1*x**2"),
+        ns.constraints.TurningRadius(radius=0.2),
     ]
     for constraint in constraints:
         assert parse_constraint(declaration(constraint)) == constraint
