@@ -20,8 +20,9 @@ from benchmarks.example import (
 )
 from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
-from noslip import Blade, Box, ConstrainedDMP, PoseTrajectory, State, learn
+from noslip import Blade, ConstrainedDMP, PoseTrajectory, State, learn
 from noslip.adapting import REPLANNED_SAMPLES
+from noslip.constraints import Box
 from noslip.constraints.system import ConstraintSystem
 
 PUSHED_AT, PUSH = 0.4, 0.05

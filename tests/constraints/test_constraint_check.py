@@ -16,18 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from measures import steps
 from noslip import (
-    AccelerationLimit,
-    AngularRateLimit,
     Blade,
-    Box,
-    ConstraintError,
-    InputError,
-    Instant,
     KeepOutSphere,
     Needle,
     PoseTrajectory,
     SpeedLimit,
-    ToolAxis,
     check,
     keep_nonnegative,
     learn,
@@ -38,8 +31,10 @@ from noslip import (
 )
 from noslip._typing import Floats
 from noslip.comparison import compare
+from noslip.constraints import AccelerationLimit, AngularRateLimit, Box, Instant, ToolAxis
 from noslip.constraints.check import step_accelerations, step_residuals
 from noslip.constraints.system import ConstraintSystem
+from noslip.errors import ConstraintError, InputError
 from refusals import refusal
 from rules import needle
 from strategies import seeds

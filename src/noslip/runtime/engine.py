@@ -69,6 +69,11 @@ class Memory:
         self.known = layout.span("known_fraction", "known_turn")
         self._clock = clock
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Memory) and np.array_equal(self.data, other.data)
+
+    __hash__ = None  # type: ignore[assignment]
+
     def set(self, state: State) -> None:
         """Write a state to it."""
         data = self.data
