@@ -278,10 +278,14 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 }
 
 int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
-    const noslip_real h = time_step / state->duration;
-    noslip_real offset[6];
+    noslip_real h = time_step / state->duration, offset[6];
     /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
     if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
+    /* The last step ends where the motion does; a whole one would go beyond. */
+    if (!noslip_done(state) && h > 1 - state->fraction) {
+        h = 1 - state->fraction;
+        time_step = h * state->duration;
+    }
     stepping_force(primitive, state, h, offset);
     return advance(primitive, state, time_step, offset);
 }
