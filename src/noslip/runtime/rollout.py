@@ -204,7 +204,10 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
     fast = max(1.0, *map(abs, state.linear_velocity), *map(abs, state.angular_velocity))
     held = np.abs(state.constraint_residuals).max(initial=0.0) <= HELD_RESIDUAL * fast
     started = state.previous_step > 0
-    slip_rate = AT_ONCE if held and started else state.pull_in
+    slip_rates = (
+        AT_ONCE if held and started else state.pull_in,
+        AT_ONCE if held else state.pull_in,
+    )
     # The first kick begins in the middle of the step before; the others are alike.
     kicks = np.array([(state.previous_step + time_step) / 2, time_step])
     decay, gain = law.attractor.factors(kicks / tau)
@@ -217,7 +220,7 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
             time_step if kick else state.previous_step,
             0.0,
             state.pull_in,
-            slip_rate,
+            slip_rates[kick],
             rule.barrier_rate / tau,
             decay[kick],
             gain[kick] / kicks[kick],
