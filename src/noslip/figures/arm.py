@@ -24,7 +24,7 @@ from noslip.figures.style import (
     write_title,
 )
 from noslip.robots.dynamics import Execution
-from noslip.robots.tracking import TrackedMotion
+from noslip.robots.executed import TrackedMotion
 
 _LIMIT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 1.0, "zorder": 1}
 LEAST_SLIP = 1e-9

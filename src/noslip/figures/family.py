@@ -21,15 +21,8 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import axis_index
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
-from noslip.figures.quantities import (
-    Constraints,
-    Motions,
-    amount,
-    named,
-    residual_rows,
-    scaled_unit,
-    violations,
-)
+from noslip.figures.quantities import Constraints, Motions, amount, named, scaled_unit
+from noslip.figures.residuals import residual_rows, violations
 from noslip.figures.snapshots import equally_far_apart
 from noslip.figures.style import (
     PALETTE,

@@ -23,15 +23,8 @@ from scipy.spatial import KDTree
 from noslip._typing import Floats
 from noslip.constraints.blade import Blade
 from noslip.errors import InputError
-from noslip.figures.quantities import (
-    Motions,
-    extent,
-    finding,
-    length,
-    length_unit,
-    named,
-    residual_rows,
-)
+from noslip.figures.quantities import Motions, extent, length, length_unit, named
+from noslip.figures.residuals import finding, residual_rows
 from noslip.figures.style import (
     PALETTE,
     SMALL_FONT_SIZE,

@@ -18,16 +18,13 @@ from noslip.figures.quantities import (
     ANGLES,
     MARGIN_SHARE,
     Constraints,
-    ResidualRow,
     amount,
     extent,
-    least_margins,
     length,
     length_unit,
-    prominence,
-    residual_rows,
     roll_pitch_yaw,
 )
+from noslip.figures.residuals import ResidualRow, least_margins, prominence, residual_rows
 from noslip.figures.style import (
     LEAST_SHARE,
     LEAST_TURN,

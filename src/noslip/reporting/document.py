@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from noslip._files import write_beside
 from noslip.errors import InputError, MissingDependencyError
 from noslip.figures.style import rendered
-from noslip.reporting.content import Report, Value
+from noslip.reporting.values import Report, Value
 
 SUFFIXES = (".html", ".pdf")
 LARGEST_SVG = 600_000

@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.errors import ConvergenceError, InputError
+from noslip.robots.executed import ToolErrors, TrackedMotion, slip, slip_distance, tool_errors
 from noslip.robots.kinematics import InverseKinematics
 from noslip.robots.model import mujoco_warnings, required
-from noslip.robots.tracking import ToolErrors, TrackedMotion, slip, slip_distance, tool_errors
 from noslip.trajectory import PoseTrajectory
 
 Control = Literal["torque", "impedance"]

@@ -14,12 +14,13 @@ from noslip.figures.style import PALETTE
 from noslip.primitives.pose import State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm
-from noslip.viewer.scene import Track, rgb
+from noslip.viewer.colors import rgb
 from noslip.viewer.shapes import COLORS, OPACITIES, Shape
 from noslip.viewer.tool import Part
+from noslip.viewer.track import Track
 
 ARROW_COLORS = {"lateral": "purple", "velocity": "green", "force": "black"}
-"""Of :meth:`noslip.viewer.scene.Track.arrows`, by their names in the palette."""
+"""Of :meth:`noslip.viewer.track.Track.arrows`, by their names in the palette."""
 GHOST = rgb(PALETTE["gray"])
 GHOST_OPACITY = 0.3
 TRAIL_WIDTH, GHOST_WIDTH = 3.5, 1.5
@@ -115,7 +116,7 @@ class Drawing:
         Parameters
         ----------
         name : str
-            Of its nodes; see :func:`noslip.viewer.scene.node_name`.
+            Of its nodes; see :func:`noslip.viewer.entries.node_name`.
         track : Track
         worst : float
             Violation that has the last color.

@@ -14,8 +14,8 @@ from noslip.constraints.declaration import Constraint
 from noslip.viewer import serving
 from noslip.viewer.drawing import Follower
 from noslip.viewer.entries import TOOL_LENGTH, Shown, drawn, entries, key
-from noslip.viewer.scene import Track
 from noslip.viewer.tool import Part
+from noslip.viewer.track import Track
 
 FRAMES_PER_SECOND = 30.0
 MOST_FRAMES = 600

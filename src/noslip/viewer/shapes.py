@@ -20,8 +20,8 @@ from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
 from noslip.constraints.remote_center import RemoteCenter
 from noslip.figures.style import PALETTE
+from noslip.viewer.colors import rgb
 from noslip.viewer.frames import Frame
-from noslip.viewer.scene import rgb
 
 REACH = 0.75
 """Half the side of what has no end, such as a plane, over the scene's size."""
