@@ -19,9 +19,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.comparison import compare
 from noslip.many import cluster, executors, find_recordings, learn_each, worker
 from noslip.many import settings as run_settings
+from noslip.merit import figures_of_merit
 from noslip.result_table import RecordingResult, read_results, write_results
 
 FEW = {"basis_functions": 15}
@@ -74,7 +74,7 @@ def test_figures_are_those_of_the_primitive_in_the_file(runs, tmp_path):
         (given,) = ns.load_demonstrations(result.recording)
         dmp = ns.load_primitive(result.primitive)
         motion = dmp.rollout()
-        figures = compare(motion, given, constraints)
+        figures = figures_of_merit(motion, given, constraints)
         assert result.residual_peak == figures.residual_peak
         assert result.position_rms_m == figures.position_rms
         assert result.slowest_edge_speed_m_s == figures.slowest_edge_speed

@@ -19,12 +19,12 @@ from noslip._files import write_beside
 from noslip.adaptation import Via
 from noslip.cli import options, output
 from noslip.cli.plot import FORMATS
-from noslip.comparison import compare
 from noslip.constraints.check import amount, check
 from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import Goal, end_errors
 from noslip.learning import ConstrainedDMP
+from noslip.merit import figures_of_merit
 from noslip.primitives.pose import Motion
 from noslip.primitives.scaling import Scaling
 from noslip.projection.trajectory import End
@@ -225,7 +225,7 @@ class _Family:
     def __init__(self, dmp: ConstrainedDMP) -> None:
         self.dmp = dmp
         self.original = dmp.rollout()
-        self.angular_speed_peak = compare(self.original, self.original, ()).angular_speed_peak
+        self.angular_speed_peak = figures_of_merit(self.original, self.original).angular_speed_peak
         self.motions: dict[str, Motion] = {}
         self.goals: dict[str, Goal] = {}
         self.outcomes: list[Outcome] = []
@@ -237,14 +237,14 @@ class _Family:
         motion = adapted.rollout()
         self.goals[name] = _goal(adapted, wanted)
         off, turned = end_errors(motion, self.goals[name])
-        compared = compare(motion, self.original, self.dmp.system)
+        merit = figures_of_merit(motion, self.original, self.dmp.system)
         hard = [c for c in self.dmp.constraints if c.priority == 0]
         report = check(motion, hard) if hard else None
         (record,) = adapted.record
         messages = [] if report is None or report.satisfied else [report.verdict]
         if record.left_out:
             messages.append(f"the projection cannot keep {', '.join(record.left_out)}")
-        peak, before = compared.angular_speed_peak, self.angular_speed_peak
+        peak, before = merit.angular_speed_peak, self.angular_speed_peak
         adapted.save(target)
         self.motions[name] = motion
         self.outcomes.append(
@@ -254,7 +254,7 @@ class _Family:
                 holds=report is None or report.satisfied,
                 end_position_error_m=off,
                 end_rotation_error_deg=None if turned is None else float(np.degrees(turned)),
-                residual_peak=compared.residual_peak,
+                residual_peak=merit.residual_peak,
                 angular_speed_peak_rad_s=peak,
                 angular_speed_ratio=peak / before if before > 0 else None,
                 iterations=record.iterations,

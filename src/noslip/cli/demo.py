@@ -15,7 +15,6 @@ from rich.table import Table
 from noslip._files import write_beside
 from noslip._version import __version__
 from noslip.cli import options, output
-from noslip.comparison import Comparison
 from noslip.errors import InputError
 from noslip.experiments.excision import CONSTRAINT as EXCISION_CONSTRAINT
 from noslip.experiments.excision import Excision, run_excisions
@@ -28,6 +27,7 @@ from noslip.figures import (
     save_figure,
 )
 from noslip.figures.style import write_title
+from noslip.merit import FiguresOfMerit
 from noslip.trajectory import PoseTrajectory
 
 NAME = "demo"
@@ -127,7 +127,7 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
     return {
         "noslip": __version__,
         "units": "SI: m, s, rad; residuals in m/s",
-        "numerical_example": {name: c.to_dict() for name, c in example.comparisons.items()},
+        "numerical_example": {name: c.to_dict() for name, c in example.merits.items()},
         "excision": {
             "synthetic": True,
             "seed": seed,
@@ -136,7 +136,7 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
                     "recording": excision.recording.name,
                     "samples": len(excision.trained),
                     "duration": excision.trained.duration,
-                    **excision.comparison.to_dict(),
+                    **excision.merit.to_dict(),
                 }
                 for excision in excisions
             ],
@@ -155,19 +155,19 @@ _COLUMNS: list[tuple[str, Any]] = [
 
 
 def _example_table(example: NumericalExample) -> Table:
-    return _table("Numerical example (against the demonstration)", example.comparisons)
+    return _table("Numerical example (against the demonstration)", example.merits)
 
 
 def _excision_table(excisions: list[Excision]) -> Table:
-    rows = {str(number): e.comparison for number, e in enumerate(excisions, start=1)}
+    rows = {str(number): e.merit for number, e in enumerate(excisions, start=1)}
     return _table("Elliptical excision, synthetic (trained against prepared)", rows)
 
 
-def _table(title: str, rows: dict[str, Comparison]) -> Table:
+def _table(title: str, rows: dict[str, FiguresOfMerit]) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold")
     table.add_column("")
     for heading, _ in _COLUMNS:
         table.add_column(heading, justify="right")
-    for name, comparison in rows.items():
-        table.add_row(name, *(form(comparison) for _, form in _COLUMNS))
+    for name, merit in rows.items():
+        table.add_row(name, *(form(merit) for _, form in _COLUMNS))
     return table

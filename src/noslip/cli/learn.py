@@ -11,11 +11,11 @@ import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.comparison import compare
 from noslip.constraints.check import check, told_margin
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
 from noslip.learning import BARRIER_RATE, ConstrainedDMP, learn
+from noslip.merit import figures_of_merit
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import ROTATION_SMOOTHING
 from noslip.trajectory import PoseTrajectory
@@ -194,15 +194,15 @@ def run(
         )
     motion = primitive.rollout()
     system = primitive.system
-    comparisons = [compare(motion, d, system).to_dict() for d in demonstrations]
+    merits = [figures_of_merit(motion, d, system).to_dict() for d in demonstrations]
     result: dict[str, Any] = {
         "primitive": str(out),
         "constraints": list(system.names),
         "duration": primitive.duration,
-        "residual_peak": comparisons[0]["residual_peak"],
-        "least_margins": comparisons[0]["least_margins"],
+        "residual_peak": merits[0]["residual_peak"],
+        "least_margins": merits[0]["least_margins"],
         "demonstrations": [
-            {"name": d.name, **c} for d, c in zip(demonstrations, comparisons, strict=True)
+            {"name": d.name, **c} for d, c in zip(demonstrations, merits, strict=True)
         ],
         "projection": [vars(record) for record in primitive.record],
     }

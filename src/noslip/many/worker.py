@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 
 from noslip._version import __version__
-from noslip.comparison import Comparison, compare
 from noslip.constraints.catalog import restore
-from noslip.constraints.check import check, step_residuals
 from noslip.constraints.system import ConstraintSystem
 from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError, NoslipError
 from noslip.learning import ConstrainedDMP, learn
 from noslip.many.recordings import content_hash
+from noslip.merit import figures_of_merit
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.result_table import RecordingResult
 from noslip.trajectory import PoseTrajectory
@@ -76,31 +75,28 @@ class Worker:
             self.steppers[dmp.inverse_metric] = dmp.stepper
         dmp.take_over(system, self.steppers[dmp.inverse_metric])
         motion = dmp.rollout()
-        compared: Comparison = compare(motion, demonstration, system)
-        off = step_residuals(demonstration, system.equalities)
-        off = np.abs(off).max(axis=1, initial=0.0)
-        force, torque = motion.constraint_forces[:, :3], motion.constraint_forces[:, 3:]
-        end = motion.rotations[-1] * demonstration.rotations[-1].inv()
+        merit = figures_of_merit(motion, demonstration, system)
+        recorded = figures_of_merit(demonstration, demonstration, system)
         figures: dict[str, Any] = {
             "samples": len(demonstration),
             "duration_s": demonstration.duration,
             "path_length_m": demonstration.path_length,
-            "recording_residual_peak": float(off.max()),
-            "recording_residual_rms": float(np.sqrt(np.mean(off**2))),
-            "residual_peak": compared.residual_peak,
-            "residual_rms": compared.residual_rms,
-            "holds": check(motion, system).satisfied if system.size else True,
-            "least_margins": ", ".join(f"{k}={v:.6g}" for k, v in compared.least_margins.items()),
-            "end_position_error_m": compared.position_end,
-            "end_rotation_error_deg": float(np.degrees(end.magnitude())),
-            "position_rms_m": compared.position_rms,
-            "rotation_rms_deg": float(np.degrees(compared.rotation_rms)),
-            "rotation_peak_deg": float(np.degrees(compared.rotation_peak)),
-            "angular_speed_peak_rad_s": compared.angular_speed_peak,
-            "angular_acceleration_peak_rad_s2": compared.angular_acceleration_peak,
-            "slowest_edge_speed_m_s": compared.slowest_edge_speed,
-            "force_peak_m_s2": float(np.linalg.norm(force, axis=1).max(initial=0.0)),
-            "torque_peak_rad_s2": float(np.linalg.norm(torque, axis=1).max(initial=0.0)),
+            "recording_residual_peak": recorded.residual_peak,
+            "recording_residual_rms": recorded.residual_rms,
+            "residual_peak": merit.residual_peak,
+            "residual_rms": merit.residual_rms,
+            "holds": merit.satisfied,
+            "least_margins": ", ".join(f"{k}={v:.6g}" for k, v in merit.least_margins.items()),
+            "end_position_error_m": merit.position_end,
+            "end_rotation_error_deg": float(np.degrees(merit.rotation_end)),
+            "position_rms_m": merit.position_rms,
+            "rotation_rms_deg": float(np.degrees(merit.rotation_rms)),
+            "rotation_peak_deg": float(np.degrees(merit.rotation_peak)),
+            "angular_speed_peak_rad_s": merit.angular_speed_peak,
+            "angular_acceleration_peak_rad_s2": merit.angular_acceleration_peak,
+            "slowest_edge_speed_m_s": merit.slowest_edge_speed,
+            "force_peak_m_s2": merit.force_peak,
+            "torque_peak_rad_s2": merit.torque_peak,
         }
         for record in dmp.record:
             figures |= {

@@ -8,19 +8,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
-
 from noslip._version import __version__
-from noslip.comparison import compare
 from noslip.constraints.check import TOLERANCE, CheckReport, ConstraintCheck, check
 from noslip.errors import InputError
 from noslip.figures.family import end_errors
 from noslip.figures.quantities import amount
 from noslip.figures.style import number
 from noslip.learning import ConstrainedDMP
+from noslip.merit import figures_of_merit
 from noslip.primitives.pose import Motion
 from noslip.reporting.commands import declaration
-from noslip.reporting.values import Cell, Table, Value, angle, count, plain, printable, quantity
+from noslip.reporting.values import Cell, Table, Value, count, plain, printable, quantity
 from noslip.trajectory import PoseTrajectory
 
 PACKAGES = ("numpy", "scipy", "casadi")
@@ -45,7 +43,7 @@ def recordings_tables(
     if demonstrations:
         rows: list[tuple[Cell, ...]] = []
         for given in demonstrations:
-            merits = compare(motion, given, dmp.system)
+            merits = figures_of_merit(motion, given, dmp.system)
             rows.append(
                 (
                     given.name,
@@ -54,7 +52,7 @@ def recordings_tables(
                     quantity(given.path_length, "m"),
                     quantity(merits.position_rms, "m"),
                     quantity(merits.position_end, "m"),
-                    angle(merits.rotation_rms),
+                    quantity(merits.rotation_rms, "rad"),
                 )
             )
         tables.append(
@@ -78,7 +76,7 @@ def recordings_tables(
                         count(record.iterations),
                         plain(record.residual),
                         quantity(record.position_change, "m"),
-                        angle(record.rotation_change),
+                        quantity(record.rotation_change, "rad"),
                         printable(", ".join(record.left_out)) or "nothing",
                     )
                     for name, record in zip(
@@ -138,7 +136,7 @@ def _violation(result: ConstraintCheck) -> float:
 
 def _extreme(result: ConstraintCheck) -> Value:
     if result.margin is None:
-        return quantity(result.peak, result.unit)
+        return Value(result.peak, amount(result.peak, result.unit))
     return Value(result.margin, f"margin {amount(result.margin, result.unit)}")
 
 
@@ -146,47 +144,30 @@ def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> 
     """Figures of merit, a row each, a column a motion."""
     (against, reference), *_ = motions.items()
     units = set(dmp.system.equalities.row_units)
-    unit = units.pop() if len(units) == 1 else "(SI)"
+    residual_unit = units.pop() if len(units) == 1 else "(SI)"
     goal = (dmp.position.goal, dmp.orientation.goal)
-    columns: list[tuple[Cell, ...]] = []
-    for motion in motions.values():
-        merits = compare(motion, reference, dmp.system)
-        off, turned = end_errors(motion, goal)
-        assert off is not None and turned is not None
-        speeds = np.linalg.norm(motion.step_velocities()[0], axis=1)
-        forces: list[Cell] = ["–", "–"]
-        if isinstance(motion, Motion) and dmp.constraints and motion.row_forces.size:
-            sizes = np.split(motion.constraint_forces, 2, axis=1)
-            peaks = [float(np.linalg.norm(size, axis=1).max()) for size in sizes]
-            forces = [quantity(peaks[0], "m/s²"), quantity(peaks[1], "rad/s²")]
-        residuals = [quantity(r, unit) for r in (merits.residual_peak, merits.residual_rms)]
-        columns.append(
-            (
-                *(residuals if dmp.system.equalities.size else ()),
-                quantity(merits.position_rms, "m"),
-                angle(merits.rotation_rms),
-                angle(merits.rotation_peak),
-                quantity(off, "m"),
-                angle(turned),
-                quantity(float(speeds.max()), "m/s"),
-                quantity(merits.angular_speed_peak, "rad/s"),
-                quantity(merits.angular_acceleration_peak, "rad/s²"),
-                *forces,
-            )
+    merits = [figures_of_merit(motion, reference, dmp.system) for motion in motions.values()]
+    ends = [end_errors(motion, goal) for motion in motions.values()]
+    shown: list[tuple[str, str, Sequence[float | None]]] = [
+        (name, unit, [getattr(merit, figure) for merit in merits])
+        for name, unit, figure in (
+            ("residual, peak", residual_unit, "residual_peak"),
+            ("residual, rms", residual_unit, "residual_rms"),
+            (f"distance from {against}, rms", "m", "position_rms"),
+            (f"angle to {against}, rms", "rad", "rotation_rms"),
+            (f"angle to {against}, peak", "rad", "rotation_peak"),
+            ("peak speed", "m/s", "speed_peak"),
+            ("peak angular speed", "rad/s", "angular_speed_peak"),
+            ("peak angular acceleration", "rad/s²", "angular_acceleration_peak"),
+            ("peak constraint acceleration, linear", "m/s²", "force_peak"),
+            ("peak constraint acceleration, angular", "rad/s²", "torque_peak"),
         )
-    names = (
-        *(("residual, peak", "residual, rms") if dmp.system.equalities.size else ()),
-        f"distance from {against}, rms",
-        f"angle to {against}, rms",
-        f"angle to {against}, peak",
-        "end: distance from the learned goal",
-        "end: angle to the learned goal",
-        "peak speed",
-        "peak angular speed",
-        "peak angular acceleration",
-        "peak constraint acceleration, linear",
-        "peak constraint acceleration, angular",
-    )
+        if dmp.system.equalities.size or not name.startswith("residual")
+    ]
+    shown += [
+        ("end: distance from the learned goal", "m", [off for off, _ in ends]),
+        ("end: angle to the learned goal", "rad", [turned for _, turned in ends]),
+    ]
     note = (
         "Regular: the ordinary primitive, fitted to the recordings without constraints.  "
         "Optimized: the primitive's own motion."
@@ -194,7 +175,7 @@ def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> 
     if "demonstration" in motions and len(dmp.record) > 1:
         note += f"  Demonstration: {reference.name}, of all the one that violates them most."
     rows = tuple(
-        (name, *cells) for name, cells in zip(names, zip(*columns, strict=True), strict=True)
+        (name, *(quantity(value, unit) for value in values)) for name, unit, values in shown
     )
     return Table("Figures of merit", ("", *motions), rows, note)
 

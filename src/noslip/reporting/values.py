@@ -96,9 +96,10 @@ def count(value: int) -> Value:
     return Value(value, str(value))
 
 
-def quantity(value: float, unit: str) -> Value:
+def quantity(value: float | None, unit: str) -> Cell:
+    """Return a number with its unit: of an angle (rad) in degrees; a dash where there is none."""
+    if value is None:
+        return "–"
+    if unit == "rad":
+        return Value(value, f"{number(float(np.degrees(value)))}°")
     return Value(value, amount(value, unit))
-
-
-def angle(radians: float) -> Value:
-    return Value(radians, f"{number(float(np.degrees(radians)))}°")

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip._typing import Floats
-from noslip.comparison import compare
 from noslip.constraints.check import CheckReport, amount, check, step_residuals
 from noslip.constraints.declaration import UNITS, Constraint, axis_index
 from noslip.constraints.fields import ORIGIN
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.system import ConstraintSystem
+from noslip.merit import figures_of_merit
 from noslip.primitives.pose import Motion, State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.colors import Bytes, slip_colors
@@ -256,7 +256,7 @@ class Track:
         """Figures of merit against the reference, as label and text; empty without one."""
         if self.reference is None:
             return {}
-        found = compare(self.motion, self.reference, self.system)
+        found = figures_of_merit(self.motion, self.reference, self.system)
         told = {
             "position, rms": f"{1e3 * found.position_rms:.3g} mm",
             "position, at the end": f"{1e3 * found.position_end:.3g} mm",
