@@ -32,7 +32,7 @@ EXTRAS = {
     "tables": ("pyarrow",),
     "hdf5": ("h5py",),
     "align": ("dtaidistance",),
-    "robots": ("mujoco", "mink", "daqp"),
+    "robots": ("mujoco", "daqp"),
     "video": ("imageio", "imageio_ffmpeg"),
     "cluster": ("distributed",),
     "viewer": ("viser",),
