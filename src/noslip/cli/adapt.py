@@ -1,4 +1,12 @@
-"""``noslip adapt``: a primitive and new goals in, primitives that end there out."""
+"""``noslip adapt``: a primitive and new goals in, primitives that end there out.
+
+noslip adapt excision.json --goal-position 0.05,0.01,0 --out longer.json
+
+noslip adapt excision.json --goal-position 0.05,0.01,0 --goal-rotation 1,0,0,0 --duration 6
+--via 0.5:0.02,0.02,0 --figure longer.png --out longer.json
+
+noslip adapt excision.json --goals goals.csv --figure family.png --out family/
+"""
 
 from __future__ import annotations
 
@@ -30,18 +38,7 @@ from noslip.primitives.scaling import Scaling
 from noslip.projection.trajectory import End
 from noslip.saving import load_primitive
 
-NAME = "adapt"
 SUMMARY = "summary.csv"
-EXAMPLES = """
-Examples:
-
-  noslip adapt excision.json --goal-position 0.05,0.01,0 --out longer.json
-
-  noslip adapt excision.json --goal-position 0.05,0.01,0 --goal-rotation 1,0,0,0 --duration 6
-  --via 0.5:0.02,0.02,0 --figure longer.png --out longer.json
-
-  noslip adapt excision.json --goals goals.csv --figure family.png --out family/
-"""
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
 _COLUMNS = (files.POSITION_NAMES, files.QUATERNION_NAMES, ("duration",))
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"

@@ -1,4 +1,9 @@
-"""``noslip demo``: the paper's two experiments, from input to figures."""
+"""``noslip demo``: the paper's two experiments, from input to figures.
+
+noslip demo
+
+noslip demo --out results/ --json
+"""
 
 from __future__ import annotations
 
@@ -30,14 +35,6 @@ from noslip.figures.style import write_title
 from noslip.merit import FiguresOfMerit
 from noslip.trajectory import PoseTrajectory
 
-NAME = "demo"
-EXAMPLES = """
-Examples:
-
-  noslip demo
-
-  noslip demo --out results/ --json
-"""
 STAGES = 8 + 1 + 5
 
 

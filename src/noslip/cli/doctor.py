@@ -1,4 +1,9 @@
-"""``noslip doctor``: what of this machine is used, and why something is not."""
+"""``noslip doctor``: what of this machine is used, and why something is not.
+
+noslip doctor
+
+noslip doctor --json
+"""
 
 from __future__ import annotations
 
@@ -17,15 +22,6 @@ from noslip.codegen import library
 from noslip.constraints import Blade
 from noslip.experiments.numerical_example import demonstration
 from noslip.learning import learn
-
-NAME = "doctor"
-EXAMPLES = """
-Examples:
-
-  noslip doctor
-
-  noslip doctor --json
-"""
 
 EXTRAS = {
     "bags": ("rosbags",),

@@ -1,4 +1,16 @@
-"""``noslip learn``: recordings and constraints in, a primitive out."""
+"""``noslip learn``: recordings and constraints in, a primitive out.
+
+noslip learn recordings/*.csv --constraint blade --out excision.json
+
+noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat
+--out cut.json
+
+noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
+--relative --constraint blade --out cut.json
+
+noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parquet
+--out primitives/
+"""
 
 from __future__ import annotations
 
@@ -20,26 +32,11 @@ from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import ROTATION_SMOOTHING
 from noslip.trajectory import PoseTrajectory
 
-NAME = "learn"
 _MANY = "Many recordings"
 FAR_SHARE = 0.02
 """Share of the path by which a primitive may leave its demonstration without a warning."""
 FAR_TURN = 60.0
 """Degrees (rms) by which the constraint may turn the tool without a warning."""
-EXAMPLES = """
-Examples:
-
-  noslip learn recordings/*.csv --constraint blade --out excision.json
-
-  noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat
-  --out cut.json
-
-  noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
-  --relative --constraint blade --out cut.json
-
-  noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parquet
-  --out primitives/
-"""
 
 
 @options.grouped

@@ -1,4 +1,13 @@
-"""``noslip rollout``: a primitive in, its motion out."""
+"""``noslip rollout``: a primitive in, its motion out.
+
+noslip rollout excision.json --out motion.csv
+
+noslip rollout excision.json --duration 8 --time-step 0.001 --out slow.csv
+
+noslip rollout excision.json --goal-position 0.05,0.01,0 --out elsewhere.csv
+
+noslip rollout excision.json | head
+"""
 
 from __future__ import annotations
 
@@ -18,19 +27,6 @@ from noslip.errors import InputError
 from noslip.primitives.pose import Motion, ProjectStart
 from noslip.recordings.writing import WRITABLE, WRITABLE_TOLD, write_recording
 from noslip.saving import load_primitive
-
-NAME = "rollout"
-EXAMPLES = """
-Examples:
-
-  noslip rollout excision.json --out motion.csv
-
-  noslip rollout excision.json --duration 8 --time-step 0.001 --out slow.csv
-
-  noslip rollout excision.json --goal-position 0.05,0.01,0 --out elsewhere.csv
-
-  noslip rollout excision.json | head
-"""
 
 
 class Variant(enum.StrEnum):

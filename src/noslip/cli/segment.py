@@ -1,4 +1,15 @@
-"""``noslip segment``: one long recording in, its demonstrations out."""
+"""``noslip segment``: one long recording in, its demonstrations out.
+
+noslip segment session.csv --out cuts/ --figure cuts.png
+
+noslip segment session.csv --tool-frame 0.052,0,0.013 --lowpass 4.8 --drop-outliers --out cuts/
+
+noslip segment session.csv --at contact --contact-column fz --out cuts/
+
+noslip segment session.csv --at contact --height 0,0,1 --thresholds 0.001,0.002 --out cuts/
+
+noslip segment session.csv --at times --times 3:9.5 --times 14:21 --out cuts/
+"""
 
 from __future__ import annotations
 
@@ -23,20 +34,6 @@ from noslip.figures.segments import BETWEEN, recording_cuts
 from noslip.figures.style import save_figure
 from noslip.trajectory import PoseTrajectory
 
-NAME = "segment"
-EXAMPLES = """
-Examples:
-
-  noslip segment session.csv --out cuts/ --figure cuts.png
-
-  noslip segment session.csv --tool-frame 0.052,0,0.013 --lowpass 4.8 --drop-outliers --out cuts/
-
-  noslip segment session.csv --at contact --contact-column fz --out cuts/
-
-  noslip segment session.csv --at contact --height 0,0,1 --thresholds 0.001,0.002 --out cuts/
-
-  noslip segment session.csv --at times --times 3:9.5 --times 14:21 --out cuts/
-"""
 _CUTS = "Where to cut"
 
 

@@ -1,4 +1,15 @@
-"""``noslip simulate``: a primitive in, an arm's joints out."""
+"""``noslip simulate``: a primitive in, an arm's joints out.
+
+noslip simulate excision.json --robot panda --out arm/
+
+noslip simulate excision.json --dynamics impedance --noise --delay 0.002 --out arm/
+
+noslip simulate excision.json --placement 0.45,0.1,0.3,1.57 --duration 8 --out arm/
+
+noslip simulate excision.json --bag arm.mcap --out arm/
+
+noslip simulate excision.json --model my_arm.xml --tool scalpel_tip --video --out arm/
+"""
 
 from __future__ import annotations
 
@@ -24,21 +35,6 @@ from noslip.figures import executed_slip, joint_limits, save_figure
 from noslip.recordings import write_bag
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
-
-NAME = "simulate"
-EXAMPLES = """
-Examples:
-
-  noslip simulate excision.json --robot panda --out arm/
-
-  noslip simulate excision.json --dynamics impedance --noise --delay 0.002 --out arm/
-
-  noslip simulate excision.json --placement 0.45,0.1,0.3,1.57 --duration 8 --out arm/
-
-  noslip simulate excision.json --bag arm.mcap --out arm/
-
-  noslip simulate excision.json --model my_arm.xml --tool scalpel_tip --video --out arm/
-"""
 
 
 class Dynamics(enum.StrEnum):

@@ -1,4 +1,15 @@
-"""``noslip view``: a page in the browser on which motions are looked at, dragged and pushed."""
+"""``noslip view``: a page in the browser on which motions are looked at, dragged and pushed.
+
+noslip view excision.json
+
+noslip view runs/*.csv --constraint blade --lowpass 4.8
+
+noslip view demonstration.csv excision.json --save scene.html
+
+noslip simulate excision.json --out arm/ && noslip view arm/ excision.json
+
+ssh -L 8080:localhost:8080 robot noslip view excision.json --no-open
+"""
 
 from __future__ import annotations
 
@@ -12,21 +23,6 @@ import typer
 from noslip.cli import options
 from noslip.errors import InputError
 from noslip.saving import load_primitive
-
-NAME = "view"
-EXAMPLES = """
-Examples:
-
-  noslip view excision.json
-
-  noslip view runs/*.csv --constraint blade --lowpass 4.8
-
-  noslip view demonstration.csv excision.json --save scene.html
-
-  noslip simulate excision.json --out arm/ && noslip view arm/ excision.json
-
-  ssh -L 8080:localhost:8080 robot noslip view excision.json --no-open
-"""
 
 
 @options.grouped
