@@ -39,12 +39,18 @@ from noslip.projection.trajectory import End
 from noslip.saving import load_primitive
 
 SUMMARY = "summary.csv"
+"""In the folder of primitives."""
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
+"""What every file system takes for a name."""
 _COLUMNS = (files.POSITION_NAMES, files.QUATERNION_NAMES, ("duration",))
+"""Of a file of goals: groups that are given whole or not at all."""
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
+"""The same, for people."""
 
 Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
+"""An option that is a position."""
 Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
+"""An option that is a rotation."""
 
 
 @dataclass(frozen=True)

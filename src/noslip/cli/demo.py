@@ -36,6 +36,7 @@ from noslip.merit import FiguresOfMerit
 from noslip.trajectory import PoseTrajectory
 
 STAGES = 8 + 1 + 5
+"""Excisions, the numerical example and figures: steps of the progress bar."""
 
 
 def run(
@@ -149,6 +150,7 @@ _COLUMNS: list[tuple[str, Any]] = [
     ("peak ang. speed (rad/s)", lambda c: f"{c.angular_speed_peak:.1f}"),
     ("peak ang. accel. (rad/s²)", lambda c: f"{c.angular_acceleration_peak:.0f}"),
 ]
+"""Headings, and how the table shows a figure of merit."""
 
 
 def _example_table(example: NumericalExample) -> Table:

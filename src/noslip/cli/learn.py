@@ -33,8 +33,10 @@ from noslip.projection.trajectory import ROTATION_SMOOTHING
 from noslip.trajectory import PoseTrajectory
 
 _MANY = "Many recordings"
+"""Heading of these options in the help."""
 FAR_SHARE = 0.02
-"""Share of the path by which a primitive may leave its demonstration without a warning."""
+"""Share of the path by which a primitive may leave its demonstration without a warning: more is
+seen with the eye."""
 FAR_TURN = 60.0
 """Degrees (rms) by which the constraint may turn the tool without a warning."""
 

@@ -23,9 +23,12 @@ from noslip.projection.metric import Metric
 from noslip.trajectory import PoseTrajectory
 
 LONGEST, FASTEST = 86400.0, 20.0
-"""Beyond a day (s), or this mean speed (m/s), units are asked after."""
+"""Beyond a day (s), or this mean speed (m/s), units are asked after: no hand and no arm works so
+long, or so fast."""
 _PREPARATION = "Preparation (in this order)"
+"""Headings of these options in the help: what is done to a recording, in the order of doing it."""
 _WHERE = "Where in a bag or data set"
+"""Headings of these options in the help."""
 
 Recordings = Annotated[
     list[str],
@@ -35,6 +38,8 @@ Recordings = Annotated[
         show_default=False,
     ),
 ]
+"""What several commands take is declared here once, so that it is called and explained alike in
+all."""
 Constraints = Annotated[
     list[str],
     typer.Option(

@@ -30,6 +30,7 @@ from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
 FORMATS = (".png", ".svg", ".pdf")
+"""Of figures: to look at, to edit, and to print."""
 
 
 class Show(enum.StrEnum):

@@ -35,6 +35,7 @@ from noslip.figures.style import save_figure
 from noslip.trajectory import PoseTrajectory
 
 _CUTS = "Where to cut"
+"""Heading of these options in the help."""
 
 
 class At(enum.StrEnum):

@@ -27,8 +27,9 @@ from noslip.robots.dynamics import Execution
 from noslip.robots.executed import TrackedMotion
 
 _LIMIT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 1.0, "zorder": 1}
+"""Of a limit: below the curves that it bounds."""
 LEAST_SLIP = 1e-9
-"""Of which a logarithmic axis shows at least so much (m/s)."""
+"""Slip that a logarithmic axis shows at least (m/s): below, it is rounding."""
 
 
 def joint_limits(tracked: TrackedMotion, *, title: str | None = None) -> Figure:

@@ -41,20 +41,25 @@ from noslip.figures.style import (
 from noslip.primitives.pose import HELD, Motion
 
 ROW_HEIGHT, AROUND_ROWS = 1.05, 1.15
-"""Of a constraint's panels, and of title, time axis and legend together (inches)."""
+"""Of a constraint's panels, and of title, time axis and legend together (inches): low, so that many
+constraints go on a page."""
 LONGEST_TITLE = 24
-"""Characters of a constraint's name that a panel's title shows."""
+"""Characters of a constraint's name that a panel's title shows: more run into the next panel's."""
 LABEL_WIDTH = 18
-"""Characters of a label beside these panels, before it goes on in the next line."""
+"""Characters of a label beside these panels, before it goes on in the next line: as long as a panel
+is high."""
 PUSHING = 1e-6
-"""Share of a limit's largest force above which it pushes."""
+"""Share of a limit's largest force above which it pushes: the barrier leaves a trace before and
+after."""
 MULTIPLIER_UNITS = {"m": "m/s²", "m/s": "m/s²", "m/s²": "m/s"}
 """By the unit of the residual, that of a position over the step; of others it depends on the metric
 too."""
 FORCE_NAMES: dict[Part, str] = {"linear": "force", "angular": "turning force"}
+"""What the panels call an acceleration that a constraint adds."""
 
 
 _FORCE: dict[str, Any] = {"color": PALETTE["vermillion"], "linestyle": "-", "linewidth": 1.1}
+"""Vermillion, as forces are in every figure."""
 
 
 def constraint_history(

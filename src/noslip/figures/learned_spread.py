@@ -34,14 +34,16 @@ from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 
 ELLIPSES: Floats = np.linspace(0.0, 1.0, 11)
-"""Fractions of the duration at which the path has an ellipse."""
+"""Fractions of the duration at which the path has an ellipse: every tenth."""
 CIRCLE: Floats = np.column_stack(
     [function(np.linspace(0, 2 * np.pi, 73)) for function in (np.cos, np.sin)]
 )
+"""Points of a unit circle, one every 5 degrees, of which ellipses are made."""
 WIDE = 1.8
 """Width of a path, over its height, from which it is larger below the panels than beside them."""
 SEEN = 0.05
-"""Share of the path's extent below which the largest half axis is enlarged, to be seen."""
+"""Share of the path's extent below which the largest half axis is enlarged: smaller, it would be
+hidden by the path's line."""
 AGREED = 1e-9
 """Standard deviation (m or rad) that is rounding."""
 
@@ -53,7 +55,9 @@ BANDS: dict[int, dict[str, Any]] = {
 }
 """Style by number of standard deviations, the outer one first."""
 MOTION: dict[str, Any] = {"linewidth": 1.2}
+"""Of the motion itself."""
 LEAST: dict[str, Any] = {"color": PALETTE["vermillion"], "linewidth": 1.0, "linestyle": (0, (3, 2))}
+"""Of the instant at which the demonstrations agree least."""
 
 
 def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:

@@ -52,9 +52,12 @@ from noslip.figures.style import (
 from noslip.trajectory import PoseTrajectory
 
 Plane = Literal["XY", "XZ", "YZ"]
+"""In which a path is drawn."""
 Scale = Literal["linear", "log"]
+"""Of the axis of residuals."""
 
 TIME = "time since start (s)"
+"""What every axis of time says."""
 
 
 def compare_motions(

@@ -21,13 +21,19 @@ from noslip.trajectory import PoseTrajectory
 Motions = PoseTrajectory | Mapping[str, PoseTrajectory]
 """One motion, or several by name."""
 Constraints = ConstraintSystem | Constraint | Sequence[Constraint]
+"""One constraint or several."""
 Part = Literal["linear", "angular"]
+"""Of an acceleration or force."""
 
 PARTS: tuple[Part, ...] = ("linear", "angular")
+"""In the order of the columns."""
 FORCE_UNITS: dict[Part, str] = {"linear": "m/s²", "angular": "rad/s²"}
+"""Of accelerations that constraints add: forces for each unit of mass."""
 ANGLES = ("roll", "pitch", "yaw")
+"""Names of what :func:`roll_pitch_yaw` returns."""
 GIMBAL_LOCK = 1e-7
-"""Cosine of the pitch below which roll and yaw cannot be told apart."""
+"""Cosine of the pitch below which roll and yaw cannot be told apart: rounding of a rotation decides
+there."""
 VISIBLE = 0.1
 """Share of the top speed (of the path's extent, for a position) that a residual's axis spans at
 least to either side: what cannot be seen on it is small against the motion itself."""

@@ -19,6 +19,7 @@ from noslip.figures.style import PALETTE, line_styles, number
 from noslip.primitives.pose import HELD, Motion
 
 _ONLY: dict[str, Any] = {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1}
+"""Style of a row that is the only one."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,26 +33,34 @@ from noslip.trajectory import PoseTrajectory
 COLORS = tuple(color for name, color in PALETTE.items() if name not in ("gray", "black"))
 """Of the pieces in turn; gray is what was cut out, and black looks gray as a shade."""
 BETWEEN = ("rest", "no contact", "not asked for")
-"""Reasons that are told by the legend alone."""
+"""Reasons that the legend alone names: there are as many pauses as pieces."""
 MOST_REASONS = 16
 """Dropped pieces whose reasons are written into the figure; more of them would hide it."""
 FLOOR = 0.1
-"""Share of the lower threshold at which a logarithmic axis of speed ends."""
+"""Share of the lower threshold at which a logarithmic axis of speed ends: below it is rest,
+whatever the sensor's noise."""
 ROOM = 0.16
-"""Share of the axis above the signal, for the numbers."""
+"""Share of the axis above the signal, for a line of numbers."""
 
 SIGNAL: dict[str, Any] = {"color": "0.25", "linewidth": 0.8}
+"""Dark gray: the colors are the pieces'."""
 PIECE_ALPHA = 0.3
+"""Of a piece's color behind the signal, which is seen through it."""
 PAUSE: dict[str, Any] = {"facecolor": "0.94", "linewidth": 0}
+"""Behind what is no piece: paler than any color."""
 DROPPED: dict[str, Any] = {
     "facecolor": "0.85",
     "edgecolor": "0.65",
     "hatch": "////",
     "linewidth": 0,
 }
+"""Behind a piece that was dropped: hatched, so that it differs from a pause in print."""
 PATH_OUT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 0.6, "zorder": 1.5}
+"""Of the path outside of pieces: thin, below theirs."""
 _THRESHOLD: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 0.9}
+"""Black, and told apart by their dashes."""
 UPPER, LOWER = _THRESHOLD | {"linestyle": (0, (5, 2))}, _THRESHOLD | {"linestyle": (0, (1, 1.8))}
+"""Of the threshold at which a piece begins, and of that at which it ends."""
 
 
 def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:

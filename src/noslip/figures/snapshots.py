@@ -38,9 +38,14 @@ from noslip.figures.style import (
 from noslip.trajectory import PoseTrajectory
 
 PATH: dict[str, Any] = {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.3}
+"""Of the path that was taken."""
 DESIRED: dict[str, Any] = {"color": PALETTE["black"], "linestyle": ":", "linewidth": 1.2}
+"""Of the path that was asked for: dotted, above the one that was taken."""
 AXIS: dict[str, Any] = {"color": PALETTE["green"], "linestyle": "-", "linewidth": 1.1}
+"""Of the blade's travel axis: green, as velocities are in the viewer."""
 SLIP_COLORS = LinearSegmentedColormap.from_list("slip", ["#DCE6EE", PALETTE["vermillion"]])
+"""From none to all of the speed sideways: pale, so that a blade that does not slip stays in the
+background."""
 
 SCALPEL: Floats = np.array(
     [
@@ -58,16 +63,18 @@ SCALPEL: Floats = np.array(
 )
 """Outline of a blade and its handle in the body's x-z plane, the tip at the origin, length 1."""
 BLADE_LENGTH = 0.33
-"""Of the path's largest extent; meters, of a tool that stays in place."""
+"""Share of the path's largest extent, so that it is seen and neighbors can be told apart; meters,
+of a tool that stays in place."""
 ARROW_LENGTH = 0.45
-"""Of the blade's length."""
+"""Share of the blade's length, so that an arrow ends beside it."""
 AT_REST = 1e-3
 """Share of the top speed below which a tool stands: it slips nowhere."""
 VIEW = (55.0, -80.0)
-"""Elevation and azimuth of the eye (degrees)."""
+"""Elevation and azimuth of the eye (degrees): from above the side that work in the plane faces."""
 TITLE_ROOM, HEADING_ROOM, LABEL_ROOM, LEGEND_ROOM, BAR_ROOM, EDGE = 0.3, 0.6, 0.5, 0.3, 0.65, 0.06
-"""Inches for the text around panels."""
+"""Inches for the text around panels: three-dimensional ones do not know how large it is."""
 Place = tuple[float, float, float, float]
+"""Of an axes in a figure: left, bottom, width and height, as shares."""
 
 
 def blade_snapshots(

@@ -47,13 +47,17 @@ from noslip.primitives.pose import as_demonstrations
 from noslip.trajectory import PoseTrajectory
 
 PROGRESS = "share of the motion's time (%)"
+"""What the axis of time says where durations differ."""
 GRID: Floats = np.linspace(0, 100, 201)
-"""Where mean and standard deviation are taken (%)."""
+"""Where mean and standard deviation are taken (%): every half percent."""
 VISIBLE_TURN = 0.05
-"""Degrees below which an adjustment is none."""
+"""Degrees below which an adjustment is none: about a line's width."""
 EACH: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.45}
+"""Of one motion among many: thin and transparent."""
 MEAN: dict[str, Any] = {"linewidth": 1.8}
+"""Of their mean: wide."""
 BAND: dict[str, Any] = {"alpha": 0.2}
+"""Of one standard deviation about it."""
 Curve = tuple[Floats, Floats]
 """Share of the motion's time (%) and value, at a motion's own samples."""
 

@@ -10,6 +10,7 @@ from noslip.demonstrations.loading import SUFFIXES, expand, folder_reader
 from noslip.errors import InputError
 
 Recordings = str | Path | Iterable[str | Path]
+"""What stands for files: a path, a glob, a folder, or several of them."""
 
 
 def find_recordings(recordings: Recordings, *, leave_out: Iterable[Path] = ()) -> dict[str, Path]:

@@ -112,8 +112,9 @@ class Worker:
 
 
 _worker = lru_cache(maxsize=2)(Worker)
-# Compiled graphs work in buffers of their own: one thread at a time.
+"""Of the last settings and those before: a worker serves a run or two at a time."""
 _ONE_THREAD = threading.Lock()
+"""Compiled graphs work in buffers of their own: one thread at a time."""
 
 
 def learn_one(settings: str, name: str, file: str, primitive: str | None) -> RecordingResult:

@@ -13,7 +13,7 @@ from noslip.projection.metric import inverse_metric
 from noslip.projection.trajectory import ROTATION_SMOOTHING
 
 BASIS_FUNCTIONS = 100
-"""Of ``noslip learn``, unless said otherwise."""
+"""Of ``noslip learn``, unless another number is asked for."""
 OWN = "YOUR_RULES.py:NAME"
 """Stands for a constraint declared in Python: a primitive keeps it, but not where it was."""
 

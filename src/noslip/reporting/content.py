@@ -28,8 +28,10 @@ from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
 LEARNED = "learned motion"
+"""How a title calls the primitive's own motion."""
 APART = 0.01
-"""Share of the path that a primitive may start or end from its recordings without a warning."""
+"""Share of the path that a primitive may start or end from its recordings without a warning: beyond
+what fitting leaves."""
 
 
 def report(

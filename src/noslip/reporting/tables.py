@@ -22,6 +22,7 @@ from noslip.reporting.values import Cell, Table, Value, count, plain, printable,
 from noslip.trajectory import PoseTrajectory
 
 PACKAGES = ("numpy", "scipy", "casadi")
+"""On whose versions the numbers depend."""
 
 
 def files_table(files: Iterable[str]) -> Table:

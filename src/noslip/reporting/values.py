@@ -20,6 +20,7 @@ class Value:
 
 
 Cell = str | Value
+"""Of a table."""
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,13 @@ from noslip.robots.timing import timed
 from noslip.trajectory import PoseTrajectory
 
 COARSE_SAMPLES = 1000
-"""Samples of the tracking that looks for a feasible duration."""
+"""Samples of the tracking that looks for a feasible duration: it is tracked in full where it is
+asked for."""
 
 
 SPARE = 1.05
-"""Share by which an offered duration is longer than the one that just reaches a limit."""
+"""Share by which an offered duration is longer than the one that just reaches a limit: what the
+coarse tracking misses."""
 
 
 class InfeasibleMotionError(NoslipError, RuntimeError):

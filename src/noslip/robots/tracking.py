@@ -16,7 +16,7 @@ from noslip.robots.timing import RAMP, TIME_STEP, timed
 from noslip.trajectory import PoseTrajectory
 
 TRIED = 4
-"""Candidates that are tracked, the best first."""
+"""Candidates that are tracked, the best first: each is a whole tracking."""
 
 
 def track(

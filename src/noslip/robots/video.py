@@ -15,10 +15,11 @@ from noslip.errors import InputError, MissingDependencyError
 from noslip.robots.model import Robot, mujoco_warnings, required
 
 FRAMES_PER_SECOND = 30
+"""What every player plays."""
 SIZE = (480, 640)
-"""Height and width (pixels)."""
+"""Height and width (pixels): the buffer that every MuJoCo model has."""
 TRAIL = 120
-"""Beads of the tool's path."""
+"""Beads of the tool's path: enough to look like a line."""
 
 
 def render(

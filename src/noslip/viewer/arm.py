@@ -29,14 +29,15 @@ if TYPE_CHECKING:
     import viser
 
 SUMMARY = "summary.json"
+"""What ``noslip simulate`` calls it."""
 FIELDS = ("robot", "model", "tool", "placement", "constraints")
 """Of the summary, by which the arm and its motion are found again."""
 DRAWN_GROUPS = 3
 """MuJoCo's viewer shows groups 0 to 2; collision shapes are in later ones by custom."""
 DEFAULT_COLOR = (0.5, 0.5, 0.5, 1.0)
-"""Of a geom that was given none; it then has its material's."""
+"""MuJoCo's gray of a geom that was given none; it then has its material's."""
 ENDLESS = 1.0
-"""Half the side of a plane without end (m)."""
+"""Half the side of a plane without end (m): larger than an arm reaches."""
 
 
 class Arm:

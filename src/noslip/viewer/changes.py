@@ -17,10 +17,13 @@ from noslip.primitives.pose import Motion, State
 from noslip.projection.metric import inverse_metric
 
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
-"""Of an adaptation while a goal is dragged."""
+"""Of an adaptation while a goal is dragged, and of its rollout: few, so that the drag is
+followed."""
 METRICS = ("as learned", "position", "rotation", "shared")
+"""What the dropdown offers: the primitive's own, or one of those known by name."""
 MOST_STEPS_AT_ONCE = 200
-"""Of a pushed motion; one that falls behind runs slower than the clock."""
+"""Of a pushed motion between two frames: what takes longer runs slower than the clock, instead of
+holding the page up."""
 
 
 @dataclass(frozen=True, eq=False)

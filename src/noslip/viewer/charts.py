@@ -13,7 +13,7 @@ from noslip.figures.style import PALETTE
 from noslip.viewer.track import Track, group_starts
 
 CHART_POINTS = 200
-"""Of a line in a chart: about one a pixel of the panel."""
+"""Of a line in a chart: on a panel so narrow, more could not be told apart."""
 LEAST_RESIDUAL = 1e-18
 """Zero, on a logarithmic axis: below any residual that rounding leaves."""
 PAUSE = 0.15

@@ -9,6 +9,7 @@ from noslip._typing import Floats
 from noslip.figures.style import PALETTE
 
 Bytes = NDArray[np.uint8]
+"""An array of colors, red, green and blue last."""
 
 
 def rgb(color: str) -> tuple[int, int, int]:

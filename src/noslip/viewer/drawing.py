@@ -21,10 +21,10 @@ from noslip.viewer.track import Track
 
 ARROW_COLORS = {"lateral": "purple", "velocity": "green", "force": "black"}
 """Of :meth:`noslip.viewer.track.Track.arrows`, by their names in the palette."""
-GHOST = rgb(PALETTE["gray"])
-GHOST_OPACITY = 0.3
+GHOST, GHOST_OPACITY = rgb(PALETTE["gray"]), 0.3
+"""Color and opacity of what a motion is compared with: seen, and seen through."""
 TRAIL_WIDTH, GHOST_WIDTH = 3.5, 1.5
-"""Pixels."""
+"""Pixels: what a motion is compared with is thinner."""
 
 
 class Follower(Protocol):

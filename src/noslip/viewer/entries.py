@@ -24,10 +24,11 @@ from noslip.viewer.tool import Part, scalpel
 from noslip.viewer.track import Track
 
 Shown = PoseTrajectory | ConstrainedDMP | Simulation
+"""What a page takes: a recording, a primitive, or what ``noslip simulate`` wrote."""
 LEAST_WORST = 1e-3
 """Violation that has the last color, at least: what holds must not look as if it did not."""
 TOOL_LENGTH = 0.45
-"""Of the scalpel, over the scene's size."""
+"""Of the scalpel, over the scene's size: its turning is seen, and it hides little of the path."""
 
 
 @dataclass

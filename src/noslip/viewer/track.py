@@ -27,13 +27,14 @@ from noslip.viewer.colors import Bytes, slip_colors
 from noslip.viewer.frames import Frame
 
 MOST_SEGMENTS = 1000
-"""Of a trail; what is longer is thinned out, its worst violations stay."""
+"""Of a trail, so that ten motions of any length stay fluid; of what is longer the worst violations
+stay."""
 
 
 SLOW = 1e-3
-"""Of the peak speed: slower, a direction of travel means nothing."""
+"""Share of the peak speed below which the direction of travel is that of rounding."""
 ARROW = 0.15
-"""Length of the longest arrow, over the scene's size."""
+"""Length of the longest arrow, over the scene's size: it ends within the picture."""
 
 
 @dataclass(frozen=True, eq=False)
