@@ -29,11 +29,7 @@ def run(
     ],
     out: Annotated[
         Path,
-        typer.Option(
-            metavar="FILE",
-            help=f"What to write: {WRITABLE_TOLD}.",
-            show_default=False,
-        ),
+        options.optional("FILE", f"What to write: {WRITABLE_TOLD}."),
     ],
     given: options.Where = options.Where(),  # noqa: B008 - immutable
 ) -> None:

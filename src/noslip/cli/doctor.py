@@ -43,18 +43,18 @@ def run(as_json: options.AsJson = False) -> None:
 
     Compiles a step for a blade and rolls it out, so that what is told has been tried.
     """
-    told = _told()
+    found = _survey()
     if as_json:
-        output.print_json(told)
+        output.print_json(found)
         return
-    width = max(map(len, told))
-    for name, value in told.items():
+    width = max(map(len, found))
+    for name, value in found.items():
         if isinstance(value, dict):
             value = ", ".join(f"{key}: {what}" for key, what in value.items())
         typer.echo(f"{name:<{width}}  {value}")
 
 
-def _told() -> dict[str, Any]:
+def _survey() -> dict[str, Any]:
     packages = {name: version(name) for name in ("casadi", "numpy", "scipy")}
     found = {
         "noslip": __version__,

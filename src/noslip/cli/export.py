@@ -27,11 +27,7 @@ def run(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write the C files.")],
     name: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Of the primitive in C; by default the file's.",
-            show_default=False,
-        ),
+        options.optional("NAME", "Of the primitive in C; by default the file's."),
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:

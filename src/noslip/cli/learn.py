@@ -66,20 +66,15 @@ def run(
     ] = ROTATION_SMOOTHING,
     metric: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Who gives way at run time: position, rotation, shared, or six positive weights "
+        options.optional(
+            "NAME",
+            "Who gives way at run time: position, rotation, shared, or six positive weights "
             "separated by commas; by default position where that can hold all, else shared.",
-            show_default=False,
         ),
     ] = None,
     metric_length: Annotated[
         float | None,
-        typer.Option(
-            metavar="M",
-            help="Meters that weigh as much as a radian; by default a mean step.",
-            show_default=False,
-        ),
+        options.optional("M", "Meters that weigh as much as a radian; by default a mean step."),
     ] = None,
     barrier_rate: Annotated[
         float,
@@ -106,12 +101,11 @@ def run(
     ] = False,
     table: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Figures of merit, a row a recording: .csv or .parquet; by default results.csv "
+        options.optional(
+            "FILE",
+            "Figures of merit, a row a recording: .csv or .parquet; by default results.csv "
             "in the folder.",
-            rich_help_panel=_MANY,
-            show_default=False,
+            _MANY,
         ),
     ] = None,
     jobs: Annotated[
@@ -120,23 +114,15 @@ def run(
     ] = 1,
     cluster: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Scheduler of a Dask cluster, such as tcp://10.0.0.5:8786, to work on instead.",
-            rich_help_panel=_MANY,
-            show_default=False,
+        options.optional(
+            "ADDRESS",
+            "Scheduler of a Dask cluster, such as tcp://10.0.0.5:8786, to work on instead.",
+            _MANY,
         ),
     ] = None,
     as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
-    project_start: Annotated[
-        bool,
-        typer.Option(
-            "--project-start",
-            help="Project the initial velocity onto the constraints.",
-            rich_help_panel="Preparation (in this order)",
-        ),
-    ] = False,
+    project_start: options.ProjectStart = False,
 ) -> None:
     """Learn one primitive from one recording or several; it holds the constraints exactly.
 

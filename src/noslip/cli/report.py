@@ -41,14 +41,7 @@ def run(
         typer.Option(metavar="FILE", help="Report to write: .html or .pdf; repeatable."),
     ] = [Path("noslip-report.html")],  # noqa: B006 - typer's way to say a list's default
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
-    project_start: Annotated[
-        bool,
-        typer.Option(
-            "--project-start",
-            help="Project the initial velocity onto the constraints.",
-            rich_help_panel="Preparation (in this order)",
-        ),
-    ] = False,
+    project_start: options.ProjectStart = False,
 ) -> None:
     """Report what was learned, from what, and how well it holds: one HTML file, or PDF.
 

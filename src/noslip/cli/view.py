@@ -38,10 +38,8 @@ def run(
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
     tool: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="The tool's mesh, in its own frame: .stl, .obj or .glb; by default a scalpel.",
-            show_default=False,
+        options.optional(
+            "FILE", "The tool's mesh, in its own frame: .stl, .obj or .glb; by default a scalpel."
         ),
     ] = None,
     tool_scale: Annotated[
@@ -50,10 +48,8 @@ def run(
     ] = 1.0,
     save: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write the scene as one HTML file that plays without Python; no page is served.",
-            show_default=False,
+        options.optional(
+            "FILE", "Write the scene as one HTML file that plays without Python; no page is served."
         ),
     ] = None,
     host: Annotated[

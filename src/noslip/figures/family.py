@@ -21,7 +21,7 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import axis_index
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
-from noslip.figures.quantities import Constraints, Motions, amount, named, scaled_unit
+from noslip.figures.quantities import Constraints, Motions, named, scaled_unit, value_text
 from noslip.figures.residuals import residual_rows, violations
 from noslip.figures.snapshots import equally_far_apart
 from noslip.figures.style import (
@@ -171,9 +171,9 @@ class _Sizes:
         return np.array([self.values[name] for name in motions if name in self.values])
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """The largest of all with its unit."""
-        return f"{number(self.most)}°" if self.unit == "°" else amount(self.most, self.unit)
+        return f"{number(self.most)}°" if self.unit == "°" else value_text(self.most, self.unit)
 
     @property
     def most(self) -> float:
@@ -227,9 +227,9 @@ def _finding(
         where.append(f"turned by {number(turn)}°")
     if where:
         text += f"{up_to} {' and '.join(where)}"
-    ends = [panel.told for panel in panels if panel.name == ENDS]
+    ends = [panel.text for panel in panels if panel.name == ENDS]
     results = [f"ends within {' and '.join(ends)}"] if ends else []
-    results += [f"{panel.name} {panel.told}" for panel in panels if panel.name != ENDS]
+    results += [f"{panel.name} {panel.text}" for panel in panels if panel.name != ENDS]
     return f"{text}: {', '.join(results)}" if results else text
 
 

@@ -173,7 +173,7 @@ def _plot_values(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Line2D]
         span_at_least(ax, shown.T, 2 * scale * one.span)
     _label(ax, quantity, unit if one.unit else "own unit")
     name = one.name if len(one.name) <= LONGEST_TITLE else f"{one.name[: LONGEST_TITLE - 1]}…"
-    heading = f"{short_name(name)}: {one.told_extreme}"
+    heading = f"{short_name(name)}: {one.extreme_text}"
     ax.set_title(heading, loc="left", fontsize=SMALL_FONT_SIZE, fontweight="bold")
     return lines
 
@@ -223,16 +223,16 @@ def _label(ax: Axes, quantity: str, unit: str) -> None:
 def _finding(times: Floats, held: Sequence[ConstraintRecord]) -> str:
     equalities = [one for one in held if not one.is_limit]
     limits = [one for one in held if one.is_limit]
-    told = [_about_equalities(equalities)] if equalities else []
+    parts = [_about_equalities(equalities)] if equalities else []
     if limits:
-        told += [_about_margins(times, limits), _about_pushes(times, limits)]
-    text = "; ".join(told)
+        parts += [_about_margins(times, limits), _about_pushes(times, limits)]
+    text = "; ".join(parts)
     return text[:1].upper() + text[1:]
 
 
 def _about_equalities(equalities: Sequence[ConstraintRecord]) -> str:
     worst = max(equalities, key=lambda one: one.peak / one.span)
-    name, peak = short_name(worst.name), worst.told_peak
+    name, peak = short_name(worst.name), worst.peak_text
     if not worst.holds:
         return f"{name} is violated by up to {peak}"
     if len(equalities) == 1:
@@ -244,19 +244,19 @@ def _about_margins(times: Floats, limits: Sequence[ConstraintRecord]) -> str:
     """What gave way, or which limit left the least of its margin."""
     broken = sorted((one for one in limits if not one.holds), key=lambda one: -one.peak / one.span)
     if broken:
-        told = [
-            f"{short_name(one.name)} gave way by up to {one.told_peak} at "
+        parts = [
+            f"{short_name(one.name)} gave way by up to {one.peak_text} at "
             f"{number(times[np.argmax(one.violation)])} s"
             for one in broken[:2]
         ]
-        if len(broken) > len(told):
-            told.append(f"{len(broken) - len(told)} more")
-        return " and ".join(told)
+        if len(broken) > len(parts):
+            parts.append(f"{len(broken) - len(parts)} more")
+        return " and ".join(parts)
     least = min(limits, key=lambda one: one.margin / one.span)
     left, name = least.values.min(axis=1), short_name(least.name)
     if least.margin <= HELD:
         return f"{name} is reached at {number(times[np.argmax(left <= HELD)])} s, and kept"
-    return f"least margin: {least.told_margin} from {name} at {number(times[np.argmin(left)])} s"
+    return f"least margin: {least.margin_text} from {name} at {number(times[np.argmin(left)])} s"
 
 
 def _about_pushes(times: Floats, limits: Sequence[ConstraintRecord]) -> str:

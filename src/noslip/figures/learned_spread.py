@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.figures.motion import Plane, plot_path
-from noslip.figures.quantities import amount, angle_unit, extent, index_of, length_unit
+from noslip.figures.quantities import angle_unit, extent, index_of, length_unit, value_text
 from noslip.figures.spread import PROGRESS
 from noslip.figures.style import (
     LEAST_SHARE,
@@ -196,8 +196,8 @@ def plot_ellipses(ax: Axes, dmp: ConstrainedDMP) -> list[Artist]:
         artists += ax.fill(*outline.T, facecolor=face, edgecolor=color, linewidth=0.5)
         ax.plot(*middle, ".", color=color, ms=3)
     enlarged = f" (× {factor:.0f})" if factor > 1 else ""
-    told = f"2 standard deviations{enlarged}, each 10 %"
-    ax.set_title(f"{ax.get_title()}\n{told}", fontsize=SMALL_FONT_SIZE)
+    caption = f"2 standard deviations{enlarged}, each 10 %"
+    ax.set_title(f"{ax.get_title()}\n{caption}", fontsize=SMALL_FONT_SIZE)
     return artists
 
 
@@ -253,13 +253,13 @@ def _finding(spread: Spread) -> str:
     parts = []
     if moved is not None:
         axis, at, size = moved
-        parts.append((f"along {'xyz'[axis]} at {100 * at:.0f} %", amount(size, "m")))
+        parts.append((f"along {'xyz'[axis]} at {100 * at:.0f} %", value_text(size, "m")))
     if turned is not None:
         axis, at, size = turned
         parts.append((f"about {'xyz'[axis]} at {100 * at:.0f} %", f"{number(np.degrees(size))}°"))
     who = f"{spread.demonstrations} demonstrations"
     if not parts:
         return f"{who} agree, starts and goals aside"
-    (where, size_told), *others = parts
-    text = f"{who} agree least {where} of the time (standard deviation {size_told})"
-    return text + "".join(f",\nand {where} ({size_told})" for where, size_told in others)
+    (where, size_text), *others = parts
+    text = f"{who} agree least {where} of the time (standard deviation {size_text})"
+    return text + "".join(f",\nand {where} ({size_text})" for where, size_text in others)

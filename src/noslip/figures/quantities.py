@@ -113,7 +113,7 @@ def length_unit(motions: Iterable[PoseTrajectory]) -> tuple[float, str]:
 
 def length(meters: float) -> str:
     """Return a length with its unit."""
-    return amount(meters, "m")
+    return value_text(meters, "m")
 
 
 def extent(motion: PoseTrajectory) -> float:
@@ -145,7 +145,7 @@ def scaled_unit(size: float, unit: str = "m") -> tuple[float, str]:
     return 1.0, unit
 
 
-def amount(value: float, unit: str) -> str:
+def value_text(value: float, unit: str) -> str:
     """Return a value with its unit, in millimeters if it is a small length or speed."""
     scale, shown = scaled_unit(abs(value), unit)
     return with_unit(number(scale * value), shown)

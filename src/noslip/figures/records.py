@@ -13,7 +13,7 @@ from noslip._typing import Floats
 from noslip.constraints.check import with_unit
 from noslip.constraints.system import as_system
 from noslip.errors import InputError
-from noslip.figures.quantities import NEGLIGIBLE, Constraints, amount, least_span, scaled_unit
+from noslip.figures.quantities import NEGLIGIBLE, Constraints, least_span, scaled_unit, value_text
 from noslip.figures.residuals import violations
 from noslip.figures.style import PALETTE, line_styles, number
 from noslip.primitives.pose import HELD, Motion
@@ -84,26 +84,26 @@ class ConstraintRecord:
         return scaled_unit(max(self.span, float(np.abs(self.values).max())), self.unit or "1")
 
     @property
-    def told_peak(self) -> str:
+    def peak_text(self) -> str:
         """The largest residual, in its axis' unit, or violation of a limit."""
         if self.is_limit:
-            return amount(self.peak, self.unit or "1")
+            return value_text(self.peak, self.unit or "1")
         scale, unit = self.axis
         return with_unit(number(scale * self.peak), unit)
 
     @property
-    def told_margin(self) -> str:
+    def margin_text(self) -> str:
         """The least margin."""
-        return amount(self.margin, self.unit or "1")
+        return value_text(self.margin, self.unit or "1")
 
     @property
-    def told_extreme(self) -> str:
+    def extreme_text(self) -> str:
         """The largest residual, or the least margin."""
         if not self.is_limit:
-            return f"≤ {self.told_peak}"
+            return f"≤ {self.peak_text}"
         if not self.holds:
-            return f"violated by {self.told_peak}"
-        return "reached" if self.margin <= HELD else f"≥ {self.told_margin}"
+            return f"violated by {self.peak_text}"
+        return "reached" if self.margin <= HELD else f"≥ {self.margin_text}"
 
 
 def constraint_records(motion: Motion, constraints: Constraints) -> list[ConstraintRecord]:

@@ -14,10 +14,10 @@ from noslip.constraints.system import as_system
 from noslip.figures.quantities import (
     NEGLIGIBLE,
     Constraints,
-    amount,
     label,
     least_span,
     scaled_unit,
+    value_text,
 )
 from noslip.figures.style import capitalized, number, short_name
 from noslip.primitives.pose import HELD
@@ -112,26 +112,26 @@ class ResidualRow:
 
     @property
     def verb(self) -> str:
-        """What goes before :meth:`amount`."""
+        """What goes before :meth:`peak_text`."""
         if all(self.hides(name) for name in self.peaks):
             return "slips" if self.is_slip else f"keeps “{short_name(self.name)}” to"
         return "slips" if self.is_slip else f"violates “{short_name(self.name)}” by"
 
-    def amount(self, name: str) -> str:
+    def peak_text(self, name: str) -> str:
         """Say how large a motion's residual gets, as in "up to 3.48 m/s"."""
         order = "at most" if self.hides(name) else "up to"
         return f"{order} {with_unit(number(self.peaks[name]), self.unit)}"
 
-    def told(self, name: str, what: str | None = None) -> str:
+    def margin_text(self, name: str, what: str | None = None) -> str:
         """Say what a motion does to this limit, as in "keeps 3.2 mm from “box”"."""
         what = what or f"“{short_name(self.name)}”"
         margin = self.margins[name] / self.scale
         if not self.keeps(name):
-            return f"violates {what} by up to {amount(-margin, self.own_unit)}"
+            return f"violates {what} by up to {value_text(-margin, self.own_unit)}"
         if margin <= HELD:
             reached = self.times[name][np.argmax(self.values[name] <= HELD * self.scale)]
             return f"reaches {what} at {number(reached)} s and keeps it"
-        return f"keeps {amount(margin, self.own_unit)} from {what}"
+        return f"keeps {value_text(margin, self.own_unit)} from {what}"
 
 
 def violations(values: Floats, is_limit: bool) -> Floats:
@@ -220,12 +220,12 @@ def _finding(row: ResidualRow) -> str:
     first, *others = row.values
     if len(others) > 3:
         peak = max(row.values, key=lambda name: (row.peaks[name], -row.margins[name]))
-        told = row.told(peak) if row.is_limit else f"{row.verb} {row.amount(peak)}"
-        return f"{len(others) + 1} motions: the worst, {short_name(peak)}, {told}"
+        what = row.margin_text(peak) if row.is_limit else f"{row.verb} {row.peak_text(peak)}"
+        return f"{len(others) + 1} motions: the worst, {short_name(peak)}, {what}"
     last = others[-1] if others else first
     who = capitalized(short_name(last))
     if row.is_limit:
-        text = f"{who} {row.told(last)}"
-        return f"{text}, {short_name(first)} {row.told(first, 'it')}" if others else text
-    text = f"{who} {row.verb} {row.amount(last)}"
-    return f"{text}, {short_name(first)} {row.amount(first)}" if others else text
+        text = f"{who} {row.margin_text(last)}"
+        return f"{text}, {short_name(first)} {row.margin_text(first, 'it')}" if others else text
+    text = f"{who} {row.verb} {row.peak_text(last)}"
+    return f"{text}, {short_name(first)} {row.peak_text(first)}" if others else text

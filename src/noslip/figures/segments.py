@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
-from noslip.figures.quantities import amount, length_unit, scaled_unit
+from noslip.figures.quantities import length_unit, scaled_unit, value_text
 from noslip.figures.style import (
     PALETTE,
     SMALL_FONT_SIZE,
@@ -102,7 +102,7 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist]:
         low, high = (scale * level for level in segments.thresholds)
         for level, what, style in ((high, "upper", UPPER), (low, "lower", LOWER)):
             ax.axhline(level, **style)
-            shown = number(level) if by_contact else amount(level / scale, "m/s")
+            shown = number(level) if by_contact else value_text(level / scale, "m/s")
             name = f"{what} threshold, {shown}"
             handles[name] = Line2D([], [], **style)
     if by_contact:

@@ -118,14 +118,14 @@ def blade_snapshots(
     panels: list[Any] = [figure.add_subplot(projection="3d") for _ in shown]
     for letter, ax, (name, motion) in zip(cycle(ascii_uppercase), panels, shown.items()):
         plot_blades(ax, motion, blades=blades, size=size, scale=scale)
-        told = []
+        lines = []
         if len(shown) > 1:
-            told += [f"{letter}   {capitalized(short_name(name))}"]
-            told += [f"{slips[0].verb} {slips[0].amount(name)}"]
+            lines += [f"{letter}   {capitalized(short_name(name))}"]
+            lines += [f"{slips[0].verb} {slips[0].peak_text(name)}"]
         if desired is not None:
             ax.plot(*(scale * desired.positions.T), zorder=3, **DESIRED)
-            told += _deviation(motion, desired)
-        ax.set_title("\n".join(told), fontsize=SMALL_FONT_SIZE, y=1)
+            lines += _deviation(motion, desired)
+        ax.set_title("\n".join(lines), fontsize=SMALL_FONT_SIZE, y=1)
     _frame(panels, unit)
     beside = _arrange(figure, panels)
 

@@ -18,11 +18,11 @@ from noslip.figures.quantities import (
     ANGLES,
     MARGIN_SHARE,
     Constraints,
-    amount,
     extent,
     length,
     length_unit,
     roll_pitch_yaw,
+    value_text,
 )
 from noslip.figures.residuals import ResidualRow, least_margins, prominence, residual_rows
 from noslip.figures.style import (
@@ -305,8 +305,8 @@ def _limit_finding(limit: ResidualRow) -> str:
     broken = sum(not limit.keeps(name) for name in limit.values)
     least = min(limit.margins.values()) / limit.scale
     if not broken:
-        return f"kept by all, least margin {amount(max(least, 0.0), limit.own_unit)}"
-    return f"violated by {broken}, by up to {amount(-least, limit.own_unit)}"
+        return f"kept by all, least margin {value_text(max(least, 0.0), limit.own_unit)}"
+    return f"violated by {broken}, by up to {value_text(-least, limit.own_unit)}"
 
 
 def _adjustment_finding(peaks: Floats, names: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ from noslip.figures import (
     orientation_adjustments,
     plot_speed,
 )
-from noslip.figures.quantities import amount
+from noslip.figures.quantities import value_text
 from noslip.figures.style import name_lines, write_title
 from noslip.learning import ConstrainedDMP
 from noslip.primitives.pose import Motion
@@ -98,7 +98,7 @@ def _speeds(motions: Mapping[str, PoseTrajectory]) -> Figure:
     )
     write_title(
         figure,
-        f"Optimized moves at up to {amount(moving, 'm/s')} and turns at up to "
-        f"{amount(turning, 'rad/s')}",
+        f"Optimized moves at up to {value_text(moving, 'm/s')} and turns at up to "
+        f"{value_text(turning, 'rad/s')}",
     )
     return figure

@@ -12,13 +12,13 @@ from noslip._version import __version__
 from noslip.constraints.check import TOLERANCE, CheckReport, ConstraintCheck, check
 from noslip.errors import InputError
 from noslip.figures.family import end_errors
-from noslip.figures.quantities import amount
+from noslip.figures.quantities import value_text
 from noslip.figures.style import number
 from noslip.learning import ConstrainedDMP
 from noslip.merit import figures_of_merit
 from noslip.primitives.pose import Motion
 from noslip.reporting.commands import declaration
-from noslip.reporting.values import Cell, Table, Value, count, plain, printable, quantity
+from noslip.reporting.values import Cell, Table, Value, cell, count, plain, printable
 from noslip.trajectory import PoseTrajectory
 
 PACKAGES = ("numpy", "scipy", "casadi")
@@ -49,11 +49,11 @@ def recordings_tables(
                 (
                     given.name,
                     count(len(given)),
-                    quantity(given.duration, "s"),
-                    quantity(given.path_length, "m"),
-                    quantity(merits.position_rms, "m"),
-                    quantity(merits.position_end, "m"),
-                    quantity(merits.rotation_rms, "rad"),
+                    cell(given.duration, "s"),
+                    cell(given.path_length, "m"),
+                    cell(merits.position_rms, "m"),
+                    cell(merits.position_end, "m"),
+                    cell(merits.rotation_rms, "rad"),
                 )
             )
         tables.append(
@@ -76,8 +76,8 @@ def recordings_tables(
                         count(record.samples),
                         count(record.iterations),
                         plain(record.residual),
-                        quantity(record.position_change, "m"),
-                        quantity(record.rotation_change, "rad"),
+                        cell(record.position_change, "m"),
+                        cell(record.rotation_change, "rad"),
                         printable(", ".join(record.left_out)) or "nothing",
                     )
                     for name, record in zip(
@@ -137,8 +137,8 @@ def _violation(result: ConstraintCheck) -> float:
 
 def _extreme(result: ConstraintCheck) -> Value:
     if result.margin is None:
-        return Value(result.peak, amount(result.peak, result.unit))
-    return Value(result.margin, f"margin {amount(result.margin, result.unit)}")
+        return Value(result.peak, value_text(result.peak, result.unit))
+    return Value(result.margin, f"margin {value_text(result.margin, result.unit)}")
 
 
 def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> Table:
@@ -175,16 +175,14 @@ def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> 
     )
     if "demonstration" in motions and len(dmp.record) > 1:
         note += f"  Demonstration: {reference.name}, of all the one that violates them most."
-    rows = tuple(
-        (name, *(quantity(value, unit) for value in values)) for name, unit, values in shown
-    )
+    rows = tuple((name, *(cell(value, unit) for value in values)) for name, unit, values in shown)
     return Table("Figures of merit", ("", *motions), rows, note)
 
 
 def settings_table(dmp: ConstrainedDMP) -> Table:
     step = dmp.duration / dmp.steps
     rows: list[tuple[Cell, ...]] = [
-        ("duration τ", quantity(dmp.duration, "s")),
+        ("duration τ", cell(dmp.duration, "s")),
         ("steps", count(dmp.steps)),
         ("time step", Value(step, f"{number(1e3 * step)} ms")),
         ("basis functions", count(dmp.position.forcing.basis.count)),

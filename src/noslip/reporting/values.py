@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from noslip.figures.quantities import amount
+from noslip.figures.quantities import value_text
 from noslip.figures.style import number
 
 
@@ -97,10 +97,10 @@ def count(value: int) -> Value:
     return Value(value, str(value))
 
 
-def quantity(value: float | None, unit: str) -> Cell:
+def cell(value: float | None, unit: str) -> Cell:
     """Return a number with its unit: of an angle (rad) in degrees; a dash where there is none."""
     if value is None:
         return "–"
     if unit == "rad":
         return Value(value, f"{number(float(np.degrees(value)))}°")
-    return Value(value, amount(value, unit))
+    return Value(value, value_text(value, unit))

@@ -78,11 +78,11 @@ class Adapted:
     def __str__(self) -> str:
         if self.primitive is None:
             return f"no such motion: {self.message}"
-        told = (
+        text = (
             f"residual at most {self.residual:.1e}, ends {1e3 * self.goal_error:.2g} mm from the "
             f"goal, {self.milliseconds:.0f} ms"
         )
-        return f"{told}; {self.message}" if self.message else told
+        return f"{text}; {self.message}" if self.message else text
 
 
 class Adapter:

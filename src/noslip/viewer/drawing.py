@@ -286,15 +286,15 @@ def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def legend(worst: float, unit: str, arrows: Mapping[str, object]) -> str:
     """Return what the colors mean, as HTML."""
     stops = ", ".join(PALETTE[name] for name in ("blue", "orange", "vermillion"))
-    told = [
+    lines = [
         f'<div style="height:8px;border-radius:4px;background:linear-gradient(to right,{stops})">'
         f'</div><div style="display:flex;justify-content:space-between"><span>0</span>'
         f"<span>violation along the trail</span><span>{worst:.2g} {unit}</span></div>"
     ]
     names = {"lateral": "lateral axis", "velocity": "velocity", "force": "constraint force"}
-    told += [
+    lines += [
         f'<span style="color:{PALETTE[color]}">&#10142;</span> {names[arrow]}&ensp;'
         for arrow, color in ARROW_COLORS.items()
         if arrow in arrows
     ]
-    return "".join(told)
+    return "".join(lines)

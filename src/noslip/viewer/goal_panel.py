@@ -75,7 +75,7 @@ class GoalPanel:
                 "What was recorded or executed stays as it is; choose a primitive."
             )
         else:
-            self.tell()
+            self.show()
 
     def offer(self, visible: bool) -> None:
         """Let a person drag goal and start, or not."""
@@ -117,7 +117,7 @@ class GoalPanel:
             asked[f"{what}_rotation"] = rotation
         self._follow(replace(wish, **asked), not released)
 
-    def tell(self) -> None:
+    def show(self) -> None:
         """Show what is asked for in fields and gizmos, and say what came of it."""
         assert self._entry is not None
         own, wish, outcome = self._entry.primitive, self._entry.wish, self._entry.outcome
@@ -132,8 +132,8 @@ class GoalPanel:
         self.duration.value = wish.duration or own.duration
         self.metric.value = wish.metric
         failed = outcome is not None and outcome.primitive is None
-        told = "As learned; drag the goal or the start." if outcome is None else str(outcome)
-        self.note.content = note(told, "vermillion" if failed else "black")
+        text = "As learned; drag the goal or the start." if outcome is None else str(outcome)
+        self.note.content = note(text, "vermillion" if failed else "black")
 
 
 def _changed(value: Sequence[float], known: Floats | None, own: Floats) -> Floats | None:

@@ -197,17 +197,17 @@ class Page:
     def _describe(self, entry: Entry) -> None:
         """Tell verdict and figures of a motion, and draw its charts."""
         track = entry.track
-        told = [f"<b>{html.escape(track.name)}</b>"]
+        lines = [f"<b>{html.escape(track.name)}</b>"]
         if track.report is None:
-            told.append(note("Nothing to check: start with --constraint, such as blade."))
+            lines.append(note("Nothing to check: start with --constraint, such as blade."))
         else:
-            told += [
+            lines += [
                 note(str(checked), "black" if checked.satisfied else "vermillion")
                 for checked in track.report.constraints
             ]
         if merits := track.merits():
-            told.append(f"<br>Against {track.against}" + table(merits))
-        self._verdict.content = pad("".join(told))
+            lines.append(f"<br>Against {track.against}" + table(merits))
+        self._verdict.content = pad("".join(lines))
         self._legend.content = pad(key(self.entries, track))
         self._charts.draw(track, self.time)
 
@@ -240,7 +240,7 @@ class Page:
             self._slider.max = self.duration
             if not coarse:
                 self._describe(entry)
-        self.goals.tell()
+        self.goals.show()
         self._show_time(self.time)
 
     def _mark_run(self, running: bool) -> None:
@@ -268,8 +268,8 @@ class Page:
         self._slider.max = self.duration
         self._choose(node)
         report = entry.track.report
-        told = (
+        text = (
             f"{name}: nothing to check; start with --constraint" if report is None else str(report)
         )
         good = report is None or report.satisfied
-        self._upload_note.content = note(told, "black" if good else "vermillion")
+        self._upload_note.content = note(text, "black" if good else "vermillion")

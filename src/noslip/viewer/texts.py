@@ -27,11 +27,11 @@ def note(text: str, color: str = "black") -> str:
     return pad(f'<span style="color:{PALETTE[color]}">{lines}</span>') if text else ""
 
 
-def table(told: Mapping[str, str]) -> str:
+def table(texts: Mapping[str, str]) -> str:
     """Return labels and texts as rows of HTML."""
     rows = "".join(
         f'<tr><td style="color:#666;padding-right:10px">{html.escape(label)}</td>'
         f'<td style="font-variant-numeric:tabular-nums">{html.escape(text)}</td></tr>'
-        for label, text in told.items()
+        for label, text in texts.items()
     )
     return pad(f"<table>{rows}</table>")

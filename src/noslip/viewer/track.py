@@ -228,7 +228,7 @@ class Track:
     def readout(self, time: float) -> dict[str, str]:
         """What is told of an instant, as label and text."""
         k = self.sample(time)
-        told = {
+        texts = {
             "time": f"{self.clock[k]:.3f} s",
             # Rounded first, and not -0.
             "position": ", ".join(
@@ -241,15 +241,15 @@ class Track:
         }
         angle = self.slip_angle(k)
         if self.lateral_axes is not None:
-            told["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
+            texts["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
         units = dict(zip(self.system.names, self.units, strict=True))
         for name, sizes in self.sizes.items():
-            told[f"{name}: residual"] = amount(float(sizes[k]), units[name])
+            texts[f"{name}: residual"] = amount(float(sizes[k]), units[name])
         for name, margins in self.margins.items():
-            told[f"{name}: margin"] = amount(float(margins[k]), units[name])
+            texts[f"{name}: margin"] = amount(float(margins[k]), units[name])
         if self.forces is not None:
-            told["constraint force"] = f"{np.linalg.norm(self.forces[k]):.3g} m/s²"
-        return told
+            texts["constraint force"] = f"{np.linalg.norm(self.forces[k]):.3g} m/s²"
+        return texts
 
     # ---------------------------------------------------------------- as a whole
 
@@ -258,7 +258,7 @@ class Track:
         if self.reference is None:
             return {}
         found = figures_of_merit(self.motion, self.reference, self.system)
-        told = {
+        texts = {
             "position, rms": f"{1e3 * found.position_rms:.3g} mm",
             "position, at the end": f"{1e3 * found.position_end:.3g} mm",
             "rotation, rms": f"{np.degrees(found.rotation_rms):.3g}°",
@@ -266,8 +266,8 @@ class Track:
             "angular acceleration, peak": f"{found.angular_acceleration_peak:.3g} rad/s²",
         }
         if found.slowest_edge_speed is not None:
-            told["speed along the edge, least"] = f"{1e3 * found.slowest_edge_speed:.3g} mm/s"
-        return told
+            texts["speed along the edge, least"] = f"{1e3 * found.slowest_edge_speed:.3g} mm/s"
+        return texts
 
     def trail(self, worst: float) -> tuple[Floats, Bytes]:
         """Segments of the path, shape (S, 2, 3), and their colors, shape (S, 2, 3) of bytes.
