@@ -26,8 +26,6 @@ from noslip.figures.style import (
 from noslip.robots.dynamics import Execution
 from noslip.robots.executed import TrackedMotion
 
-_LIMIT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 1.0, "zorder": 1}
-"""Of a limit: below the curves that it bounds."""
 LEAST_SLIP = 1e-9
 """Slip that a logarithmic axis shows at least (m/s): below, it is rounding."""
 
@@ -66,7 +64,7 @@ def joint_limits(tracked: TrackedMotion, *, title: str | None = None) -> Figure:
             (line,) = ax.plot(times, values[:, joint], **style)
             handles[robot.joint_names[joint]] = line
         for limit in (-1, 1):
-            ax.axhline(limit, **_LIMIT)
+            ax.axhline(limit, color=PALETTE["gray"], linewidth=1.0, zorder=1)
         ax.set_ylim(-1.1, 1.1)
         dress(ax, TIME, label)
     put_legend(figure, handles)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from textwrap import fill
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -40,14 +39,8 @@ from noslip.figures.style import (
 )
 from noslip.primitives.pose import HELD, Motion
 
-ROW_HEIGHT, AROUND_ROWS = 1.05, 1.15
-"""Of a constraint's panels, and of title, time axis and legend together (inches): low, so that many
-constraints go on a page."""
 LONGEST_TITLE = 24
 """Characters of a constraint's name that a panel's title shows: more run into the next panel's."""
-LABEL_WIDTH = 18
-"""Characters of a label beside these panels, before it goes on in the next line: as long as a panel
-is high."""
 PUSHING = 1e-6
 """Share of a limit's largest force above which it pushes: the barrier leaves a trace before and
 after."""
@@ -56,10 +49,6 @@ MULTIPLIER_UNITS = {"m": "m/s²", "m/s": "m/s²", "m/s²": "m/s"}
 too."""
 FORCE_NAMES: dict[Part, str] = {"linear": "force", "angular": "turning force"}
 """What the panels call an acceleration that a constraint adds."""
-
-
-_FORCE: dict[str, Any] = {"color": PALETTE["vermillion"], "linestyle": "-", "linewidth": 1.1}
-"""Vermillion, as forces are in every figure."""
 
 
 def constraint_history(
@@ -102,7 +91,7 @@ def constraint_history(
     times = motion.times - motion.times[0]
     parts = force_parts(one.forces for one in held)
 
-    figure = new_figure(TWO_COLUMNS, AROUND_ROWS + ROW_HEIGHT * len(held))
+    figure = new_figure(TWO_COLUMNS, 1.15 + 1.05 * len(held))
     panels = figure.subplots(len(held), 2 + len(parts), sharex=True, squeeze=False)
     for one, (values, multipliers, *forces) in zip(held, panels, strict=True):
         _plot_values(values, times, one)
@@ -188,7 +177,8 @@ def _plot_multipliers(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Li
 def _plot_force(ax: Axes, times: Floats, one: ConstraintRecord, part: Part) -> list[Line2D]:
     """Size of the acceleration that all rows together added, with its peak above."""
     size = force_sizes(one.forces, part)
-    lines = ax.plot(times, size, label=short_name(one.name), **_FORCE)
+    style = {"color": PALETTE["vermillion"], "linewidth": 1.1}
+    lines = ax.plot(times, size, "-", label=short_name(one.name), **style)
     _span_something(ax, size)
     _label(ax, FORCE_NAMES[part], FORCE_UNITS[part])
     heading = "no force"
@@ -214,7 +204,7 @@ def _span_something(ax: Axes, values: Floats) -> None:
 
 def _label(ax: Axes, quantity: str, unit: str) -> None:
     dress(ax, TIME, "")
-    ax.set_ylabel(fill(f"{quantity} ({unit})", LABEL_WIDTH), fontsize=SMALL_FONT_SIZE)
+    ax.set_ylabel(fill(f"{quantity} ({unit})", 18), fontsize=SMALL_FONT_SIZE)
 
 
 # ---------------------------------------------------------------- the finding

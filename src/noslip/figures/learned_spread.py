@@ -39,8 +39,6 @@ CIRCLE: Floats = np.column_stack(
     [function(np.linspace(0, 2 * np.pi, 73)) for function in (np.cos, np.sin)]
 )
 """Points of a unit circle, one every 5 degrees, of which ellipses are made."""
-WIDE = 1.8
-"""Width of a path, over its height, from which it is larger below the panels than beside them."""
 SEEN = 0.05
 """Share of the path's extent below which the largest half axis is enlarged: smaller, it would be
 hidden by the path's line."""
@@ -87,7 +85,7 @@ def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
     # A wide path lies below the panels, three in a row; a high one beside them, three in a column.
     plane = _plane(motion)
     reach = np.ptp(motion.positions, axis=0)[list(plane)]
-    wide = bool(reach[0] >= WIDE * reach[1])
+    wide = bool(reach[0] >= 1.8 * reach[1])
     figure = new_figure(TWO_COLUMNS, 4.8 if wide else 4.4)
     ratios = {"height_ratios" if wide else "width_ratios": (1, 1, 1.25)}
     grid = figure.add_gridspec(3, 3, **ratios)

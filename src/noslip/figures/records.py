@@ -18,9 +18,6 @@ from noslip.figures.residuals import violations
 from noslip.figures.style import PALETTE, line_styles, number
 from noslip.primitives.pose import HELD, Motion
 
-_ONLY: dict[str, Any] = {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1}
-"""Style of a row that is the only one."""
-
 
 @dataclass(frozen=True, eq=False)
 class ConstraintRecord:
@@ -56,7 +53,7 @@ class ConstraintRecord:
     def styles(self) -> dict[str, dict[str, Any]]:
         """Of the rows' lines, by their labels."""
         if self.rows == 1:
-            return {self.name: _ONLY}
+            return {self.name: {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1}}
         return line_styles(f"row [{row}]" for row in range(self.rows))
 
     @property

@@ -42,10 +42,6 @@ whatever the sensor's noise."""
 ROOM = 0.16
 """Share of the axis above the signal, for a line of numbers."""
 
-SIGNAL: dict[str, Any] = {"color": "0.25", "linewidth": 0.8}
-"""Dark gray: the colors are the pieces'."""
-PIECE_ALPHA = 0.3
-"""Of a piece's color behind the signal, which is seen through it."""
 PAUSE: dict[str, Any] = {"facecolor": "0.94", "linewidth": 0}
 """Behind what is no piece: paler than any color."""
 DROPPED: dict[str, Any] = {
@@ -96,7 +92,7 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist]:
         values = _averaged_speeds(segments.recording)
     scale, unit = (1.0, "") if by_contact else scaled_unit(float(values.max()), "m/s")
     values = scale * values
-    ax.plot(times, values, **SIGNAL)
+    ax.plot(times, values, color="0.25", linewidth=0.8)
     handles: dict[str, Artist] = {}
     if segments.thresholds is not None:
         low, high = (scale * level for level in segments.thresholds)
@@ -120,7 +116,7 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist]:
         if interval.reason is None:
             color = COLORS[kept % len(COLORS)]
             kept += 1
-            ax.axvspan(*extent, facecolor=color, alpha=PIECE_ALPHA, linewidth=0, zorder=0.5)
+            ax.axvspan(*extent, facecolor=color, alpha=0.3, linewidth=0, zorder=0.5)
             _write(ax, interval, str(kept), y=0.97, color=color, fontweight="bold")
         elif interval.reason in BETWEEN:
             ax.axvspan(*extent, **PAUSE, zorder=0.4)

@@ -65,8 +65,6 @@ SCALPEL: Floats = np.array(
 BLADE_LENGTH = 0.33
 """Share of the path's largest extent, so that it is seen and neighbors can be told apart; meters,
 of a tool that stays in place."""
-ARROW_LENGTH = 0.45
-"""Share of the blade's length, so that an arrow ends beside it."""
 AT_REST = 1e-3
 """Share of the top speed below which a tool stands: it slips nowhere."""
 VIEW = (55.0, -80.0)
@@ -169,7 +167,7 @@ def plot_blades(
     size = size or BLADE_LENGTH * extent(motion) or BLADE_LENGTH
     where = equally_far_apart(motion, blades)
     tips, corners = motion.positions[where], blade_corners(motion, where, size)
-    arrows = ARROW_LENGTH * size * motion.rotations[where].as_matrix()[:, :, 1]
+    arrows = 0.45 * size * motion.rotations[where].as_matrix()[:, :, 1]
 
     (path,) = ax.plot(*(scale * motion.positions.T), zorder=2, **PATH)
     polygons = Poly3DCollection(

@@ -49,8 +49,6 @@ DPI = 200
 LONGEST_NAME = 40
 """Characters of a motion's name that a legend shows, the last ones: that of a file is in its
 end."""
-LONGEST_LABEL = 26
-"""Characters of a y axis' label beside a low panel, before it goes on in the next line."""
 
 LEAST_TURN = 4.0
 """Degrees that an angle's axis spans at least: a tool that does not turn has a flat line."""
@@ -171,7 +169,7 @@ def put_legend(figure: Figure, handles: Mapping[str, Artist]) -> None:
 def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> None:
     """Give axes their labels, readable sizes and a faint grid."""
     ax.set_xlabel(xlabel, fontsize=SMALL_FONT_SIZE)
-    ax.set_ylabel(fill(ylabel, LONGEST_LABEL), fontsize=SMALL_FONT_SIZE)
+    ax.set_ylabel(fill(ylabel, 26), fontsize=SMALL_FONT_SIZE)
     if title is not None:
         ax.set_title(title, fontsize=SMALL_FONT_SIZE)
     ax.tick_params(labelsize=SMALL_FONT_SIZE)

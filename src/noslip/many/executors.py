@@ -33,9 +33,6 @@ Reply = tuple[str, RecordingResult | str]
 _RETRIES = 2
 """How often a recording whose process died is tried again, in a process that does nothing else: a
 process may die of what others did to the machine, twice in a row hardly."""
-_THREADS = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM")
-"""Beginnings of the variables that limit the threads of the linear algebra: with a process a core,
-more threads than one a process get in each other's way."""
 _WORKERS_WITHIN = 30.0
 """Seconds in which a cluster must show a worker: a job scheduler may take as long to start one."""
 
@@ -161,7 +158,9 @@ def _one_pool(
 @contextmanager
 def processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Yield a pool of fresh processes, with one thread each for the linear algebra."""
-    names = [f"{library}_NUM_THREADS" for library in _THREADS]
+    names = [
+        f"{library}_NUM_THREADS" for library in ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM")
+    ]
     before = {name: os.environ.get(name) for name in names}
     pool = ProcessPoolExecutor(
         jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_process

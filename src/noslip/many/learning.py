@@ -20,8 +20,6 @@ from noslip.many.recordings import Recordings, content_hash, find_recordings
 from noslip.many.settings import settings_text
 from noslip.result_table import RecordingResult, read_results, require_format, write_results
 
-TABLE = "results.csv"
-"""Beside the primitives, where no other is asked for: any program reads it."""
 FLUSH = 2.0
 """Seconds between two writings of the table, at least: what a crash may lose of it."""
 _FLUSH_SHARE = 0.05
@@ -112,7 +110,7 @@ def learn_each(
     folder = None if out is None else Path(out)
     if folder is not None and folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; give a folder for the primitives")
-    own_table = None if folder is None else folder / TABLE
+    own_table = None if folder is None else folder / "results.csv"
     target = own_table if table is None else Path(table)
     settings = settings_text(constraints, loading or {}, preparation or {}, project_start, options)
     key = hashlib.sha256(settings.encode()).hexdigest()[:16]

@@ -27,8 +27,6 @@ from noslip.reporting.values import Report, printable
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
-LEARNED = "learned motion"
-"""How a title calls the primitive's own motion."""
 APART = 0.01
 """Share of the path that a primitive may start or end from its recordings without a warning: beyond
 what fitting leaves."""
@@ -102,7 +100,7 @@ def _title(motions: Mapping[str, PoseTrajectory], dmp: ConstrainedDMP) -> str:
         path, duration = length(motion.path_length), number(motion.duration)
         return f"A path of {path} in {duration} s, learned without constraints"
     first = next(iter(motions))
-    rows = residual_rows({first: motions[first], LEARNED: motion}, dmp.system)
+    rows = residual_rows({first: motions[first], "learned motion": motion}, dmp.system)
     # Figures escape what their formulas begin with.
     return printable(finding(rows).replace(r"\$", "$"))
 

@@ -21,9 +21,6 @@ from noslip.reporting.commands import declaration
 from noslip.reporting.values import Cell, Table, Value, cell, count, plain, printable
 from noslip.trajectory import PoseTrajectory
 
-PACKAGES = ("numpy", "scipy", "casadi")
-"""On whose versions the numbers depend."""
-
 
 def files_table(files: Iterable[str]) -> Table:
     rows: list[tuple[Cell, ...]] = []
@@ -196,7 +193,7 @@ def settings_table(dmp: ConstrainedDMP) -> Table:
     if smoothing:
         rows.append(("rotation smoothing", ", ".join(map(number, smoothing))))
     rows += [("noslip", __version__), ("Python", platform.python_version())]
-    rows += [(package, version(package)) for package in PACKAGES]
+    rows += [(package, version(package)) for package in ("numpy", "scipy", "casadi")]
     return Table("Settings and versions", ("", ""), tuple(rows))
 
 

@@ -18,8 +18,6 @@ FRAMES_PER_SECOND = 30
 """What every player plays."""
 SIZE = (480, 640)
 """Height and width (pixels): the buffer that every MuJoCo model has."""
-TRAIL = 120
-"""Beads of the tool's path: enough to look like a line."""
 
 
 def render(
@@ -54,7 +52,7 @@ def render(
         raise MissingDependencyError("videos need imageio: pip install 'noslip[video]'") from error
     instants = np.arange(times[0], min(times[-1], times[0] + seconds), 1 / FRAMES_PER_SECOND)
     shown = joint_positions[np.searchsorted(times, instants)]
-    beads, _ = robot.forward(joint_positions[:: max(1, len(times) // TRAIL)])
+    beads, _ = robot.forward(joint_positions[:: max(1, len(times) // 120)])
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / path.name
         with (

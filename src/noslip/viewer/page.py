@@ -25,8 +25,6 @@ from noslip.viewer.texts import note, pad, table
 from noslip.viewer.tool import Part
 from noslip.viewer.uploads import read_upload
 
-SPEEDS = ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x")
-"""At which a motion plays: slow enough to see a slip, fast enough for a long recording."""
 SWITCHES = {"ghost": "Ghosts", "arrows": "Arrows", "shapes": "Surfaces and zones"}
 """What can be hidden, and how it is called."""
 
@@ -116,7 +114,9 @@ class Page:
             "Time (s)", min=0.0, max=self.duration, step=1e-3, initial_value=0.0
         )
         self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY)
-        self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1x")
+        self._speed = gui.add_dropdown(
+            "Speed", ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x"), initial_value="1x"
+        )
         self._notice = gui.add_html("", visible=False)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Look"):

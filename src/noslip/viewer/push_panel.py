@@ -19,8 +19,6 @@ from noslip.viewer.texts import note, plain
 PUSH = 0.04
 """Length of the push that is offered first, over the scene's size: seen at once, and recovered from
 long before the end."""
-PATH_POINTS = 500
-"""Of the path of a pushed tool, at most: it is sent anew at every frame."""
 
 
 class PushPanel:
@@ -141,7 +139,7 @@ class PushPanel:
         self.grip.position = state.position
         self.grip.wxyz = state.rotation.as_quat(scalar_first=True)
         if len(run.states) > 1:
-            step = max(1, len(run.states) // PATH_POINTS)
+            step = max(1, len(run.states) // 500)
             self._drawing.draw_path(self._node, run.path[::-step][::-1])
         off = 1e3 * run.off(self._entry.track.motion.positions)
         self.note.content = note(
