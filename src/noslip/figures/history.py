@@ -177,7 +177,7 @@ def _plot_multipliers(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Li
 def _plot_force(ax: Axes, times: Floats, one: ConstraintRecord, part: Part) -> list[Line2D]:
     """Size of the acceleration that all rows together added, with its peak above."""
     size = force_sizes(one.forces, part)
-    style = {"color": PALETTE["vermillion"], "linewidth": 1.1}
+    style: dict[str, Any] = {"color": PALETTE["vermillion"], "linewidth": 1.1}
     lines = ax.plot(times, size, "-", label=short_name(one.name), **style)
     _span_something(ax, size)
     _label(ax, FORCE_NAMES[part], FORCE_UNITS[part])
