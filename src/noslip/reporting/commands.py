@@ -15,7 +15,7 @@ from noslip.projection.request import LEARNING
 from noslip.rule import BARRIER_RATE
 
 BASIS_FUNCTIONS = 100
-"""Of ``noslip learn``, unless said otherwise."""
+"""Of ``noslip learn``, unless another number is asked for."""
 OWN = "YOUR_RULES.py:NAME"
 """Stands for a constraint declared in Python: a primitive keeps it, but not where it was."""
 
