@@ -19,8 +19,9 @@ from benchmarks.example import (
     demonstration,
 )
 from benchmarks.timing import Candidate, Timing, forget, measure
-from noslip import Blade, Box, ConstrainedDMP, PoseTrajectory, State, learn
+from noslip import Blade, ConstrainedDMP, PoseTrajectory, State, learn
 from noslip.adapting import REPLANNED_SAMPLES
+from noslip.constraints import Box
 from noslip.constraints.system import ConstraintSystem
 from noslip.merit import FiguresOfMerit, figures_of_merit
 

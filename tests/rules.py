@@ -6,7 +6,8 @@ from typing import Any
 
 import casadi as ca
 
-from noslip import Instant, position_constraint, velocity_constraint
+from noslip import position_constraint, velocity_constraint
+from noslip.constraints import Instant
 
 
 @velocity_constraint

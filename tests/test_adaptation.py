@@ -101,7 +101,7 @@ def five_hundred(given_: ns.PoseTrajectory, count: int, seed: int) -> None:
         goal = Goal.beside(dmp, rng, length)
         try:
             new = dmp.adapt(goal_position=goal.position, goal_rotation=goal.rotation)
-        except ns.ConvergenceError:
+        except ns.errors.ConvergenceError:
             failed += 1
             continue
         motion = new.rollout()
@@ -427,14 +427,14 @@ def test_via_points_in_any_order_are_the_same() -> None:
 
 @pytest.mark.parametrize("at", [0, 1, -0.1, 1.5, np.nan, "half"])
 def test_a_via_outside_of_the_motion_is_refused(at: Any) -> None:
-    with pytest.raises(ns.InputError, match=r"^via at must be"):
+    with pytest.raises(ns.errors.InputError, match=r"^via at must be"):
         cutting().adapt(via=[(at, [0.5, 0.1, 0.1])])
 
 
 @pytest.mark.parametrize("via", [[1e-4], [0.9999], [0.5, 0.5001]])
 def test_a_via_that_falls_on_another_sample_is_refused(via: list[float]) -> None:
     point = cutting().rollout().positions[150]
-    with pytest.raises(ns.InputError, match="falls on an end or on another via"):
+    with pytest.raises(ns.errors.InputError, match="falls on an end or on another via"):
         cutting().adapt(via=[(at, point) for at in via])
 
 
@@ -574,7 +574,7 @@ def assert_displaced(dmp: ns.ConstrainedDMP, shift: Floats, turn: Floats) -> Non
 @settings(max_examples=5)
 def test_within_a_plane_the_displacement_is_of_minimum_jerk(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    dmp = ns.learn(cut(height=0), [ns.PlaneContact()], basis_functions=40)
+    dmp = ns.learn(cut(height=0), [ns.constraints.PlaneContact()], basis_functions=40)
     assert_displaced(dmp, 0.3 * unit(rng) * [1, 1, 0], 0.5 * unit(rng))
 
 
@@ -692,7 +692,7 @@ def on_a_sphere() -> Case:
     x = center + radius * (x - center) / np.linalg.norm(x - center, axis=1)[:, None]
     goal = x[-1] + [0.1, -0.2, 0.0]
     goal = center + radius * (goal - center) / np.linalg.norm(goal - center)
-    contact = ns.SphereContact(center=tuple(center), radius=radius)
+    contact = ns.constraints.SphereContact(center=tuple(center), radius=radius)
     given_ = ns.PoseTrajectory(2 * s, x, along(x, s))
     return Case(contact, given_, goal, Rotation.from_rotvec([0.1, 0, 0.3]) * given_.rotations[-1])
 
@@ -710,7 +710,7 @@ def through_an_incision() -> Case:
     s, x = arc()
     goal = x[-1] + [-0.15, 0.1, 0.05]
     given_ = ns.PoseTrajectory(2 * s, x, aimed(x, center))
-    return Case(ns.RemoteCenter(point=tuple(center)), given_, goal, aimed(goal, center))
+    return Case(ns.constraints.RemoteCenter(point=tuple(center)), given_, goal, aimed(goal, center))
 
 
 def rolling(radius: float = 0.2) -> Case:
@@ -722,18 +722,20 @@ def rolling(radius: float = 0.2) -> Case:
     given_ = ns.PoseTrajectory(2 * s, x, held)
     # How far it has rolled when it arrives follows from the way; nobody can ask for both.
     goal = x[-1] + [0.1, 0.05, 0]
-    return Case(ns.RollingDisc(radius=radius), given_, goal, given_.rotations[-1], "position")
+    return Case(
+        ns.constraints.RollingDisc(radius=radius), given_, goal, given_.rotations[-1], "position"
+    )
 
 
 def swaying(constraint: Any) -> Any:
-    return ns.InMovingFrame(constraint, amplitude=(0, 0, 0.05), period=1.7, phase=0.4)
+    return ns.constraints.InMovingFrame(constraint, amplitude=(0, 0, 0.05), period=1.7, phase=0.4)
 
 
 def on_a_swaying_plane() -> Case:
     s, x = arc(height=0)
     x[:, 2] = 0.05 * np.sin(2 * np.pi / 1.7 * 2 * s + 0.4)
     given_ = ns.PoseTrajectory(2 * s, x, along(x, s))
-    return posed(swaying(ns.PlaneContact()), given_, [0.1, 0.2, 0.0], [0.1, 0.1, 0.3])
+    return posed(swaying(ns.constraints.PlaneContact()), given_, [0.1, 0.2, 0.0], [0.1, 0.1, 0.3])
 
 
 CASES: dict[str, Callable[[], Case]] = {
@@ -745,12 +747,16 @@ CASES: dict[str, Callable[[], Case]] = {
         position=3e-3,
     ),
     "wheel": lambda: posed(ns.Wheel(), cut(height=0), [0.1, 0.2, 0.0], [0, 0, 0.3]),
-    "plane": lambda: posed(ns.PlaneContact(), cut(height=0), [0.1, 0.2, 0.0], [0.3, 0.2, 0.1]),
+    "plane": lambda: posed(
+        ns.constraints.PlaneContact(), cut(height=0), [0.1, 0.2, 0.0], [0.3, 0.2, 0.1]
+    ),
     "sphere": on_a_sphere,
     "remote center": through_an_incision,
-    "tool axis": lambda: posed(ns.ToolAxis(), cut(height=0), [0.1, 0.2, 0.1], [0, 0, 0.5]),
+    "tool axis": lambda: posed(
+        ns.constraints.ToolAxis(), cut(height=0), [0.1, 0.2, 0.1], [0, 0, 0.5]
+    ),
     "tilted axis": lambda: posed(
-        ns.ToolAxis(angle=0.4),
+        ns.constraints.ToolAxis(angle=0.4),
         ns.PoseTrajectory(
             cut(height=0).times, cut().positions, cut(0).rotations * Rotation.from_euler("X", 0.4)
         ),
@@ -763,10 +769,10 @@ CASES: dict[str, Callable[[], Case]] = {
     ),
     "plane that moves": on_a_swaying_plane,
     "blade on a plane": lambda: posed(
-        [BLADE, ns.PlaneContact()], cut(height=0), [0.1, 0.2, 0], [0.1, 0.1, 0.3]
+        [BLADE, ns.constraints.PlaneContact()], cut(height=0), [0.1, 0.2, 0], [0.1, 0.1, 0.3]
     ),
     "upright blade": lambda: posed(
-        [BLADE, ns.ToolAxis()], cut(height=0), [0.1, 0.2, 0.1], [0, 0, 0.5]
+        [BLADE, ns.constraints.ToolAxis()], cut(height=0), [0.1, 0.2, 0.1], [0, 0, 0.5]
     ),
 }
 
@@ -809,7 +815,7 @@ def test_starts_off_the_constraint_are_moved_onto_it(name: str) -> None:
 
 LIMITS: dict[str, tuple[Callable[[int], Any], list[float]]] = {
     "half-space": (
-        lambda p: ns.HalfSpace(point=(0, 0.12, 0), normal=(0, -1, 0), priority=p),
+        lambda p: ns.constraints.HalfSpace(point=(0, 0.12, 0), normal=(0, -1, 0), priority=p),
         [1.05, 0.1, 0.05],
     ),
     "depth": (
@@ -840,11 +846,14 @@ def test_limits_hold_on_the_way_to_a_new_goal(name: str, priority: int) -> None:
 
 
 BEYOND: dict[str, tuple[Any, list[float]]] = {
-    "half-space": (ns.HalfSpace(point=(0, 0.25, 0), normal=(0, -1, 0)), [1, 0.3, 0]),
+    "half-space": (ns.constraints.HalfSpace(point=(0, 0.25, 0), normal=(0, -1, 0)), [1, 0.3, 0]),
     "depth-limit": (ns.DepthLimit(depth=0.05), [1, 0.1, -0.1]),
     "keep-out-sphere": (ns.KeepOutSphere(center=(0.6, 0.5, 0.1), radius=0.2), [0.6, 0.45, 0.1]),
-    "plane-contact": (ns.PlaneContact(), [1, 0.1, -0.05]),
-    "sphere-contact": (ns.SphereContact(center=(0.5, 0, -2), radius=2.0), [1, 0.1, 0.3]),
+    "plane-contact": (ns.constraints.PlaneContact(), [1, 0.1, -0.05]),
+    "sphere-contact": (
+        ns.constraints.SphereContact(center=(0.5, 0, -2), radius=2.0),
+        [1, 0.1, 0.3],
+    ),
 }
 
 
@@ -856,20 +865,22 @@ def under(name: str) -> ns.ConstrainedDMP:
 @pytest.mark.parametrize("name", BEYOND)
 def test_goals_that_no_motion_can_end_in_are_refused_by_name(name: str) -> None:
     for end in ("pose", "position"):
-        with pytest.raises(ns.ConstraintError, match=rf"^goal violates '{name}' by 0\.\d+ m; "):
+        with pytest.raises(
+            ns.errors.ConstraintError, match=rf"^goal violates '{name}' by 0\.\d+ m; "
+        ):
             under(name).adapt(goal_position=BEYOND[name][1], end=end)
 
 
 @pytest.mark.parametrize("name", BEYOND)
 def test_via_points_that_no_motion_can_pass_are_refused_by_name(name: str) -> None:
-    with pytest.raises(ns.ConstraintError, match=name):
+    with pytest.raises(ns.errors.ConstraintError, match=name):
         under(name).adapt(via=[(0.5, BEYOND[name][1])])
 
 
 def test_a_rotation_that_no_motion_can_end_in_is_refused_by_name() -> None:
-    dmp = ns.learn(cut(height=0), [ns.ToolAxis()], basis_functions=40)
+    dmp = ns.learn(cut(height=0), [ns.constraints.ToolAxis()], basis_functions=40)
     turned = Rotation.from_rotvec([0.2, 0, 0]) * dmp.goal_rotation
-    with pytest.raises(ns.ConstraintError, match=r"^goal violates 'tool-axis"):
+    with pytest.raises(ns.errors.ConstraintError, match=r"^goal violates 'tool-axis"):
         dmp.adapt(goal_rotation=turned)
 
 
@@ -877,7 +888,9 @@ def test_a_rotation_that_no_motion_can_end_in_is_refused_by_name() -> None:
 def test_a_goal_too_far_for_a_hard_speed_limit_is_no_silent_failure() -> None:
     dmp = ns.learn(cut(), [BLADE, ns.SpeedLimit(speed=0.9)], basis_functions=40)
     goal = [2.5, 0.2, 0.0]
-    with pytest.raises((ns.ConvergenceError, ns.ConstraintError), match="speed-limit"):
+    with pytest.raises(
+        (ns.errors.ConvergenceError, ns.errors.ConstraintError), match="speed-limit"
+    ):
         dmp.adapt(goal_position=goal)
     in_time = dmp.adapt(goal_position=goal, duration=8.0).rollout()
     assert in_time.margins.min() >= -KEPT
@@ -918,7 +931,7 @@ def test_a_goal_on_a_moving_surface_is_where_that_is_at_the_end() -> None:
     motion = dmp.adapt(duration=2.6).rollout()
     heights = 0.05 * np.sin(2 * np.pi / 1.7 * motion.times + 0.4)
     np.testing.assert_allclose(motion.positions[:, 2], heights, atol=1e-9)
-    with pytest.raises(ns.ConstraintError, match="goal violates 'plane-contact in moving"):
+    with pytest.raises(ns.errors.ConstraintError, match="goal violates 'plane-contact in moving"):
         dmp.adapt(duration=2.6, goal_position=case.goal)
 
 
@@ -970,7 +983,7 @@ BAD: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("arguments", BAD, ids=lambda a: " ".join(repr(a).split())[:40])
 def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> None:
-    refusal(ns.InputError, cutting().adapt, **arguments)
+    refusal(ns.errors.InputError, cutting().adapt, **arguments)
 
 
 @pytest.mark.parametrize("start", ["free", "position", "rotation"])
@@ -978,7 +991,7 @@ def test_a_start_velocity_with_a_start_that_is_not_kept_works_or_is_refused(star
     dmp = cutting()
     try:
         motion = dmp.adapt(start_velocity=[0.5, 0, 0], start=start).rollout()
-    except ns.InputError:
+    except ns.errors.InputError:
         return
     assert_reaches(motion, *own_goal(dmp), motion.path_length)
 
@@ -988,7 +1001,7 @@ def test_a_start_velocity_with_a_start_that_is_not_kept_works_or_is_refused(star
     [ns.Boundary(0.5), (0.5, None), (0.5, [0, 1]), (0.5, None, "x"), ns.Boundary(1, [0, 0, 0])],
 )
 def test_a_via_that_names_nothing_is_refused(via: Any) -> None:
-    with pytest.raises(ns.InputError, match=r"^(via|boundary)"):
+    with pytest.raises(ns.errors.InputError, match=r"^(via|boundary)"):
         cutting().adapt(via=[via])
 
 

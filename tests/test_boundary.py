@@ -107,7 +107,7 @@ def test_what_a_caller_does_to_its_arguments_later_changes_nothing() -> None:
     ],
 )
 def test_what_is_no_boundary_is_refused_in_one_line(arguments: dict[str, Any], said: str) -> None:
-    with pytest.raises(ns.InputError, match=said) as error:
+    with pytest.raises(ns.errors.InputError, match=said) as error:
         Boundary(**arguments)
     assert "\n" not in str(error.value)
 
@@ -140,7 +140,7 @@ def test_vias_of_every_form_are_the_same() -> None:
 
 @pytest.mark.parametrize("value", [[1, 2], "fast", 1.0, [np.nan, 0, 0], [[1], [2, 3]]])
 def test_what_is_no_twist_is_refused(value: Any) -> None:
-    with pytest.raises(ns.InputError, match=r"^speed must be 0, 3 finite numbers"):
+    with pytest.raises(ns.errors.InputError, match=r"^speed must be 0, 3 finite numbers"):
         twist("speed", value)
 
 

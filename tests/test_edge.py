@@ -19,9 +19,9 @@ from noslip.edge import Edge
 from noslip.errors import ConstraintError
 from noslip.merit import figures_of_merit
 from noslip.projection.heading import turn_edge_into_path
-from noslip.projection.trajectory import ROTATION_SMOOTHING, project_trajectory
+from noslip.projection.trajectory import project_trajectory
 
-SPEED = 0.05
+SPEED, SMOOTHING = 0.05, 1e-6
 BELT = (0.0, 0.3, 0.0)
 STILL = {"amplitude": (0.0, 0.0, 0.0)}
 
@@ -39,7 +39,7 @@ def cut(samples: int = 301, duration: float = 2.0, off: float = 0.0) -> PoseTraj
     )
 
 
-def carried(motion: PoseTrajectory, frame: ns.InMovingFrame) -> PoseTrajectory:
+def carried(motion: PoseTrajectory, frame: ns.constraints.InMovingFrame) -> PoseTrajectory:
     """Return the motion of a tool in the world that makes this one in a frame."""
     t = ca.SX.sym("t")
     poses = [ca.Function("f", [t], list(frame.pose(t)))(time) for time in motion.clock]
@@ -50,8 +50,8 @@ def carried(motion: PoseTrajectory, frame: ns.InMovingFrame) -> PoseTrajectory:
     )
 
 
-def on_belt(blade: Constraint | None = None) -> ns.InMovingFrame:
-    return ns.InMovingFrame(blade or ns.Blade(), velocity=BELT, **STILL)  # type: ignore[arg-type]
+def on_belt(blade: Constraint | None = None) -> ns.constraints.InMovingFrame:
+    return ns.constraints.InMovingFrame(blade or ns.Blade(), velocity=BELT, **STILL)  # type: ignore[arg-type]
 
 
 def from_point(motion: PoseTrajectory, point: tuple[float, float, float]) -> PoseTrajectory:
@@ -95,7 +95,10 @@ def test_what_is_no_edge_is_refused(arguments: Any, words: str) -> None:
         (ns.Blade("z", "-x", (1, 2, 3)), Edge("-x", "z", (1.0, 2.0, 3.0))),
         (ns.Wheel("-z", "y", reference_point=(0, 0, 1)), Edge("y", "-z", (0.0, 0.0, 1.0))),
         (ns.Needle("-y", bevel="x"), Edge("-y", "z")),
-        (ns.ForwardOnly("z", reference_point=(1, 0, 0)), Edge("z", None, (1.0, 0.0, 0.0))),
+        (
+            ns.constraints.ForwardOnly("z", reference_point=(1, 0, 0)),
+            Edge("z", None, (1.0, 0.0, 0.0)),
+        ),
         (on_belt(ns.Blade(edge="z", reference_point=(1, 0, 0))), Edge("z", "y", (1.0, 0.0, 0.0))),
         (ns.SpeedLimit(), None),
     ],
@@ -112,7 +115,7 @@ def test_other_arguments_of_the_same_blade_move_its_edge() -> None:
 
 
 def test_of_several_the_one_that_knows_its_lateral_axis_is_asked() -> None:
-    forward, blade = ns.ForwardOnly(), ns.Blade()
+    forward, blade = ns.constraints.ForwardOnly(), ns.Blade()
     assert ConstraintSystem([forward, blade]).edged is blade
     assert ConstraintSystem([ns.SpeedLimit(), forward]).edged is forward
     assert ConstraintSystem([ns.SpeedLimit()]).edged is None
@@ -128,9 +131,11 @@ def tumbling(t: Any) -> Any:
 
 FRAMES = {
     "belt": on_belt(),
-    "breathing": ns.InMovingFrame(amplitude=(0, 0.01, 0.02), rotation_amplitude=(0.2, 0, 0.4)),
-    "turntable": ns.InMovingFrame(frame=tumbling),
-    "nested": ns.InMovingFrame(on_belt(), frame=tumbling),
+    "breathing": ns.constraints.InMovingFrame(
+        amplitude=(0, 0.01, 0.02), rotation_amplitude=(0.2, 0, 0.4)
+    ),
+    "turntable": ns.constraints.InMovingFrame(frame=tumbling),
+    "nested": ns.constraints.InMovingFrame(on_belt(), frame=tumbling),
 }
 
 
@@ -139,16 +144,16 @@ def test_a_motion_that_a_frame_carries_looks_from_it_as_it_was(name: str) -> Non
     frame, motion = FRAMES[name], cut()
     inner = frame.inner
     there = carried(motion, frame)
-    if isinstance(inner, ns.InMovingFrame):
+    if isinstance(inner, ns.constraints.InMovingFrame):
         there = carried(carried(motion, inner), frame)
     for constraint in (frame, restore(specification(frame))):
         seen = edge_motion(constraint, there.clock, there.positions, there.rotations)
         np.testing.assert_allclose(seen.points, motion.positions, atol=1e-12)
         assert (seen.rotations * motion.rotations.inv()).magnitude().max() < 1e-12
-        found = turn_edge_into_path(there, ConstraintSystem(constraint), ROTATION_SMOOTHING)
+        found = turn_edge_into_path(there, ConstraintSystem(constraint), SMOOTHING)
         assert found.backing == 0
         # Turns are about the axes of the world; how far is the same.
-        expected = turn_edge_into_path(motion, ConstraintSystem(ns.Blade()), ROTATION_SMOOTHING)
+        expected = turn_edge_into_path(motion, ConstraintSystem(ns.Blade()), SMOOTHING)
         assert np.abs(found.turns).max() < np.abs(expected.turns).max() + 0.02
 
 
@@ -169,10 +174,10 @@ def test_a_user_says_what_moves_in_a_method() -> None:
     class OnBelt(Constraint):
         name, edge = "on belt", Edge()
 
-        def relative(self, motion: ns.Instant) -> ns.Instant:
+        def relative(self, motion: ns.constraints.Instant) -> ns.constraints.Instant:
             return replace(motion, linear_velocity=motion.linear_velocity - ca.DM(list(BELT)))
 
-        def residual(self, motion: ns.Instant) -> Any:
+        def residual(self, motion: ns.constraints.Instant) -> Any:
             seen = self.relative(motion)
             return ca.dot(seen.rotation[:, 1], seen.linear_velocity)
 
@@ -192,7 +197,7 @@ def test_a_cut_on_a_belt_is_projected_like_one_at_rest() -> None:
     found = project_trajectory(motion, on_belt())
     at_rest = project_trajectory(cut(off=0.1), ns.Blade())
     assert found.iterations <= max(5, at_rest.iterations)
-    assert found.smoothing == at_rest.smoothing == ROTATION_SMOOTHING
+    assert found.smoothing == at_rest.smoothing == SMOOTHING
     assert found.backing == 0
     held = project_trajectory(motion, on_belt(), hold_position=True).trajectory.rotations
     still = project_trajectory(cut(off=0.1), ns.Blade(), hold_position=True).trajectory.rotations
@@ -205,9 +210,9 @@ def test_a_blade_away_from_the_origin_does_not_back_up(still: bool) -> None:
     point = (0.0, -0.2, 0.0)
     blade: Constraint = ns.Blade(reference_point=point)
     if still:
-        blade = ns.InMovingFrame(blade, **STILL)  # type: ignore[arg-type]
+        blade = ns.constraints.InMovingFrame(blade, **STILL)  # type: ignore[arg-type]
     motion = from_point(cut(off=0.1), point)
-    found = turn_edge_into_path(motion, ConstraintSystem(blade), ROTATION_SMOOTHING)
+    found = turn_edge_into_path(motion, ConstraintSystem(blade), SMOOTHING)
     assert found.backing == 0
     assert np.abs(found.turns).max() < 0.15
 

@@ -14,9 +14,10 @@ from hypothesis import given
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import noslip as ns
-from noslip import ConstrainedDMP, InputError, MissingDependencyError, PoseTrajectory, learn
+from noslip import ConstrainedDMP, PoseTrajectory, learn
 from noslip._typing import Floats
 from noslip.demonstrations.excision import synthetic_excisions
+from noslip.errors import InputError, MissingDependencyError
 from noslip.interop import (
     from_movement_primitives,
     from_pqs,

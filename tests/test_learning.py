@@ -16,9 +16,6 @@ from measures import assert_same_poses, forward_speed, rms, slip, spin_about, st
 from motions import facing, numerical_example
 from noslip import (
     Blade,
-    ConstraintError,
-    ConvergenceError,
-    InputError,
     PoseTrajectory,
     check,
     learn,
@@ -27,6 +24,7 @@ from noslip import (
     project_trajectory,
 )
 from noslip._typing import Floats
+from noslip.errors import ConstraintError, ConvergenceError, InputError
 from refusals import refusal
 from rules import ceiling, no_roll, table
 from strategies import seeds

@@ -107,7 +107,7 @@ def test_preparation_and_options_reach_the_worker(runs, tmp_path):
         relative=True,
         tool_frame=[0.01, 0, 0],
     )
-    given = ns.project_initial_velocity(given, ns.Blade())
+    given = ns.projection.pointwise.project_initial_velocity(given, ns.Blade())
     alone = ns.learn(given, ns.Blade(), metric=[2.0] * 6, **FEW).save(tmp_path / "alone.json")
     assert Path(learned.results[0].primitive).read_bytes() == alone.read_bytes()
 
@@ -212,7 +212,9 @@ def test_a_primitive_of_another_recording_is_not_replaced(runs, tmp_path):
     out = tmp_path / "out"
     learn_each(runs / "cut_00.csv", out=out, **FEW)
     other = recording(7).to_csv(tmp_path / "other" / "cut_00.csv")
-    with pytest.raises(ns.InputError, match=r"would replace cut_00.json, learned from .*runs"):
+    with pytest.raises(
+        ns.errors.InputError, match=r"would replace cut_00.json, learned from .*runs"
+    ):
         learn_each(other, out=out, **FEW)
     # The same content elsewhere is the same recording.
     copy = tmp_path / "copy" / "cut_00.csv"
@@ -240,10 +242,12 @@ def test_folders_are_searched_and_keep_their_folders(tmp_path):
 def test_two_recordings_of_one_name_are_both_named(tmp_path):
     for folder in ("a", "b"):
         write(tmp_path / folder, 1)
-    with pytest.raises(ns.InputError, match=r"b.cut_00.csv: .*cut_00.json, as that of .*a.cut_00"):
+    with pytest.raises(
+        ns.errors.InputError, match=r"b.cut_00.csv: .*cut_00.json, as that of .*a.cut_00"
+    ):
         find_recordings([tmp_path / "a" / "cut_00.csv", tmp_path / "b" / "cut_00.csv"])
     recording(0).to_csv(tmp_path / "a" / "CUT_00.csv")
-    with pytest.raises(ns.InputError, match=r"rename one"):
+    with pytest.raises(ns.errors.InputError, match=r"rename one"):
         find_recordings(tmp_path / "a")
     # One file given in two ways is one.
     assert len(find_recordings([tmp_path / "b", tmp_path / "b" / "cut_00.csv"])) == 1
@@ -253,17 +257,17 @@ def test_what_cannot_be_is_refused_before_anything_is_learned(runs, tmp_path):
     (tmp_path / "empty").mkdir()
     out = tmp_path / "out"
     for error, match, call in (
-        (ns.InputError, "no recording in this folder", {"recordings": tmp_path / "empty"}),
-        (ns.InputError, "no such file", {"recordings": [runs, tmp_path / "missing.csv"]}),
-        (ns.InputError, "no recordings given", {"recordings": []}),
-        (ns.InputError, "learn has no option 'basis'", {"basis": 3}),
-        (ns.InputError, "prepare has no option 'speed'", {"preparation": {"speed": 3}}),
-        (ns.InputError, "alpha must be made of numbers and texts", {"alpha": object()}),
-        (ns.InputError, r"ends in .csv or .parquet", {"table": tmp_path / "table.xlsx"}),
-        (ns.InputError, "is a file; give a folder", {"out": runs / "cut_00.csv"}),
-        (ns.InputError, "not a table of results", {"table": runs / "cut_01.csv"}),
-        (ns.InputError, "jobs must be a whole number", {"jobs": 0}),
-        (ns.ConstraintError, "expected a constraint", {"constraints": [3]}),
+        (ns.errors.InputError, "no recording in this folder", {"recordings": tmp_path / "empty"}),
+        (ns.errors.InputError, "no such file", {"recordings": [runs, tmp_path / "missing.csv"]}),
+        (ns.errors.InputError, "no recordings given", {"recordings": []}),
+        (ns.errors.InputError, "learn has no option 'basis'", {"basis": 3}),
+        (ns.errors.InputError, "prepare has no option 'speed'", {"preparation": {"speed": 3}}),
+        (ns.errors.InputError, "alpha must be made of numbers and texts", {"alpha": object()}),
+        (ns.errors.InputError, r"ends in .csv or .parquet", {"table": tmp_path / "table.xlsx"}),
+        (ns.errors.InputError, "is a file; give a folder", {"out": runs / "cut_00.csv"}),
+        (ns.errors.InputError, "not a table of results", {"table": runs / "cut_01.csv"}),
+        (ns.errors.InputError, "jobs must be a whole number", {"jobs": 0}),
+        (ns.errors.ConstraintError, "expected a constraint", {"constraints": [3]}),
     ):
         with pytest.raises(error, match=match):
             learn_each(**{"recordings": runs, "out": out, **call})
@@ -290,7 +294,7 @@ def test_constraints_that_cannot_be_sent_are_named(runs):
     def looked_up(motion):
         return outside(motion.position[0])
 
-    with pytest.raises(ns.ConstraintError, match="'looked up' cannot be sent to a worker"):
+    with pytest.raises(ns.errors.ConstraintError, match="'looked up' cannot be sent to a worker"):
         learn_each(runs, looked_up)
 
 
@@ -347,7 +351,7 @@ def test_damaged_tables_are_refused_by_name(tmp_path, suffix):
         pytest.importorskip("pyarrow", reason="needs noslip[tables]")
     path = tmp_path / f"table{suffix}"
     path.write_bytes(b"\xff\xfe nothing of ours")
-    with pytest.raises(ns.InputError, match=f"table{suffix}: not a table of results"):
+    with pytest.raises(ns.errors.InputError, match=f"table{suffix}: not a table of results"):
         read_results(path)
 
 
@@ -355,7 +359,7 @@ def test_a_wrong_cell_is_named(tmp_path):
     path = tmp_path / "table.csv"
     write_results([RecordingResult(name="a", status="failed", recording="a", samples=7)], path)
     path.write_text(path.read_text().replace(",7,", ",many,"))
-    with pytest.raises(ns.InputError, match=r"table.csv: row 2, column samples: .*many"):
+    with pytest.raises(ns.errors.InputError, match=r"table.csv: row 2, column samples: .*many"):
         read_results(path)
 
 
@@ -489,7 +493,7 @@ def test_an_address_without_a_scheduler_is_refused(monkeypatch):
     pytest.importorskip("distributed", reason="needs noslip[cluster]")
     monkeypatch.setattr(executors, "_WORKERS_WITHIN", 3.0)
     with (
-        pytest.raises(ns.InputError, match=r"tcp://127.0.0.1:1: no Dask scheduler answers"),
+        pytest.raises(ns.errors.InputError, match=r"tcp://127.0.0.1:1: no Dask scheduler answers"),
         cluster("tcp://127.0.0.1:1"),
     ):
         pass
@@ -498,7 +502,7 @@ def test_an_address_without_a_scheduler_is_refused(monkeypatch):
 def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
-        pytest.raises(ns.MissingDependencyError, match=r"noslip\[cluster\]"),
+        pytest.raises(ns.errors.MissingDependencyError, match=r"noslip\[cluster\]"),
         cluster("tcp://127.0.0.1:8786"),
     ):
         pass

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from measures import rms, speed_along, steps
 from noslip import (
     ConstrainedDMP,
-    InputError,
     Motion,
     Needle,
     PoseTrajectory,
@@ -26,6 +25,7 @@ from noslip import (
     prepare,
 )
 from noslip.constraints.declaration import Constraint
+from noslip.errors import InputError
 
 pytestmark = pytest.mark.recordings
 

@@ -399,8 +399,8 @@ def swaying() -> ns.ConstrainedDMP:
     """On a plane that moves up and down."""
     s, x = arc(height=0)
     x[:, 2] = plane(2 * s)
-    contact = ns.InMovingFrame(
-        ns.PlaneContact(), amplitude=(0, 0, SWAY), period=PERIOD, phase=PHASE
+    contact = ns.constraints.InMovingFrame(
+        ns.constraints.PlaneContact(), amplitude=(0, 0, SWAY), period=PERIOD, phase=PHASE
     )
     return ns.learn(ns.PoseTrajectory(2 * s, x, along(x, s)), [contact, BLADE])
 
@@ -431,16 +431,19 @@ def test_a_moved_goal_lies_where_the_surface_will_be() -> None:
     motion = dmp.replan(state, goal_position=goal, duration=duration).rollout()
     assert np.linalg.norm(motion.positions[-1] - goal) <= POSITION
     goal[2] = plane(state.time)
-    with pytest.raises(ns.ConstraintError, match="goal violates 'plane-contact in moving"):
+    with pytest.raises(ns.errors.ConstraintError, match="goal violates 'plane-contact in moving"):
         dmp.replan(state, goal_position=goal, duration=duration)
 
 
 SURFACES: dict[str, tuple[Any, Any]] = {
     "needle": (ns.Needle(), cut()),
-    "blade on a plane": ([BLADE, ns.PlaneContact()], cut(height=0)),
-    "upright blade": ([BLADE, ns.ToolAxis()], cut(height=0)),
+    "blade on a plane": ([BLADE, ns.constraints.PlaneContact()], cut(height=0)),
+    "upright blade": ([BLADE, ns.constraints.ToolAxis()], cut(height=0)),
     "wheel": (ns.Wheel(), cut(height=0)),
-    "blade in tissue that moves": (ns.InMovingFrame(BLADE, amplitude=(0, 0.02, 0.03)), cut()),
+    "blade in tissue that moves": (
+        ns.constraints.InMovingFrame(BLADE, amplitude=(0, 0.02, 0.03)),
+        cut(),
+    ),
 }
 
 
@@ -489,12 +492,14 @@ def test_pushed_off_a_surface_the_plan_lies_on_it() -> None:
 
 def test_goals_that_no_motion_can_end_in_are_refused_by_name() -> None:
     dmp = under("blade on a plane")
-    with pytest.raises(ns.ConstraintError, match=r"^goal violates 'plane-contact' by 0\.1 m; "):
+    with pytest.raises(
+        ns.errors.ConstraintError, match=r"^goal violates 'plane-contact' by 0\.1 m; "
+    ):
         dmp.replan(dmp.initial_state(), goal_position=[1, 0.2, 0.1])
 
 
 def test_limits_hold_after_replanning() -> None:
-    limit = ns.HalfSpace(point=(0, 0.25, 0), normal=(0, -1, 0))
+    limit = ns.constraints.HalfSpace(point=(0, 0.25, 0), normal=(0, -1, 0))
     dmp = ns.learn(cut(), [BLADE, limit])
     state = dmp.initial_state()
     for _ in range(100):
@@ -516,7 +521,7 @@ def test_a_hard_limit_that_leaves_no_time_is_no_silent_failure() -> None:
     dmp = ns.learn(cut(), [BLADE, ns.SpeedLimit(speed=0.9)])
     try:
         new = dmp.replan(dmp.initial_state(), duration=0.3)
-    except ns.ConvergenceError as error:
+    except ns.errors.ConvergenceError as error:
         assert "speed-limit" in str(error)
         return
     assert new.record[0].left_out == ("speed-limit",)
@@ -546,7 +551,9 @@ BAD: list[dict[str, Any]] = [
 @pytest.mark.parametrize("arguments", BAD, ids=repr)
 def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> None:
     (name,) = arguments
-    assert name in refusal(ns.InputError, cutting().replan, state_at(cutting, 0.5), **arguments)
+    assert name in refusal(
+        ns.errors.InputError, cutting().replan, state_at(cutting, 0.5), **arguments
+    )
 
 
 @pytest.mark.parametrize(
@@ -563,12 +570,12 @@ def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> Non
 )
 def test_a_sensor_that_fails_is_noticed(measured: dict[str, Any]) -> None:
     state = replace(state_at(cutting, 0.5), **measured)
-    refusal(ns.InputError, cutting().replan, state)
+    refusal(ns.errors.InputError, cutting().replan, state)
 
 
 @pytest.mark.parametrize("state", [None, [0.5, 0.2, 0.1], 0.5])
 def test_what_is_no_state_is_refused(state: Any) -> None:
-    with pytest.raises(ns.InputError, match="state"):
+    with pytest.raises(ns.errors.InputError, match="state"):
         cutting().replan(state)
 
 

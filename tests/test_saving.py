@@ -23,15 +23,15 @@ from noslip import (
     Blade,
     ConstrainedDMP,
     Constraint,
-    InputError,
-    Instant,
     PoseTrajectory,
     learn,
     load_primitive,
     position_constraint,
     velocity_constraint,
 )
+from noslip.constraints import Instant
 from noslip.constraints.catalog import specification
+from noslip.errors import InputError
 
 
 def demonstration(seed: int = 0, turns: float = 0.0, name: str = "cut") -> PoseTrajectory:

@@ -200,7 +200,7 @@ def test_twice_the_deviations_are_twice_the_spread() -> None:
 
 
 def test_of_constraints_it_is_the_projected_demonstrations_that_count() -> None:
-    contact = ns.PlaneContact(point=(0, 0, 0))
+    contact = ns.constraints.PlaneContact(point=(0, 0, 0))
     spread = learned_spread(together(*bumps()), contact, position_weight=1.0)
     assert spread.position_deviation[:, 2].max() < 1e-9 < spread.position_deviation[:, :2].max()
 
@@ -210,7 +210,7 @@ def test_of_constraints_it_is_the_projected_demonstrations_that_count() -> None:
 
 @pytest.mark.parametrize("count", [1, 0, -3])
 def test_fewer_than_two_demonstrations_are_refused(count: int) -> None:
-    with pytest.raises(ns.InputError, match="2 demonstrations or more"):
+    with pytest.raises(ns.errors.InputError, match="2 demonstrations or more"):
         Spread(count, np.zeros((5, 3, 3)), np.zeros((5, 3, 3)))
 
 
@@ -220,7 +220,7 @@ def test_fewer_than_two_demonstrations_are_refused(count: int) -> None:
 )
 def test_arrays_of_another_shape_or_not_finite_are_refused(name: str, wrong: Floats) -> None:
     arrays = {"positions": np.zeros((5, 3, 3)), "rotations": np.zeros((5, 3, 3)), name: wrong}
-    with pytest.raises(ns.InputError, match=name):
+    with pytest.raises(ns.errors.InputError, match=name):
         Spread(3, **arrays)
 
 
@@ -305,7 +305,7 @@ def test_a_damaged_field_is_named(
             part[field] = value
 
     path = rewritten(dmp.save(tmp_path / "cut.json"), damage)
-    message = refusal(ns.InputError, ns.load_primitive, path)
+    message = refusal(ns.errors.InputError, ns.load_primitive, path)
     assert message.startswith(f"{path}: ") and field in message
 
 

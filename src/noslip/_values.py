@@ -41,7 +41,7 @@ class Value:
 def is_same(a: Any, b: Any) -> bool:
     """Whether two fields are equal: arrays and rotations number by number, others by ``==``."""
     if isinstance(a, Rotation) and isinstance(b, Rotation):
-        return np.array_equal(a.as_quat(), b.as_quat())
+        return np.array_equal(a.as_quat(canonical=True), b.as_quat(canonical=True))
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return np.array_equal(a, b)
     return bool(a == b)
@@ -49,7 +49,7 @@ def is_same(a: Any, b: Any) -> bool:
 
 def _hashable(value: Any) -> Any:
     if isinstance(value, Rotation):
-        value = value.as_quat()
+        value = value.as_quat(canonical=True)
     if isinstance(value, Mapping):
         return frozenset((key, _hashable(part)) for key, part in value.items())
     if isinstance(value, (list, tuple)):

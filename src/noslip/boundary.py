@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
 
@@ -21,7 +22,7 @@ End = Literal["free", "position", "rotation", "pose"]
 
 
 @dataclass(frozen=True, eq=False)
-class Boundary:
+class Boundary(Value):
     """A pose, a twist or part of them that must be reached; what is None is free.
 
     Compares by value.
@@ -156,23 +157,6 @@ class Boundary:
     def has_twist(self) -> bool:
         """Whether a linear or an angular velocity must be reached."""
         return self.linear_velocity is not None or self.angular_velocity is not None
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Boundary):
-            return NotImplemented
-        return self._values() == other._values()
-
-    def __hash__(self) -> int:
-        return hash(self._values())
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Boundary, tuple(getattr(self, f.name) for f in fields(self))
-
-    def _values(self) -> tuple[Any, ...]:
-        vectors = (self.position, self.linear_velocity, self.angular_velocity)
-        quaternion = None if self.rotation is None else self.rotation.as_quat(canonical=True)
-        numbers = (None if v is None else tuple(v.tolist()) for v in (*vectors, quaternion))
-        return self.at, *numbers
 
 
 _NO_VIA = "via is a list of (at, position), (at, position, rotation) or Boundary; got "

@@ -11,6 +11,7 @@ from noslip import _arguments
 from noslip.boundary import Boundary, End
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.law.fitting import (
     MOST_BASIS_FUNCTIONS,
     as_demonstrations,
@@ -63,6 +64,7 @@ def learn(
     metric_length: float | None = None,
     stabilization: float = STABILIZATION,
     barrier_rate: float = BARRIER_RATE,
+    align: bool = False,
     project_start: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> ConstrainedDMP:
@@ -98,6 +100,9 @@ def learn(
         Rate at which a violation present at the start decays, per duration.
     barrier_rate : float
         Rate at which the margins of limits may shrink that name none of their own, per duration.
+    align : bool
+        Bring several demonstrations into step first, see
+        :func:`noslip.demonstrations.alignment.align`.
     project_start : bool
         Project the demonstrations' initial velocity onto the constraints first.
     progress : callable, optional
@@ -112,6 +117,8 @@ def learn(
     """
     recorded = as_demonstrations(demonstrations)
     system = as_system(constraints)
+    if align:
+        recorded = bring_into_step(recorded)
     if project_start:
         recorded = [project_initial_velocity(d, system) for d in recorded]
     length = recorded[0].path_length / default_steps(recorded[0])

@@ -35,7 +35,7 @@ class RecordingResult:
     recording_residual_peak, recording_residual_rms : float or None
         How far the recording itself is off the equalities, in their units (SI).
     iterations, backing, smoothing, left_out
-        Of its projection, see :class:`noslip.learning.LearningRecord`; ``left_out`` separated by
+        Of its projection, see :class:`noslip.provenance.LearningRecord`; ``left_out`` separated by
         commas.
     projected_residual : float or None
         What the projection leaves of the residual.

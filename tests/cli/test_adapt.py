@@ -38,7 +38,7 @@ def saved(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("primitives")
     return {
         "blade": learned(ns.Blade()).save(folder / "blade.json"),
-        "table": learned(ns.PlaneContact(point=(0, 0, 0))).save(folder / "table.json"),
+        "table": learned(ns.constraints.PlaneContact(point=(0, 0, 0))).save(folder / "table.json"),
         "free": learned().save(folder / "free.json"),
     }
 

@@ -94,7 +94,7 @@ def test_learn_takes_a_metric_and_a_barrier_rate(noslip, slipping, tmp_path, met
 def test_rollout_takes_a_start_off_the_constraint(noslip, slipping, tmp_path):
     out, motion = tmp_path / "cut.json", tmp_path / "motion.npz"
     demonstration = ns.PoseTrajectory.from_csv(slipping)
-    ns.learn(demonstration, [ns.PlaneContact(point=(0, 0, 0.002))]).save(out)
+    ns.learn(demonstration, [ns.constraints.PlaneContact(point=(0, 0, 0.002))]).save(out)
     heights = {}
     for how in ("pose", "nothing"):
         options = ("--project-start", how, "--pull-in", "10", "--start-position", "0,0,0")
@@ -151,7 +151,7 @@ def test_learn_prepares_as_the_options_ask(noslip, slipping, tmp_path):
         lowpass=4.8,
         relative=True,
     )
-    demonstration = ns.project_initial_velocity(demonstration, [ns.Blade()])
+    demonstration = ns.projection.pointwise.project_initial_velocity(demonstration, [ns.Blade()])
     expected = ns.learn(demonstration, [ns.Blade()]).rollout()
     np.testing.assert_array_equal(ns.load_primitive(out).rollout().positions, expected.positions)
     assert json.loads(result.out)["residual_peak"] <= 1e-10
@@ -305,7 +305,7 @@ def with_constraints(primitive, constraints, path) -> Path:
 def test_rollout_says_what_gave_way_and_blames_hard_limits_alone(
     noslip, primitive, tmp_path, priority, code, kind
 ):
-    limits = [ns.SpeedLimit(speed=0.01, priority=priority), ns.Box()]
+    limits = [ns.SpeedLimit(speed=0.01, priority=priority), ns.constraints.Box()]
     path = with_constraints(primitive, [advance, *limits], tmp_path / "contradictory.json")
     out = tmp_path / "motion.csv"
     result = noslip("rollout", path, "--out", out)

@@ -90,8 +90,8 @@ def test_changed_settings_are_learned_again(noslip, runs, tmp_path):
     assert kept() == 0
     assert kept("--jobs", 2) == 3
     assert kept("--relative") == 0
-    assert kept("--relative", "--smoothing", 1e-5) == 0
-    assert kept("--relative", "--smoothing", 1e-5) == 3
+    assert kept("--relative", "--rotation-smoothing", 1e-5) == 0
+    assert kept("--relative", "--rotation-smoothing", 1e-5) == 3
     assert kept("--constraint", "speed-limit(speed=0.08)") == 0
 
 

@@ -13,16 +13,10 @@ import pytest
 import sympy as sp
 from scipy.spatial.transform import Rotation
 
-from noslip import (
-    Blade,
-    Constraint,
-    ConstraintError,
-    Instant,
-    position_constraint,
-    velocity_constraint,
-)
+from noslip import Blade, Constraint, position_constraint, velocity_constraint
 from noslip._typing import Floats
-from noslip.constraints import ConstraintSystem
+from noslip.constraints import ConstraintSystem, Instant
+from noslip.errors import ConstraintError
 from strategies import AXES, axis_vector
 
 Rule = Callable[[Any], Any]

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from noslip import Blade, Constraint, ConstraintError, position_constraint, velocity_constraint
+from noslip import Blade, Constraint, position_constraint, velocity_constraint
 from noslip.constraints import ConstraintSystem, catalog
 from noslip.constraints.catalog import parse_constraint, restore, specification
+from noslip.errors import ConstraintError
 from refusals import refusal
 
 RULES = '''

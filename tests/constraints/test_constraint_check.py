@@ -16,18 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from measures import steps
 from noslip import (
-    AccelerationLimit,
-    AngularRateLimit,
     Blade,
-    Box,
-    ConstraintError,
-    InputError,
-    Instant,
     KeepOutSphere,
     Needle,
     PoseTrajectory,
     SpeedLimit,
-    ToolAxis,
     check,
     keep_nonnegative,
     learn,
@@ -37,8 +30,10 @@ from noslip import (
     velocity_constraint,
 )
 from noslip._typing import Floats
+from noslip.constraints import AccelerationLimit, AngularRateLimit, Box, Instant, ToolAxis
 from noslip.constraints.check import step_accelerations, step_residuals
 from noslip.constraints.system import ConstraintSystem
+from noslip.errors import ConstraintError, InputError
 from noslip.merit import figures_of_merit
 from refusals import refusal
 from rules import needle

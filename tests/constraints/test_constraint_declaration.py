@@ -11,16 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import (
-    Blade,
-    Constraint,
-    ConstraintError,
-    Instant,
-    position_constraint,
-    velocity_constraint,
-)
-from noslip.constraints import ConstraintSystem
+from noslip import Blade, Constraint, position_constraint, velocity_constraint
+from noslip.constraints import ConstraintSystem, Instant
 from noslip.edge import Edge
+from noslip.errors import ConstraintError
 from refusals import refusal
 
 INSTANT = (0.5, [0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [0.4, 0.5, 0.6])
@@ -185,16 +179,18 @@ def test_only_functions_are_declared(declare: Any) -> None:
 )
 def test_a_comparison_is_no_rule(rule: Any) -> None:
     # It is 0 or 1 whatever the motion does: it would hold, or not, without a reason.
-    with pytest.raises(ns.ConstraintError, match=r"returns a comparison.*return the quantity"):
+    with pytest.raises(
+        ns.errors.ConstraintError, match=r"returns a comparison.*return the quantity"
+    ):
         ConstraintSystem([velocity_constraint(name="rule")(rule)])
-    with pytest.raises(ns.ConstraintError, match="a - b for a >= b"):
+    with pytest.raises(ns.errors.ConstraintError, match="a - b for a >= b"):
         ConstraintSystem([ns.keep_nonnegative(name="rule")(rule)])
 
 
 def test_a_rule_without_return_and_one_that_decides_are_told_what_to_do() -> None:
-    with pytest.raises(ns.ConstraintError, match="returns nothing; is a return missing"):
+    with pytest.raises(ns.errors.ConstraintError, match="returns nothing; is a return missing"):
         ConstraintSystem([position_constraint(name="rule")(lambda m: None)])
-    with pytest.raises(ns.ConstraintError, match=r"casadi\.if_else, casadi\.fmin"):
+    with pytest.raises(ns.errors.ConstraintError, match=r"casadi\.if_else, casadi\.fmin"):
         ConstraintSystem(
             [position_constraint(name="rule")(lambda m: 1.0 if m.position[0] > 0 else 0.0)]
         )

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import Constraint, ConstraintError, Instant, NoslipError, keep_nonnegative
-from noslip.constraints import ConstraintSystem
+from noslip import Constraint, NoslipError, keep_nonnegative
+from noslip.constraints import ConstraintSystem, Instant
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import AcceleratedInstant
+from noslip.errors import ConstraintError
 from refusals import refusal
 
 INSTANT = (

@@ -16,26 +16,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from noslip import (
+from noslip import Constraint, DepthLimit, KeepOutSphere, NoslipError, SpeedLimit
+from noslip._typing import Floats
+from noslip.constraints import (
     AccelerationLimit,
     AngularRateLimit,
     Box,
-    Constraint,
-    ConstraintError,
-    DepthLimit,
+    ConstraintSystem,
     ForwardOnly,
     HalfSpace,
     KeepOutCapsule,
-    KeepOutSphere,
-    NoslipError,
-    SpeedLimit,
     TurningRadius,
 )
-from noslip._typing import Floats
-from noslip.constraints import ConstraintSystem
 from noslip.constraints.catalog import CATALOG, build, parse_constraint, restore, specification
 from noslip.constraints.declaration import constraint_function
 from noslip.constraints.limit import Limit
+from noslip.errors import ConstraintError
 from refusals import refusal
 from strategies import AXES
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import noslip as ns
-from noslip import Constraint, Instant
-from noslip.constraints import ConstraintSystem
+from noslip import Constraint
+from noslip.constraints import ConstraintSystem, Instant
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import CATALOG
 
@@ -55,9 +55,11 @@ def pairs() -> dict[str, tuple[Constraint, Constraint]]:
     found["decorated"] = (decorated, ns.velocity_constraint(decorated.function))  # type: ignore[attr-defined]
     found["lambda"] = (table(), table())
     found["class"] = (Rail(0.5), Rail(0.5))
-    found["surface"] = tuple(ns.SurfaceContact(bowl()) for _ in range(2))  # type: ignore[assignment]
-    found["axis"] = tuple(ns.ToolAxis(surface=bowl(), angle=0.3) for _ in range(2))  # type: ignore[assignment]
-    found["moving"] = tuple(ns.InMovingFrame(Rail(1.0), frame=frame()) for _ in range(2))  # type: ignore[assignment]
+    found["surface"] = tuple(ns.constraints.SurfaceContact(bowl()) for _ in range(2))  # type: ignore[assignment]
+    found["axis"] = tuple(ns.constraints.ToolAxis(surface=bowl(), angle=0.3) for _ in range(2))  # type: ignore[assignment]
+    found["moving"] = tuple(
+        ns.constraints.InMovingFrame(Rail(1.0), frame=frame()) for _ in range(2)
+    )  # type: ignore[assignment]
     found["limit"] = (
         ns.keep_nonnegative(lambda m: m.position[2], priority=1, barrier_rate=3.0),
     ) * 2

@@ -92,8 +92,8 @@ def furnish(folder: Path, rules: str) -> None:
     arm = (files("noslip.robots") / "panda.xml").read_text(encoding="utf-8")
     (folder / "my_arm.xml").write_text(arm.replace('site name="tool"', 'site name="scalpel_tip"'))
     for name, make in MOTIONS.items():
-        ns.write_recording(make(), folder / f"{name}.csv")
-    ns.write_recording(session(), folder / "session.csv")
+        ns.recordings.write_recording(make(), folder / f"{name}.csv")
+    ns.recordings.write_recording(session(), folder / "session.csv")
     add_column(folder / "session.csv", "fz", session_force())
     excision = folder / "noslip-demo" / "excision"
     for name, count in {"recordings": 4, "runs": 2, "cuts": 2}.items():

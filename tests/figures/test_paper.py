@@ -95,7 +95,7 @@ def test_ellipses_lie_along_the_path(dmp):
 
 
 def test_one_constraint_of_a_rollout_is_drawn_as_it_was(dmp):
-    box = ns.Box(upper=(0.2, 0.01, 1.0))
+    box = ns.constraints.Box(upper=(0.2, 0.01, 1.0))
     held = (ns.Blade(), box)
     motion = under(dmp, held).rollout()
     drawn = {}

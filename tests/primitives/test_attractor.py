@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from noslip import ConstrainedDMP, InputError
+from noslip import ConstrainedDMP
 from noslip._typing import Floats
+from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.clock import Phase

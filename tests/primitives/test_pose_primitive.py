@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from noslip import ConstrainedDMP, InputError, PoseTrajectory, State, learn
+from noslip import ConstrainedDMP, PoseTrajectory, State, learn
 from noslip._typing import Floats
+from noslip.errors import InputError
 from noslip.runtime.motion import Motion
 from refusals import refusal
 from strategies import seeds
@@ -422,14 +423,16 @@ def test_an_explicit_step_keeps_the_shape(seed: int, duration: float, steps: flo
 
 
 @given(st.floats(0.05, 600), st.floats(1.0, 900))
-def test_the_last_sample_lies_beyond_the_duration_by_less_than_a_step(
+def test_steps_are_as_long_as_asked_and_the_last_one_ends_the_motion(
     duration: float, steps: float
 ) -> None:
     dmp = learn(Smooth(1).sampled(101), basis_functions=10)
     time_step = duration / steps
     motion = dmp.rollout(duration=duration, time_step=time_step)
-    np.testing.assert_allclose(motion.times, np.arange(len(motion)) * time_step, rtol=1e-15)
-    assert -1e-9 * time_step <= motion.times[-1] - duration < time_step
+    before = np.arange(len(motion) - 1) * time_step
+    np.testing.assert_allclose(motion.times[:-1], before, rtol=1e-15)
+    assert motion.times[-1] == pytest.approx(duration, rel=1e-9)
+    assert motion.times[-1] - motion.times[-2] <= time_step * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from noslip import ConstrainedDMP, InputError, PoseTrajectory, learn
+from noslip import ConstrainedDMP, PoseTrajectory, learn
 from noslip._typing import Floats
+from noslip.errors import InputError
 from noslip.law.scaling import scaled
 from refusals import refusal
 from strategies import seeds

@@ -16,15 +16,13 @@ from motions import along
 from noslip import (
     Blade,
     Boundary,
-    ConvergenceError,
-    InputError,
-    Instant,
-    PlaneContact,
     PoseTrajectory,
     position_constraint,
     project_trajectory,
     velocity_constraint,
 )
+from noslip.constraints import Instant, PlaneContact
+from noslip.errors import ConvergenceError, InputError
 from strategies import seeds
 
 BLADE = Blade()

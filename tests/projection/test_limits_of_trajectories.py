@@ -43,19 +43,21 @@ def binding(name: str, given: PoseTrajectory) -> Constraint:
     middle = given.positions[len(given) // 2]
     if name == "half-space":
         top = given.positions[:, 1].max()
-        return ns.HalfSpace(point=(0, top - 0.02, 0), normal=(0, -1, 0))
+        return ns.constraints.HalfSpace(point=(0, top - 0.02, 0), normal=(0, -1, 0))
     if name == "keep-out sphere":
         return ns.KeepOutSphere(center=middle + [0, 0.03, 0.02], radius=0.1)
     if name == "keep-out capsule":
-        return ns.KeepOutCapsule(start=middle + [0, 0.02, -0.2], end=middle + [0, 0.02, 0.2])
+        return ns.constraints.KeepOutCapsule(
+            start=middle + [0, 0.02, -0.2], end=middle + [0, 0.02, 0.2]
+        )
     if name == "speed":
         return ns.SpeedLimit(speed=0.95 * speeds(given).max())
     if name == "angular rate":
         turns = given.step_velocities()[1]
-        return ns.AngularRateLimit(rate=0.9 * np.linalg.norm(turns, axis=1).max())
+        return ns.constraints.AngularRateLimit(rate=0.9 * np.linalg.norm(turns, axis=1).max())
     if name == "acceleration":
         bend = np.diff(given.positions, 2, axis=0) / given.period**2
-        return ns.AccelerationLimit(linear=0.9 * np.linalg.norm(bend, axis=1).max())
+        return ns.constraints.AccelerationLimit(linear=0.9 * np.linalg.norm(bend, axis=1).max())
     raise AssertionError(name)
 
 
@@ -100,9 +102,9 @@ def test_limits_that_are_kept_anyway_change_nothing(seed: int) -> None:
     demonstration = cut(seed)
     without = project_trajectory(demonstration, BLADE)
     limits = [
-        ns.Box(lower=(-9, -9, -9), upper=(9, 9, 9)),
+        ns.constraints.Box(lower=(-9, -9, -9), upper=(9, 9, 9)),
         ns.SpeedLimit(speed=50.0),
-        ns.AccelerationLimit(linear=1e4, angular=1e5),
+        ns.constraints.AccelerationLimit(linear=1e4, angular=1e5),
     ]
     found = project_trajectory(demonstration, [BLADE, *limits])
     np.testing.assert_allclose(
@@ -215,8 +217,8 @@ def test_the_result_is_the_one_that_ipopt_finds(name: str) -> None:
 
 def test_soft_limits_are_left_out_the_least_important_first() -> None:
     demonstration = cut(3)
-    inside = ns.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
-    outside = ns.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0), priority=2)
+    inside = ns.constraints.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
+    outside = ns.constraints.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0), priority=2)
     slow = ns.SpeedLimit(speed=5.0, priority=1)
     found = project_trajectory(demonstration, [BLADE, inside, outside, slow])
     assert found.left_out == ("half-space 2",)
@@ -224,16 +226,18 @@ def test_soft_limits_are_left_out_the_least_important_first() -> None:
 
 
 def test_hard_limits_that_contradict_each_other_are_refused_by_name() -> None:
-    inside = ns.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
-    outside = ns.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0))
-    with pytest.raises(ns.ConstraintError, match="'half-space' and 'half-space 2' contradict"):
+    inside = ns.constraints.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
+    outside = ns.constraints.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0))
+    with pytest.raises(
+        ns.errors.ConstraintError, match="'half-space' and 'half-space 2' contradict"
+    ):
         ns.learn(cut(3), [BLADE, inside, outside])
 
 
 def test_what_learning_cannot_heed_is_left_to_the_run_time() -> None:
     # A wall across the path of a position that is held: the projection has nothing to give.
     demonstration = cut(4)
-    wall = ns.HalfSpace(point=(0.7, 0, 0), normal=(-1, 0, 0))
+    wall = ns.constraints.HalfSpace(point=(0.7, 0, 0), normal=(-1, 0, 0))
     dmp = ns.learn(demonstration, [BLADE, wall], hold_position=True)
     assert dmp.record[0].left_out == ("half-space",)
     motion = dmp.rollout()

@@ -85,15 +85,15 @@ def test_the_length_is_that_of_a_step_unless_given() -> None:
     [
         ([ns.Blade()], "position"),
         ([ns.Needle()], "position"),
-        ([ns.PlaneContact()], "position"),
-        ([ns.RemoteCenter()], "position"),
+        ([ns.constraints.PlaneContact()], "position"),
+        ([ns.constraints.RemoteCenter()], "position"),
         ([ns.SpeedLimit(), ns.Blade()], "position"),
         ([], "position"),
-        ([ns.ToolAxis()], "shared"),
-        ([ns.Blade(), ns.ToolAxis()], "shared"),
+        ([ns.constraints.ToolAxis()], "shared"),
+        ([ns.Blade(), ns.constraints.ToolAxis()], "shared"),
         ([ns.Needle(curvature=2.0)], "shared"),
-        ([ns.AngularRateLimit()], "shared"),
-        ([ns.AccelerationLimit(angular=1.0)], "shared"),
+        ([ns.constraints.AngularRateLimit()], "shared"),
+        ([ns.constraints.AccelerationLimit(angular=1.0)], "shared"),
     ],
 )
 def test_the_default_is_the_position_where_that_can_hold_all(rules: Any, metric: str) -> None:
@@ -118,19 +118,23 @@ def test_the_default_is_the_position_where_that_can_hold_all(rules: Any, metric:
     ],
 )
 def test_other_metrics_are_refused_in_one_line(metric: Any) -> None:
-    assert "metric" in refusal(ns.InputError, inverse_metric, BLADE, metric, None, 0.01)
+    assert "metric" in refusal(ns.errors.InputError, inverse_metric, BLADE, metric, None, 0.01)
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf, "long", [1.0]])
 def test_lengths_out_of_range_are_refused_in_one_line(length: Any) -> None:
-    assert "metric_length" in refusal(ns.InputError, inverse_metric, BLADE, "shared", length, 0.01)
+    assert "metric_length" in refusal(
+        ns.errors.InputError, inverse_metric, BLADE, "shared", length, 0.01
+    )
 
 
 def test_a_metric_that_cannot_hold_a_constraint_says_which_can() -> None:
-    with pytest.raises(ns.ConstraintError, match=r"'tool-axis \[0\]'.*metric=.shared"):
-        constrained([ns.ToolAxis()], POSITION_ONLY, plain=primitive("curved")).rollout()
-    with pytest.raises(ns.ConstraintError, match=r"'plane-contact'.*metric=.shared"):
-        constrained([ns.PlaneContact()], ROTATION_ONLY, plain=primitive("curved")).rollout()
+    with pytest.raises(ns.errors.ConstraintError, match=r"'tool-axis \[0\]'.*metric=.shared"):
+        constrained([ns.constraints.ToolAxis()], POSITION_ONLY, plain=primitive("curved")).rollout()
+    with pytest.raises(ns.errors.ConstraintError, match=r"'plane-contact'.*metric=.shared"):
+        constrained(
+            [ns.constraints.PlaneContact()], ROTATION_ONLY, plain=primitive("curved")
+        ).rollout()
 
 
 # -------------------------------------------------------------------- who moves
@@ -138,7 +142,7 @@ def test_a_metric_that_cannot_hold_a_constraint_says_which_can() -> None:
 
 @pytest.mark.parametrize("name", DEMONSTRATIONS)
 def test_the_position_alone_leaves_every_bit_of_the_rotation(name: str) -> None:
-    rules = [ns.Blade(), ns.HalfSpace(point=(0, 0, -0.01)), ns.SpeedLimit(speed=0.9)]
+    rules = [ns.Blade(), ns.constraints.HalfSpace(point=(0, 0, -0.01)), ns.SpeedLimit(speed=0.9)]
     motion = constrained(rules, POSITION_ONLY, plain=primitive(name)).rollout()
     free = primitive(name).rollout()
     np.testing.assert_array_equal(motion.rotations.as_quat(), free.rotations.as_quat())
@@ -262,7 +266,7 @@ def test_learning_takes_a_metric_and_a_length_and_saving_keeps_them(tmp_path: Pa
 def test_learning_chooses_the_position_or_both_and_a_mean_steps_length() -> None:
     demonstration = curved()
     assert ns.learn(demonstration, ns.Blade(), basis_functions=20).inverse_metric == POSITION_ONLY
-    upright = ns.learn(demonstration, ns.ToolAxis(), basis_functions=20)
+    upright = ns.learn(demonstration, ns.constraints.ToolAxis(), basis_functions=20)
     step = demonstration.path_length / upright.steps
     assert upright.inverse_metric == pytest.approx((1, 1, 1, *([1 / step**2] * 3)))
     assert np.abs(upright.rollout().constraint_residuals).max() <= 1e-10
@@ -280,4 +284,6 @@ def test_learning_chooses_the_position_or_both_and_a_mean_steps_length() -> None
     ],
 )
 def test_learning_refuses_what_is_out_of_range_in_one_line(arguments: Any, match: str) -> None:
-    assert re.search(match, refusal(ns.InputError, ns.learn, curved(), ns.Blade(), **arguments))
+    assert re.search(
+        match, refusal(ns.errors.InputError, ns.learn, curved(), ns.Blade(), **arguments)
+    )

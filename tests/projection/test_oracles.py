@@ -24,9 +24,9 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
-from noslip import Blade, Constraint, Instant, position_constraint, velocity_constraint
+from noslip import Blade, Constraint, position_constraint, velocity_constraint
 from noslip._typing import Floats
-from noslip.constraints import ConstraintSystem
+from noslip.constraints import ConstraintSystem, Instant
 from noslip.law.step import StepSymbols
 from noslip.projection.pointwise import POSITION_ONLY, coupling, gauss_acceleration
 from noslip.rotations import Expression

@@ -22,22 +22,20 @@ from noslip import (
     Blade,
     ConstrainedDMP,
     Constraint,
-    ConstraintError,
-    InputError,
-    Instant,
     State,
     learn,
     position_constraint,
-    project_initial_velocity,
     velocity_constraint,
 )
 from noslip._typing import Floats
-from noslip.constraints import ConstraintSystem
+from noslip.constraints import ConstraintSystem, Instant
+from noslip.errors import ConstraintError, InputError
 from noslip.law.step import StepSymbols
 from noslip.projection.pointwise import (
     POSITION_ONLY,
     coupling,
     gauss_acceleration,
+    project_initial_velocity,
     project_velocities,
 )
 from refusals import refusal

@@ -21,15 +21,14 @@ from noslip import (
     Blade,
     Boundary,
     Constraint,
-    ConvergenceError,
-    InputError,
-    Instant,
     PoseTrajectory,
     check,
     position_constraint,
     project_trajectory,
 )
 from noslip._typing import Floats
+from noslip.constraints import Instant
+from noslip.errors import ConvergenceError, InputError
 from noslip.projection.request import LEARNING
 from noslip.projection.result import ProjectedTrajectory
 from refusals import refusal

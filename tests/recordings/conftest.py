@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import refusals
-from noslip import InputError, PoseTrajectory, load_demonstrations
+from noslip import PoseTrajectory, load_demonstrations
+from noslip.errors import InputError
 
 
 @pytest.fixture(scope="session")

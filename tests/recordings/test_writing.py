@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from noslip import InputError, PoseTrajectory, load_demonstrations
+from noslip import PoseTrajectory, load_demonstrations
+from noslip.errors import InputError
 from noslip.recordings import bag_topics, write_bag, write_joints, write_recording
 from refusals import refusal
 

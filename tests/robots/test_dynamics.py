@@ -73,7 +73,7 @@ def test_torques_stay_within_their_limits_or_the_arm_is_lost(
     feeble = robots.track(
         weak, arc(duration=1.5), placement=tracked.placement, start=tracked.joint_positions[0]
     )
-    with pytest.raises(ns.ConvergenceError, match=r"out of control at 0\.\d+ s"):
+    with pytest.raises(ns.errors.ConvergenceError, match=r"out of control at 0\.\d+ s"):
         robots.execute(feeble)
     barely = robots.panda().with_limits(torque=[30, 30, 30, 16, 3, 3, 3])
     done = robots.execute(
@@ -101,7 +101,7 @@ def test_what_touches_nothing_keeps_its_distance(tracked: robots.TrackedMotion) 
 def test_arguments_are_checked(
     tracked: robots.TrackedMotion, arguments: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(ns.InputError, match=message):
+    with pytest.raises(ns.errors.InputError, match=message):
         robots.execute(tracked, **arguments)  # type: ignore[arg-type]
 
 
@@ -109,7 +109,7 @@ def test_another_rate_than_the_controllers_is_refused(tracked: robots.TrackedMot
     coarse = robots.track(
         robots.panda(), arc(step=0.01), placement=tracked.placement, time_step=0.01
     )
-    with pytest.raises(ns.InputError, match="1 kHz"):
+    with pytest.raises(ns.errors.InputError, match="1 kHz"):
         robots.execute(coarse)
 
 

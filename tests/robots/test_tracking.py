@@ -188,7 +188,7 @@ def test_without_rows_and_bounds_a_step_is_minks(arm: robots.Robot) -> None:
     [
         [BLADE],
         # Said twice, and a place besides: rows that depend on each other do no harm.
-        [BLADE, BLADE, ns.PlaneContact()],
+        [BLADE, BLADE, ns.constraints.PlaneContact()],
     ],
     ids=["blade", "blade twice and a plane"],
 )
@@ -210,7 +210,7 @@ def test_the_placement_may_be_turned_and_tilted(arm: robots.Robot) -> None:
     motion = arc()
     turn = Rotation.from_euler("ZY", [0.7, 0.4])
     tilted = robots.Placement(np.array([0.4, 0.1, 0.35]), turn)
-    tracked = robots.track(arm, motion, [BLADE, ns.PlaneContact()], placement=tilted)
+    tracked = robots.track(arm, motion, [BLADE, ns.constraints.PlaneContact()], placement=tilted)
     assert_kept(tracked)
     height = (tracked.executed.positions - tilted.position) @ turn.apply([0, 0, 1])
     assert np.abs(height).max() <= 1e-8
@@ -253,7 +253,7 @@ def test_the_clock_starts_and_stops_smoothly() -> None:
 
 def test_a_constraint_that_depends_on_time_does_not_stand_ramps(arm: robots.Robot) -> None:
     @ns.position_constraint
-    def keeps_pace(motion: ns.Instant) -> object:
+    def keeps_pace(motion: ns.constraints.Instant) -> object:
         return motion.position[0] - 0.1 * motion.time
 
     count = 1001
@@ -261,7 +261,7 @@ def test_a_constraint_that_depends_on_time_does_not_stand_ramps(arm: robots.Robo
     steady = ns.PoseTrajectory(
         times, times[:, None] * [0.1, 0, 0], Rotation.identity(count), name="steady"
     )
-    with pytest.raises(ns.InputError, match=r"steady: 'keeps pace' .* ramp=0"):
+    with pytest.raises(ns.errors.InputError, match=r"steady: 'keeps pace' .* ramp=0"):
         robots.track(arm, steady, keeps_pace, placement=at(arm, steady, 0.4, 0, 0.3))
 
 
@@ -279,7 +279,7 @@ def test_a_constraint_that_depends_on_time_does_not_stand_ramps(arm: robots.Robo
 def test_arguments_are_checked(
     arm: robots.Robot, arguments: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(ns.InputError, match=message):
+    with pytest.raises(ns.errors.InputError, match=message):
         robots.track(arm, arc(step=0.01), BLADE, **arguments)  # type: ignore[arg-type]
 
 

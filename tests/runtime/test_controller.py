@@ -173,7 +173,7 @@ def test_a_goal_that_no_motion_reaches_is_told_and_the_old_one_kept() -> None:
     heading = np.arctan2(0.4 * np.cos(2 * t), 1.0)
     dmp = ns.learn(
         ns.PoseTrajectory(t, flat, Rotation.from_euler("z", heading)),
-        [ns.Blade(), ns.PlaneContact()],
+        [ns.Blade(), ns.constraints.PlaneContact()],
     )
     controller = dmp.controller(time_step=dmp.duration / dmp.steps)
     state = controller.step(goal=[1.0, 0.2, 0.1])
@@ -214,17 +214,17 @@ def test_reset_begins_anew() -> None:
     ],
 )
 def test_wrong_options_are_named(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(ns.InputError, match=said):
+    with pytest.raises(ns.errors.InputError, match=said):
         primitive().controller(**options)
 
 
 def test_wrong_steps_are_named() -> None:
     controller = primitive().controller(time_step=STEP)
-    with pytest.raises(ns.InputError, match="measured_state"):
+    with pytest.raises(ns.errors.InputError, match="measured_state"):
         controller.step(np.zeros(3))
-    with pytest.raises(ns.InputError, match="goal"):
+    with pytest.raises(ns.errors.InputError, match="goal"):
         controller.step(goal=[1, 2])
-    with pytest.raises(ns.InputError, match="time_step"):
+    with pytest.raises(ns.errors.InputError, match="time_step"):
         controller.step(time_step=-1)
 
 
@@ -265,7 +265,7 @@ def test_steering_is_bounded_and_nothing_where_the_tool_rests() -> None:
 
 
 def test_constraints_on_poses_do_not_steer() -> None:
-    system = ns.learn(demonstration(), [ns.PlaneContact()]).system
+    system = ns.learn(demonstration(), [ns.constraints.PlaneContact()]).system
     identity = np.array([1.0, 0, 0, 0])
     assert not steering(system, 1.0, 0.0, np.zeros(3), identity, *np.eye(3)).any()
 
@@ -288,8 +288,8 @@ CASES: dict[str, Any] = {
     "steep phase": lambda: ns.learn(demonstration(), [ns.Blade()], alpha_s=10.0),
     "few basis functions": lambda: ns.learn(demonstration(), [ns.Needle()], basis_functions=9),
     "limits": lambda: ns.learn(demonstration(), [ns.Blade(), ns.SpeedLimit(speed=2.0)]),
-    "breathing": lambda: ns.learn(demonstration(), [ns.InMovingFrame(ns.Blade())]),
-    "off its surface": lambda: ns.learn(demonstration(), [ns.PlaneContact()]),
+    "breathing": lambda: ns.learn(demonstration(), [ns.constraints.InMovingFrame(ns.Blade())]),
+    "off its surface": lambda: ns.learn(demonstration(), [ns.constraints.PlaneContact()]),
 }
 
 
@@ -458,7 +458,7 @@ def test_a_goal_may_be_a_position_a_rotation_or_both(either: str) -> None:
 def test_what_is_not_finite_is_refused_and_changes_nothing(field: str, either: str) -> None:
     controller = primitive().controller(time_step=STEP)
     state = controller.step()
-    with pytest.raises(ns.InputError, match="not finite"):
+    with pytest.raises(ns.errors.InputError, match="not finite"):
         controller.step(replace(state, **{field: np.array([0, np.nan, 0])}))
     np.testing.assert_array_equal(controller.state.position, state.position)
 
@@ -474,7 +474,7 @@ def test_without_plans_it_steers_and_waits_and_takes_no_goals(either: str) -> No
     # Beyond the tolerance the phase stands.
     assert pushed.phase == pytest.approx(state.phase, rel=1e-12)
     assert controller.replanned == []
-    with pytest.raises(ns.InputError, match="makes no plans"):
+    with pytest.raises(ns.errors.InputError, match="makes no plans"):
         controller.step(goal=dmp.goal_position)
 
 

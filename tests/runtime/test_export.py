@@ -48,12 +48,13 @@ CASES: dict[str, Any] = {
     "few basis functions": lambda: ns.learn(moving(), [ns.Needle()], basis_functions=12),
     "steep phase": lambda: ns.learn(moving(), [ns.Blade()], alpha_s=12.0),
     "underdamped": lambda: ns.learn(moving(), [ns.Blade()], beta=10.0),
-    "breathing": lambda: ns.learn(moving(), [ns.InMovingFrame(ns.Blade())]),
+    "breathing": lambda: ns.learn(moving(), [ns.constraints.InMovingFrame(ns.Blade())]),
     "limits": lambda: ns.learn(
         demonstration(), [ns.Blade(), ns.DepthLimit(depth=0.1), ns.SpeedLimit(speed=3.0)]
     ),
     "a limit that pushes": lambda: ns.learn(
-        moving(), [ns.SpeedLimit(speed=0.11, priority=1), ns.PlaneContact(normal=(0.1, 0, -1))]
+        moving(),
+        [ns.SpeedLimit(speed=0.11, priority=1), ns.constraints.PlaneContact(normal=(0.1, 0, -1))],
     ),
     "replanned": lambda: (dmp := primitive("blade")).replan(dmp.step(dmp.initial_state(), 1e-3)),
 }
@@ -221,14 +222,14 @@ def test_the_header_tells_the_instructions_of_a_step(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["", "2cut", "my-cut", "double", "noslip", "a b"])
 def test_a_name_that_c_does_not_allow_is_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ns.InputError, match="identifier of C"):
+    with pytest.raises(ns.errors.InputError, match="identifier of C"):
         primitive("blade").export_c(tmp_path / "out", name=name)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("")
-    with pytest.raises(ns.InputError, match="is a file"):
+    with pytest.raises(ns.errors.InputError, match="is a file"):
         primitive("blade").export_c(tmp_path / "out")
 
 

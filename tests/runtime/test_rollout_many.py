@@ -24,7 +24,7 @@ def primitive(name: str = "blade") -> ns.ConstrainedDMP:
         "blade": [ns.Blade()],
         "free": [],
         "limits": [ns.Blade(), ns.SpeedLimit(speed=2.0)],
-        "breathing": [ns.InMovingFrame(ns.Blade())],
+        "breathing": [ns.constraints.InMovingFrame(ns.Blade())],
     }
     return ns.learn(demonstration(), constraints[name])
 
@@ -117,5 +117,5 @@ def test_it_holds_little_more_than_its_result(compiling: Path) -> None:
     ],
 )
 def test_wrong_arguments_are_named(given: dict[str, Any], said: str) -> None:
-    with pytest.raises(ns.InputError, match=said):
+    with pytest.raises(ns.errors.InputError, match=said):
         primitive().rollout_many(**given)

@@ -42,14 +42,18 @@ def slipping() -> ns.PoseTrajectory:
 
 @pytest.fixture(scope="session")
 def primitive(cut: ns.PoseTrajectory) -> ns.ConstrainedDMP:
-    rules = [ns.Blade(), ns.PlaneContact(), ns.KeepOutSphere(center=CENTER, radius=RADIUS)]
+    rules = [
+        ns.Blade(),
+        ns.constraints.PlaneContact(),
+        ns.KeepOutSphere(center=CENTER, radius=RADIUS),
+    ]
     return ns.learn(cut, rules, basis_functions=30)
 
 
 @pytest.fixture(scope="session")
 def cut_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A primitive of a gentle curve, which an arm can follow in 1.5 s."""
-    dmp = ns.learn(gentle_cut(), [ns.Blade(), ns.PlaneContact()])
+    dmp = ns.learn(gentle_cut(), [ns.Blade(), ns.constraints.PlaneContact()])
     return dmp.save(tmp_path_factory.mktemp("primitive") / "cut.json")
 
 

@@ -90,7 +90,7 @@ def test_a_model_of_ones_own_is_found_again(simulate, tmp_path):
     assert arm.robot.name == "arm.xml"
     assert len(arm.parts) == len(robots.panda(table=None).model.geom_type)
     model.unlink()
-    with pytest.raises(ns.InputError, match=r"field model: .*arm\.xml is not there"):
+    with pytest.raises(ns.errors.InputError, match=r"field model: .*arm\.xml is not there"):
         read_simulation(folder)
 
 
@@ -282,5 +282,5 @@ def test_a_damaged_folder_is_refused_in_one_line(arm_folder, tmp_path, file, cha
         (folder / file).unlink()
     else:
         (folder / file).write_text(change((folder / file).read_text()))
-    assert re.search(message, refusal(ns.InputError, read_simulation, folder))
+    assert re.search(message, refusal(ns.errors.InputError, read_simulation, folder))
     assert json.loads((arm_folder / "summary.json").read_text())["robot"] == "panda"

@@ -95,7 +95,7 @@ def test_a_run_that_is_over_goes_nowhere(primitive):
 
 
 def test_a_push_is_three_finite_numbers(primitive):
-    with pytest.raises(ns.InputError, match="push"):
+    with pytest.raises(ns.errors.InputError, match="push"):
         PushedRun(primitive).push([0.0, np.nan, 0.0])
 
 
@@ -126,6 +126,6 @@ def test_an_uploaded_primitive_is_read(primitive, tmp_path):
     ],
 )
 def test_a_broken_file_gives_one_line_that_names_it(name, content, expected):
-    message = refusal(ns.InputError, read_upload, name, content)
+    message = refusal(ns.errors.InputError, read_upload, name, content)
     assert message.startswith(expected)
     assert tempfile.gettempdir() not in message

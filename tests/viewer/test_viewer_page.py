@@ -82,12 +82,12 @@ def test_it_is_served_to_this_machine_alone(cut):
 
 
 def test_an_address_that_is_not_ours_is_refused(cut):
-    with pytest.raises(ns.InputError, match=r"nothing can be served at 203\.0\.113\.7"):
+    with pytest.raises(ns.errors.InputError, match=r"nothing can be served at 203\.0\.113\.7"):
         Page({"cut.csv": cut}, host="203.0.113.7")
 
 
 def test_there_must_be_something_to_show():
-    with pytest.raises(ns.InputError, match="needs a recording or a primitive"):
+    with pytest.raises(ns.errors.InputError, match="needs a recording or a primitive"):
         Page({})
 
 
@@ -110,7 +110,7 @@ def test_a_follower_is_told_where_the_tool_is(primitive):
 
 
 def test_a_follower_of_nothing_is_refused(cut):
-    with pytest.raises(ns.InputError, match=r"no motion 'cut'; there are cut\.csv"):
+    with pytest.raises(ns.errors.InputError, match=r"no motion 'cut'; there are cut\.csv"):
         Page({"cut.csv": cut}, followers={"cut": Arm()})
 
 
@@ -253,7 +253,9 @@ def test_a_tool_that_does_not_run_cannot_be_pulled(primitive):
 
 
 def test_what_moves_is_drawn_where_it_is(cut):
-    moving = ns.InMovingFrame(ns.PlaneContact(), amplitude=(0.0, 0.0, 0.01), period=4.0)
+    moving = ns.constraints.InMovingFrame(
+        ns.constraints.PlaneContact(), amplitude=(0.0, 0.0, 0.01), period=4.0
+    )
     with opened({"cut.csv": cut}, constraints=[moving]) as page:
         nodes = [node for node, _ in page.drawing._shapes]
         assert len(nodes) == 2

@@ -167,17 +167,17 @@ def test_names_of_nodes_are_plain_and_different():
 # ---------------------------------------------------------------- shapes
 
 ROUND = [
-    ns.SphereContact(center=(0.1, 0.2, 0.3), radius=0.07),
-    ns.CylinderContact(point=(0.1, 0.0, 0.0), axis=(1.0, 2.0, -1.0), radius=0.04),
+    ns.constraints.SphereContact(center=(0.1, 0.2, 0.3), radius=0.07),
+    ns.constraints.CylinderContact(point=(0.1, 0.0, 0.0), axis=(1.0, 2.0, -1.0), radius=0.04),
     ns.KeepOutSphere(center=(0.0, 0.1, 0.0), radius=0.02),
-    ns.KeepOutCapsule(start=(0.1, 0.0, 0.0), end=(0.0, 0.2, 0.1), radius=0.03),
-    ns.KeepOutCapsule(start=(0.1, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.03),
+    ns.constraints.KeepOutCapsule(start=(0.1, 0.0, 0.0), end=(0.0, 0.2, 0.1), radius=0.03),
+    ns.constraints.KeepOutCapsule(start=(0.1, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.03),
 ]
 FLAT = [
-    ns.PlaneContact(point=(0.0, 0.0, 0.1), normal=(1.0, -2.0, 0.5)),
-    ns.HalfSpace(point=(0.2, 0.0, 0.0), normal=(0.0, 3.0, 0.1)),
+    ns.constraints.PlaneContact(point=(0.0, 0.0, 0.1), normal=(1.0, -2.0, 0.5)),
+    ns.constraints.HalfSpace(point=(0.2, 0.0, 0.0), normal=(0.0, 3.0, 0.1)),
     ns.DepthLimit(depth=0.02, surface_point=(0.0, 0.0, 0.05), normal=(0.1, 0.0, 2.0)),
-    ns.SurfaceContact(surface="z - 0.3*x**2 - 0.1*sin(9*y)"),
+    ns.constraints.SurfaceContact(surface="z - 0.3*x**2 - 0.1*sin(9*y)"),
 ]
 
 
@@ -212,7 +212,7 @@ def test_the_middle_of_triangles_lies_near_the_surface_too():
 
 
 def test_a_box_shows_the_sides_that_it_has():
-    box = ns.Box(lower=(0.0, None, -0.1), upper=(0.2, None, None))
+    box = ns.constraints.Box(lower=(0.0, None, -0.1), upper=(0.2, None, None))
     shape = only(box)
     triangles = shape.vertices[shape.faces]
     assert len(triangles) == 6
@@ -228,7 +228,7 @@ def test_a_box_shows_the_sides_that_it_has():
 def test_what_has_no_place_is_not_drawn():
     constraints = [ns.Blade(), ns.SpeedLimit()]
     assert shapes(constraints, np.zeros(3), 0.1) == []
-    assert shapes([ns.SurfaceContact(surface="1 + x**2")], np.zeros(3), 0.1) == []
+    assert shapes([ns.constraints.SurfaceContact(surface="1 + x**2")], np.zeros(3), 0.1) == []
 
 
 # ---------------------------------------------------------------- what moves
@@ -244,17 +244,19 @@ CONVEYOR = {"amplitude": (0.0, 0.0, 0.0), "velocity": (0.03, 0.0, 0.0)}
 
 
 def test_the_frame_sways_as_it_is_declared():
-    origin, turn = Frame(ns.InMovingFrame(ns.Blade(), **BREATH)).pose(1.1)
+    origin, turn = Frame(ns.constraints.InMovingFrame(ns.Blade(), **BREATH)).pose(1.1)
     sway = np.sin(2 * np.pi / 3.0 * 1.1 + 0.4)
     assert origin == pytest.approx([0.002 * sway, 0.01 * 1.1, 0.01 * sway])
     assert turn.as_rotvec() == pytest.approx([0.2 * sway, 0.0, 0.1 * sway])
 
 
 def test_frames_nest_and_carry_points_along():
-    nested = ns.InMovingFrame(ns.InMovingFrame(ns.Blade(), **BREATH), **CONVEYOR)
+    nested = ns.constraints.InMovingFrame(
+        ns.constraints.InMovingFrame(ns.Blade(), **BREATH), **CONVEYOR
+    )
     frame = Frame(nested)
     assert isinstance(frame.inner, ns.Blade)
-    alone, _ = Frame(ns.InMovingFrame(ns.Blade(), **BREATH)).pose(2.0)
+    alone, _ = Frame(ns.constraints.InMovingFrame(ns.Blade(), **BREATH)).pose(2.0)
     origin, turn = frame.pose(2.0)
     assert origin == pytest.approx(alone + [0.06, 0.0, 0.0])
     point, h = np.array([0.3, -0.1, 0.2]), 1e-5
@@ -276,7 +278,7 @@ def carried(motion: ns.PoseTrajectory, frame: Frame) -> ns.PoseTrajectory:
 @pytest.mark.parametrize("point", [(0.0, 0.0, 0.0), (0.02, 0.0, 0.01)])
 def test_slip_in_a_moving_frame_is_slip_relative_to_it(slipping, point):
     blade = ns.Blade(reference_point=point)
-    rule = ns.InMovingFrame(blade, **BREATH)
+    rule = ns.constraints.InMovingFrame(blade, **BREATH)
     still = track(slipping, blade)
     shown = track(carried(slipping, Frame(rule)), rule)
     for sample in (50, 200, 333):
@@ -297,7 +299,7 @@ def test_slip_in_a_moving_frame_is_slip_relative_to_it(slipping, point):
 
 
 def test_the_arrows_of_a_state_are_relative_to_the_moving_frame_too(cut):
-    rule = ns.InMovingFrame("blade", amplitude=(0.0, 0.003, 0.004), period=4.0)
+    rule = ns.constraints.InMovingFrame("blade", amplitude=(0.0, 0.003, 0.004), period=4.0)
     dmp = ns.learn(cut, rule, basis_functions=30)
     motion = dmp.rollout()
     shown = track(motion, rule)
@@ -314,7 +316,7 @@ def test_the_arrows_of_a_state_are_relative_to_the_moving_frame_too(cut):
 @pytest.mark.parametrize("time", [0.0, 1.3])
 @pytest.mark.parametrize("inner", [*ROUND[:3], *FLAT[:3]], ids=lambda c: c.name)
 def test_shapes_move_with_their_frame(inner, time):
-    rule = ns.InMovingFrame(inner, **BREATH)
+    rule = ns.constraints.InMovingFrame(inner, **BREATH)
     shape, axes = shapes([rule], (0.05, 0.1, 0.02), 0.2)
     origin, turn = shape.pose(time)
     points = origin + turn.apply(shape.vertices[np.unique(shape.faces)])
@@ -323,7 +325,7 @@ def test_shapes_move_with_their_frame(inner, time):
 
 
 def test_a_frame_without_a_surface_shows_its_axes_beside_the_path():
-    (axes,) = shapes([ns.InMovingFrame(ns.Blade(), **BREATH)], (0.05, 0.1, 0.02), 0.2)
+    (axes,) = shapes([ns.constraints.InMovingFrame(ns.Blade(), **BREATH)], (0.05, 0.1, 0.02), 0.2)
     origin, turn = axes.pose(0.0)
     points = origin + turn.apply(axes.vertices)
     assert np.linalg.norm(points - [0.05, 0.1, 0.02], axis=1).max() < 0.1 * 0.2
@@ -378,4 +380,4 @@ def test_a_tool_that_is_none_is_refused_in_one_line(tmp_path):
         "tool.step": "a tool is a mesh in .stl, .obj, .glb",
         "missing.stl": "no such file",
     }.items():
-        assert re.search(expected, refusal(ns.InputError, load_tool, tmp_path / name))
+        assert re.search(expected, refusal(ns.errors.InputError, load_tool, tmp_path / name))

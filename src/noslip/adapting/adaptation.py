@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._values import Value
 from noslip.adapting.ends import asked, placed, require_feasible
 from noslip.boundary import Boundary, End
 from noslip.errors import ConvergenceError, InputError
@@ -31,7 +32,7 @@ FEWEST_SAMPLES = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Adapted:
+class Adapted(Value):
     """What an adaptation comes to.
 
     Attributes

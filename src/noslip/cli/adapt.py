@@ -14,7 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -35,6 +35,7 @@ from noslip.figures.family import end_errors
 from noslip.law.scaling import Scaling
 from noslip.merit import figures_of_merit
 from noslip.primitive import ConstrainedDMP
+from noslip.projection.request import ADAPTING
 from noslip.runtime.motion import Motion
 from noslip.saving import load_primitive
 
@@ -49,6 +50,13 @@ _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
 
 Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
 """An option that is a position."""
+Velocity = Annotated[
+    str | None,
+    options.optional(
+        "VX,VY,VZ[,WX,WY,WZ]", "m/s and rad/s, 0 at rest; by default whatever suits the motion."
+    ),
+]
+"""An option that is a twist."""
 Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
 """An option that is a rotation."""
 
@@ -65,28 +73,32 @@ class _Asked:
     start: Boundary
     via: tuple[Boundary, ...]
     duration: float | None
-    scaling: Scaling
     end: End
+    others: Mapping[str, Any]
 
     def adapted(self, dmp: ConstrainedDMP) -> ConstrainedDMP:
-        linear, angular = self.start.linear_velocity, self.start.angular_velocity
-        moving = linear is not None and angular is not None
         return dmp.adapt(
             goal_position=self.goal.position,
             goal_rotation=self.goal.rotation,
+            goal_velocity=_velocity(self.goal),
             start_position=self.start.position,
             start_rotation=self.start.rotation,
-            start_velocity=np.concatenate([linear, angular]) if moving else None,
+            start_velocity=_velocity(self.start),
             duration=self.duration,
             via=self.via,
-            scaling=self.scaling,
             end=self.end,
+            **self.others,
         )
 
     def goal_of(self, dmp: ConstrainedDMP) -> Boundary:
         """Where a motion should end: what was asked for, else the primitive's own goal."""
         own = self.goal.pose_or(dmp.goal_position, dmp.goal_rotation)
         return Boundary(1.0, *own).part(self.end)
+
+
+def _velocity(boundary: Boundary) -> Floats | None:
+    linear, angular = boundary.linear_velocity, boundary.angular_velocity
+    return None if linear is None or angular is None else np.concatenate([linear, angular])
 
 
 def run(
@@ -108,23 +120,17 @@ def run(
     ] = None,
     goal_position: Point = None,
     goal_rotation: Turn = None,
+    goal_velocity: Velocity = None,
     start_position: Point = None,
     start_rotation: Turn = None,
-    start_velocity: Annotated[
-        str | None,
-        typer.Option(
-            metavar="VX,VY,VZ[,WX,WY,WZ]",
-            help="m/s and rad/s; by default whatever suits the motion.",
-            show_default=False,
-        ),
-    ] = None,
+    start_velocity: Velocity = None,
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="Seconds.", show_default=False)
     ] = None,
     via: Annotated[
         list[str],
         typer.Option(
-            metavar="AT:X,Y,Z[,QW,QX,QY,QZ]",
+            metavar="AT:[X,Y,Z][,QW,QX,QY,QZ]",
             help="To pass at a fraction of the duration, 0 < AT < 1; repeatable.",
             show_default=False,
         ),
@@ -136,7 +142,19 @@ def run(
             "or turned and stretched as a whole."
         ),
     ] = "none",
-    end: Annotated[End, typer.Option(help="What of the goal is kept to.")] = "pose",
+    start: options.Kept = "pose",
+    end: options.Kept = "pose",
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Of the projection; by default one a step, up to 2001.",
+            show_default=False,
+        ),
+    ] = None,
+    position_weight: options.PositionWeight = ADAPTING.position,
+    position_smoothing: options.PositionSmoothing = ADAPTING.position_smoothing,
+    rotation_smoothing: options.RotationSmoothing = ADAPTING.rotation_smoothing,
     figure: Annotated[
         Path | None,
         typer.Option(
@@ -163,17 +181,25 @@ def run(
             1.0,
             options.vector("--goal-position", goal_position),
             options.rotation("--goal-rotation", goal_rotation),
+            *_twist("--goal-velocity", goal_velocity),
         ),
         start=Boundary(
             0.0,
             options.vector("--start-position", start_position),
             options.rotation("--start-rotation", start_rotation),
-            *_twist(start_velocity),
+            *_twist("--start-velocity", start_velocity),
         ),
         via=tuple(_via(text) for text in via),
         duration=duration,
-        scaling=scaling,
         end=end,
+        others={
+            "scaling": scaling,
+            "start": start,
+            "samples": samples,
+            "position_weight": position_weight,
+            "position_smoothing": position_smoothing,
+            "rotation_smoothing": rotation_smoothing,
+        },
     )
     dmp = load_primitive(primitive)
     family = _Family(dmp)
@@ -279,13 +305,13 @@ class _Family:
 # ---------------------------------------------------------------- what goes in
 
 
-def _twist(text: str | None) -> tuple[Floats, Floats] | tuple[None, None]:
+def _twist(option: str, text: str | None) -> tuple[Floats, Floats] | tuple[None, None]:
     if text is None:
         return None, None
-    values = options.numbers("--start-velocity", text, (3, 6))
+    values = options.numbers(option, text, (1, 3, 6))
     if not np.isfinite(values).all():
-        raise InputError(f"--start-velocity: expected finite numbers (m/s, rad/s), got {text!r}")
-    return twist("--start-velocity", values)
+        raise InputError(f"{option}: expected finite numbers (m/s, rad/s), got {text!r}")
+    return twist(option, values)
 
 
 def _via(text: str) -> Boundary:
@@ -294,12 +320,15 @@ def _via(text: str) -> Boundary:
         fraction = float(at if colon else "")
     except ValueError:
         raise InputError(
-            f"--via: expected AT:X,Y,Z or AT:X,Y,Z,QW,QX,QY,QZ with 0 < AT < 1, got {text!r}"
+            "--via: expected AT:X,Y,Z, AT:QW,QX,QY,QZ or AT:X,Y,Z,QW,QX,QY,QZ with 0 < AT < 1, "
+            f"got {text!r}"
         ) from None
-    options.numbers("--via", pose, (3, 7))
+    count = len(options.numbers("--via", pose, (3, 4, 7)))
     cells = pose.split(",")
-    rotation = options.rotation("--via", ",".join(cells[3:])) if cells[3:] else None
-    return Boundary.via((fraction, options.vector("--via", ",".join(cells[:3])), rotation))
+    moved, turned = cells[: count - 4] if count > 3 else cells, cells[-4:] if count > 3 else []
+    position = options.vector("--via", ",".join(moved)) if moved else None
+    rotation = options.rotation("--via", ",".join(turned)) if turned else None
+    return Boundary.via((fraction, position, rotation))
 
 
 def _merged(goals: Path, asked: _Asked, row: _Row) -> _Asked:
@@ -316,6 +345,8 @@ def _merged(goals: Path, asked: _Asked, row: _Row) -> _Asked:
         1.0,
         asked.goal.position if goal.position is None else goal.position,
         goal.rotation or asked.goal.rotation,
+        asked.goal.linear_velocity,
+        asked.goal.angular_velocity,
     )
     return replace(asked, goal=both, duration=asked.duration if duration is None else duration)
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.boundary import End
 from noslip.constraints.catalog import parse_constraint
 from noslip.constraints.declaration import CATALOG, Constraint
 from noslip.demonstrations.loading import load_demonstrations
@@ -23,6 +24,8 @@ from noslip.errors import InputError
 from noslip.projection.metric import Metric
 from noslip.trajectory import PoseTrajectory
 
+_ROUNDING = 4 * np.finfo(np.float64).eps
+"""Off the norm of a quaternion that was normalized."""
 LONGEST, FASTEST = 86400.0, 20.0
 """Beyond a day (s), or this mean speed (m/s), units are asked after: no hand and no arm works so
 long, or so fast."""
@@ -127,12 +130,27 @@ Relative = Annotated[
         rich_help_panel=_PREPARATION,
     ),
 ]
-ProjectStart = Annotated[
-    bool,
+Kept = Annotated[End, typer.Option(help="What of this end the projection keeps to.")]
+_PROJECTION = "Weights of the projection"
+"""Heading of these options in the help."""
+PositionWeight = Annotated[
+    float,
     typer.Option(
-        "--project-start",
-        help="Project the initial velocity onto the constraints.",
-        rich_help_panel=_PREPARATION,
+        metavar="X",
+        help="Of the position's displacement; that of the rotation's is 1.",
+        rich_help_panel=_PROJECTION,
+    ),
+]
+PositionSmoothing = Annotated[
+    float,
+    typer.Option(
+        metavar="X", help="Of the smoothness of the position.", rich_help_panel=_PROJECTION
+    ),
+]
+RotationSmoothing = Annotated[
+    float,
+    typer.Option(
+        metavar="X", help="Of the smoothness of the rotation.", rich_help_panel=_PROJECTION
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -284,6 +302,9 @@ def rotation(option: str, text: str | None) -> Rotation | None:
     quaternion = np.array(numbers(option, text, (4,)))
     if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:
         raise InputError(f"{option}: {text} is not a unit quaternion (qw,qx,qy,qz)")
+    if abs(np.linalg.norm(quaternion) - 1) <= _ROUNDING:
+        # Normalized again, it would not be the rotation to the bit that was written.
+        return Rotation(quaternion[[1, 2, 3, 0]], normalize=False)
     return Rotation.from_quat(quaternion, scalar_first=True)
 
 

@@ -49,8 +49,8 @@ class ToolAxis(Constraint):
     angle : float
         Radians, 0 to pi.
     surface : str or callable, optional
-        f of an implicit surface, as for :class:`noslip.SurfaceContact`.  d is then its normal
-        ``grad f / |grad f|`` at the reference point: the stand-off angle to a surface.
+        f of an implicit surface, as for :class:`noslip.constraints.SurfaceContact`.  d is then its
+        normal ``grad f / |grad f|`` at the reference point: the stand-off angle to a surface.
     reference_point : 3 numbers
         Where the surface's normal is taken, m, body frame.
     """

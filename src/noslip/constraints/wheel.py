@@ -29,8 +29,8 @@ class Wheel(Constraint):
     """A wheel, a unicycle, a differential drive: ``(R axle) . v = 0`` and ``n . v = 0``.
 
     The frame is that of the vehicle or the fork, which does not spin with the wheel; for the disc
-    itself see :class:`noslip.RollingDisc`.  The first row is non-holonomic and the standard model
-    of mobile robots; the second keeps the height above the ground.
+    itself see :class:`noslip.constraints.RollingDisc`.  The first row is non-holonomic and the
+    standard model of mobile robots; the second keeps the height above the ground.
 
     Parameters
     ----------

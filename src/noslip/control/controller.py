@@ -27,6 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip._values import is_same
 from noslip.adapting import REPLANNED_SAMPLES, replan
 from noslip.control.steering import PATH, Guidance
 from noslip.errors import InputError, NoslipError
@@ -47,6 +48,8 @@ FARTHEST = 3.0
 """Over the path's length: a goal farther away is not planned for in the loop."""
 _POSITION, _QUATERNION, _LINEAR, _ANGULAR = (STATE[name] for name in STATE)
 _PASSED, _NOW = PATH.index("passed"), PATH.index("time")
+_BUILT = ("_library", "_guidance", "_engine")
+"""What a copy builds anew."""
 _PAUSE = 0.02
 """Fraction of the duration between two plans, and that a tool takes to come to a halt."""
 _STANDING = 1e15
@@ -134,16 +137,37 @@ class Controller:
         self.angle_tolerance = _arguments.positive("angle_tolerance", angle_tolerance, "rad")
         self.samples = samples
         self.memory = Memory(dmp.law.clock, dmp.rule.system)
-        self._library = stepper_of(dmp.rule).native.wait()
         self._length = rollout(dmp.law, dmp.rule).path_length
+        self._build()
+        self.reset()
+
+    def _build(self) -> None:
+        """Build what is made of graphs, or shared."""
+        self._library = stepper_of(self.rule).native.wait()
         self._guidance = Guidance(
-            dmp.rule.system,
+            self.rule.system,
             self._length,
-            dmp.law.duration,
+            self.law.duration,
             self.tolerance,
             self.angle_tolerance,
         )
-        self.reset()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in _BUILT}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._build()
+        self._engine = self._engine_of(self.plan)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Controller):
+            return NotImplemented
+        mine, theirs = self.__getstate__(), other.__getstate__()
+        return all(is_same(value, theirs[name]) for name, value in mine.items())
+
+    # It changes with each step.
+    __hash__ = None  # type: ignore[assignment]
 
     def reset(self, state: State | None = None) -> State:
         """Begin anew, from a state of the primitive or from its start."""
@@ -235,6 +259,9 @@ class Controller:
         if self._speed != self._wanted_speed:
             self._change_speed(h)
         before = data.item(engine.FRACTION)
+        # The last step ends where the motion does; a whole one would go beyond.
+        if not self.done:
+            h = min(h, (1.0 - before) * data.item(engine.DURATION))
         self._engine.step(h)
         if waits:
             data[engine.FRACTION] = before
@@ -330,11 +357,12 @@ class Controller:
         self._last = len(self._path) - 1
         self._between = motion.duration / len(self._path)
         self.memory.set(state)
-        self._engine = (
-            Virtual(plan, self.rule, self.memory, self.time_step)
-            if self._library is None
-            else Compiled(plan, self.rule, self.memory, self._library)
-        )
+        self._engine = self._engine_of(plan)
+
+    def _engine_of(self, plan: Law) -> Virtual | Compiled:
+        if self._library is None:
+            return Virtual(plan, self.rule, self.memory, self.time_step)
+        return Compiled(plan, self.rule, self.memory, self._library)
 
     def _measure(self, measured: State) -> bool:
         """Take over what was measured; steer, re-plan, or tell that the phase must wait."""

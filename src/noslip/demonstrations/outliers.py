@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.demonstrations._several import at_fractions, several
 from noslip.trajectory import PoseTrajectory
 
@@ -28,7 +29,7 @@ GAUSSIAN = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
-class Outliers:
+class Outliers(Value):
     """How far each demonstration lies from the others, and which are too far.
 
     Attributes

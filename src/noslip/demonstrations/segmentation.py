@@ -16,6 +16,7 @@ from scipy.ndimage import maximum_filter1d
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.demonstrations.preparation import MINIMUM_SAMPLES, _averaged_speeds, trim_time
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
@@ -66,7 +67,7 @@ class Interval:
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(Value):
     """The pieces of a recording, what was cut out and why, and by what it was judged.
 
     Attributes

@@ -471,7 +471,16 @@ def _require_holdable(system: ConstraintSystem, metric: tuple[float, ...]) -> No
 
 
 def holdable_rows(system: ConstraintSystem, metric: Sequence[float]) -> list[bool]:
-    """For each row, whether what a metric leaves free influences it within a step.
+    """For each row, whether what a metric leaves free influences it within a step."""
+    influence = system.owned("influence", lambda: _influence(system))
+    reaches = influence * np.asarray(metric, dtype=np.float64) > 1e-9 * influence.max(
+        axis=1, keepdims=True, initial=0.0
+    )
+    return [bool(row.any()) for row in reaches]
+
+
+def _influence(system: ConstraintSystem) -> Floats:
+    """Largest slope of each row with respect to the velocities of a step, shape (m, 6).
 
     Tried at random states: an expression may mention what it does not depend on.
     """
@@ -484,10 +493,7 @@ def holdable_rows(system: ConstraintSystem, metric: Sequence[float]) -> list[boo
     for _ in range(3):
         found = rows(*(random.normal(size=n) for n in (1, 3, 4, 3, 3)))
         influence = np.fmax(influence, np.abs(np.array(found)).reshape(system.size, 6))
-    reaches = influence * np.asarray(metric, dtype=np.float64) > 1e-9 * influence.max(
-        axis=1, keepdims=True, initial=0.0
-    )
-    return [bool(row.any()) for row in reaches]
+    return influence
 
 
 def _residual_after(

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.boundary import Boundary, sample_of
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
@@ -67,7 +68,7 @@ _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Request:
+class Request(Value):
     """What a trajectory projection solves.
 
     Parameters

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.trajectory import PoseTrajectory
 
 
 @dataclass(frozen=True, eq=False)
-class ProjectedTrajectory:
+class ProjectedTrajectory(Value):
     """Result of a trajectory projection.
 
     Attributes

@@ -66,8 +66,13 @@ class Memory:
         self.limit_multipliers = slice(multipliers + equalities, multipliers + rows)
         self.values = slice(values, values + rows)
         self.all_multipliers = slice(multipliers, multipliers + rows)
-        self.known = layout.span("known_fraction", "known")
+        self.known = layout.span("known_fraction", "known_turn")
         self._clock = clock
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Memory) and np.array_equal(self.data, other.data)
+
+    __hash__ = None  # type: ignore[assignment]
 
     def set(self, state: State) -> None:
         """Write a state to it."""

@@ -59,7 +59,7 @@ class State(Value):
     pull_in : float
         Rate at which a violation decays (1/s).
     steering : array, shape (3,)
-        Turn of the orientation's target (rad, world frame), see :mod:`noslip.runtime.steering`.
+        Turn of the orientation's target (rad, world frame), see :mod:`noslip.control.steering`.
     constraint_residuals, multipliers : array, shape (m,)
         Of the equalities.
     margins, limit_multipliers : array, shape (k,)
