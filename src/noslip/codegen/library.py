@@ -71,6 +71,11 @@ def _compiler(named: str) -> Compiler | None:
     return Compiler((path, *command[1:]), lines[0] if lines else path)
 
 
+def settings() -> tuple[str | None, ...]:
+    """What of the environment decides whether and how steps are compiled."""
+    return tuple(os.environ.get(name) for name in ("NOSLIP_COMPILE", "CC", "NOSLIP_CACHE"))
+
+
 def wanted() -> bool:
     """Whether compiling is allowed (``NOSLIP_COMPILE``)."""
     return os.environ.get("NOSLIP_COMPILE", "1").lower() not in ("0", "no", "off", "false")
