@@ -18,12 +18,12 @@ from benchmarks.example import (
     MOVED_GOAL,
     demonstration,
 )
-from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
 from noslip import Blade, ConstrainedDMP, PoseTrajectory, State, learn
 from noslip.adapting import REPLANNED_SAMPLES
 from noslip.constraints import Box
 from noslip.constraints.system import ConstraintSystem
+from noslip.merit import FiguresOfMerit, figures_of_merit
 
 PUSHED_AT, PUSH = 0.4, 0.05
 """When the motion is pushed sideways to be re-planned, and how far: fractions of its duration and
@@ -85,7 +85,7 @@ class Comparison:
     samples: int
     basis_functions: int
     timings: Mapping[str, Timing]
-    quality: Mapping[str, Quality]
+    merits: Mapping[str, FiguresOfMerit]
     ratios: tuple[Ratio, ...]
     step_costs: tuple[StepCost, ...]
     paper_evaluations: int
@@ -137,7 +137,7 @@ def compare(
     ]
     timings = measure(candidates, rounds, progress)
 
-    progress("quality")
+    progress("figures of merit")
     paper = paper_method.run(given, basis_functions)
     motions = {
         "demonstration": given,
@@ -153,7 +153,7 @@ def compare(
         samples=samples,
         basis_functions=basis_functions,
         timings=timings,
-        quality={name: Quality.of(motion, given) for name, motion in motions.items()},
+        merits={name: figures_of_merit(motion, given, Blade()) for name, motion in motions.items()},
         ratios=tuple(
             Ratio(
                 name,

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip import Constraint, PoseTrajectory
-from noslip.comparison import compare
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.edge_motion import edge_motion, edge_steps, work_moves
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
+from noslip.merit import figures_of_merit
 from noslip.projection.heading import turn_edge_into_path
 from noslip.projection.trajectory import project_trajectory
 
@@ -224,7 +224,9 @@ def test_the_slowest_edge_speed_is_that_of_the_edge_over_the_work(where: str) ->
     motion = from_point(cut(), point)
     if where != "point":
         motion, blade = carried(motion, on_belt()), on_belt(blade)
-    assert compare(motion, motion, blade).slowest_edge_speed == pytest.approx(SPEED, rel=0.01)
+    assert figures_of_merit(motion, motion, blade).slowest_edge_speed == pytest.approx(
+        SPEED, rel=0.01
+    )
     steps = edge_steps(motion, blade)
     assert np.abs(steps.slip_angles).max() < 0.15
     np.testing.assert_allclose(np.linalg.norm(steps.velocities, axis=1), SPEED, rtol=0.01)

@@ -17,7 +17,7 @@ LAYERS = [
     {"rule", "codegen"},
     {"runtime"},
     {"adapting"},
-    {"control", "spread", "provenance", "comparison"},
+    {"control", "spread", "provenance", "merit"},
     {"document"},
     {"primitive"},
     {"learning", "saving", "interop", "result_table"},

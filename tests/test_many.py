@@ -19,9 +19,9 @@ import pytest
 
 import noslip as ns
 from motions import planar_cut
-from noslip import many
-from noslip.comparison import compare
-from noslip.many import find_recordings, learn_each
+from noslip.many import cluster, executors, find_recordings, learn_each, worker
+from noslip.many import settings as run_settings
+from noslip.merit import figures_of_merit
 from noslip.result_table import RecordingResult, read_results, write_results
 
 FEW = {"basis_functions": 15}
@@ -69,7 +69,7 @@ def test_figures_are_those_of_the_primitive_in_the_file(runs, tmp_path):
         (given,) = ns.load_demonstrations(result.recording)
         dmp = ns.load_primitive(result.primitive)
         motion = dmp.rollout()
-        figures = compare(motion, given, constraints)
+        figures = figures_of_merit(motion, given, constraints)
         assert result.residual_peak == figures.residual_peak
         assert result.position_rms_m == figures.position_rms
         assert result.slowest_edge_speed_m_s == figures.slowest_edge_speed
@@ -159,7 +159,8 @@ def test_what_is_learned_is_kept_until_content_or_settings_change(runs, tmp_path
 def test_other_versions_learn_again(runs, tmp_path, monkeypatch):
     out = tmp_path / "out"
     learn_each(runs, out=out, **FEW)
-    monkeypatch.setattr(many, "__version__", "99")
+    for module in (run_settings, worker):
+        monkeypatch.setattr(module, "__version__", "99")
     assert learn_each(runs, out=out, **FEW).kept == 0
 
 
@@ -401,10 +402,10 @@ def test_what_an_executor_loses_is_listed(runs, tmp_path):
 
 
 def test_a_worker_of_another_version_refuses(runs, tmp_path):
-    settings = many._settings((), {}, {}, False, {})
+    settings = run_settings.settings_text((), {}, {}, False, {})
     other = json.dumps({**json.loads(settings), "noslip": "0.0.1"})
     with pytest.raises(ns.NoslipError, match=r"a worker runs noslip .*, this is 0.0.1"):
-        many._learn_one(other, "cut", str(runs / "cut_00.csv"), None)
+        worker.learn_one(other, "cut", str(runs / "cut_00.csv"), None)
 
 
 @pytest.mark.slow
@@ -476,7 +477,7 @@ def test_a_dask_worker_killed_half_way_loses_nothing(tmp_path):
                 killed.append(worker.pid)
                 os.kill(worker.pid, signal.SIGKILL)
 
-        with many.cluster(local.scheduler_address) as executor:
+        with cluster(local.scheduler_address) as executor:
             learned = learn_each(runs, ns.Blade(), out=out, executor=executor, progress=kill, **FEW)
     assert killed and not learned.failed and learned.kept == 0
     assert len(learned.results) == 40
@@ -490,10 +491,10 @@ def test_a_dask_worker_killed_half_way_loses_nothing(tmp_path):
 @pytest.mark.slow
 def test_an_address_without_a_scheduler_is_refused(monkeypatch):
     pytest.importorskip("distributed", reason="needs noslip[cluster]")
-    monkeypatch.setattr(many, "_WORKERS_WITHIN", 3.0)
+    monkeypatch.setattr(executors, "_WORKERS_WITHIN", 3.0)
     with (
         pytest.raises(ns.errors.InputError, match=r"tcp://127.0.0.1:1: no Dask scheduler answers"),
-        many.cluster("tcp://127.0.0.1:1"),
+        cluster("tcp://127.0.0.1:1"),
     ):
         pass
 
@@ -502,7 +503,7 @@ def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
         pytest.raises(ns.errors.MissingDependencyError, match=r"noslip\[cluster\]"),
-        many.cluster("tcp://127.0.0.1:8786"),
+        cluster("tcp://127.0.0.1:8786"),
     ):
         pass
 

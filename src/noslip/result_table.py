@@ -14,6 +14,7 @@ from noslip._files import write_beside
 from noslip.errors import InputError, MissingDependencyError
 
 FORMATS = (".csv", ".parquet")
+"""Of a table, by its suffix."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,8 +98,8 @@ class RecordingResult:
     settings: str = ""
 
 
-# Annotations are texts here: "float | None" and the like.
 _KINDS = {f.name: str(f.type).removesuffix(" | None") for f in fields(RecordingResult)}
+"""Columns and what stands in them; annotations are texts here, such as "float | None"."""
 
 
 def require_format(path: Path) -> None:

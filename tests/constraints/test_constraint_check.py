@@ -30,11 +30,11 @@ from noslip import (
     velocity_constraint,
 )
 from noslip._typing import Floats
-from noslip.comparison import compare
 from noslip.constraints import AccelerationLimit, AngularRateLimit, Box, Instant, ToolAxis
 from noslip.constraints.check import step_accelerations, step_residuals
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConstraintError, InputError
+from noslip.merit import figures_of_merit
 from refusals import refusal
 from rules import needle
 from strategies import seeds
@@ -417,12 +417,12 @@ def test_limits_of_ones_own_count_like_those_of_the_catalog() -> None:
 
 def test_a_comparison_counts_equalities_and_limits_apart() -> None:
     motion = wandering(9)
-    found = compare(motion, motion, [Blade(), *LIMITS, SpeedLimit(speed=3.0)])
+    found = figures_of_merit(motion, motion, [Blade(), *LIMITS, SpeedLimit(speed=3.0)])
     assert found.residual_peak == pytest.approx(check(motion, Blade()).peak)
     wanted = {name: float(margin.min()) for name, margin in margins_of(motion).items()}
     wanted["speed-limit 2"] = wanted["speed-limit"] + 1.5
     assert found.least_margins == pytest.approx(wanted, abs=1e-9)
-    assert compare(motion, motion, LIMITS).residual_peak == 0.0
+    assert figures_of_merit(motion, motion, LIMITS).residual_peak == 0.0
     assert json.loads(json.dumps(found.to_dict()))["least_margins"] == found.least_margins
 
 

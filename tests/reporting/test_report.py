@@ -146,7 +146,7 @@ def alone(folder):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Leave the pictures out, where tables and words are what is tested."""
-    monkeypatch.setattr("noslip.reporting.content._pictures", lambda *_: [])
+    monkeypatch.setattr("noslip.reporting.content.pictures", lambda *_: [])
 
 
 # ---------------------------------------------------------------- nothing from outside

@@ -156,7 +156,7 @@ def test_what_joints_cannot_do_falls_along_the_path(arm: robots.Robot) -> None:
 
 
 def test_without_rows_and_bounds_a_step_is_minks(arm: robots.Robot) -> None:
-    mink = pytest.importorskip("mink", reason="the extra robots is not installed")
+    mink = pytest.importorskip("mink", reason="an oracle, of the extra dev")
     free = arm.with_limits(velocity=1e6, acceleration=1e9)
     chord = Chord(as_system([]), np.zeros(3), STANDING)
     ik = InverseKinematics(free, chord, arm.home)

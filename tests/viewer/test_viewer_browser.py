@@ -22,7 +22,7 @@ from matplotlib.image import imread
 from playwright.sync_api import sync_playwright
 
 from noslip.viewer import Page, read_simulation, save_page
-from noslip.viewer.page import GIZMO
+from noslip.viewer.goal_panel import GIZMO
 
 CHROMIUM = os.environ.get("NOSLIP_CHROMIUM") or shutil.which("chromium")
 pytestmark = [
@@ -330,9 +330,9 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
 def test_a_pushed_tool_comes_back(tab, page, artifacts):
     choose(tab, "Speed", "0.5x")
     tab.view.get_by_role("button", name="Run in the control loop").click()
-    until(lambda: page._run is not None and page._run.clock > 1.2, "the tool to run")
+    until(lambda: page.pushes.run is not None and page.pushes.run.clock > 1.2, "the tool to run")
     tab.view.get_by_role("button", name="Push now").click()
-    run = page._run
+    run = page.pushes.run
     assert run is not None
     until(lambda: run.off(page.entry.track.motion.positions) > 1e-3, "the push")
     tab.view.screenshot(path=artifacts / "pushed.png")
@@ -345,8 +345,8 @@ def test_a_pushed_tool_comes_back(tab, page, artifacts):
 def test_a_tool_that_is_dragged_while_it_runs_is_pushed(tab, page, artifacts):
     choose(tab, "Speed", "0.1x")
     tab.view.get_by_role("button", name="Run in the control loop").click()
-    until(lambda: page._run is not None and page._run.clock > 0.2, "the tool to run")
-    run = page._run
+    until(lambda: page.pushes.run is not None and page.pushes.run.clock > 0.2, "the tool to run")
+    run = page.pushes.run
     # It hardly moves between two pictures; the grip's first arrow lies along the tool's x axis.
     tool = run.states[-1]
     axis = tool.rotation.apply([1.0, 0.0, 0.0])
@@ -355,7 +355,7 @@ def test_a_tool_that_is_dragged_while_it_runs_is_pushed(tab, page, artifacts):
     mouse.move(*pixel(page, grip))
     time.sleep(1.0)
     mouse.down()
-    until(lambda: page._held, "the tool to be held")
+    until(lambda: page.pushes.held, "the tool to be held")
     held = len(run.states)
     there = grip + 0.015 * axis
     mouse.move(*pixel(page, 0.5 * (grip + there)), steps=3)

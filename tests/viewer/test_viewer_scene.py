@@ -21,19 +21,13 @@ from refusals import refusal
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
+from noslip.viewer.charts import CHART_POINTS, cursor, curves
+from noslip.viewer.colors import SLIP_COLORS, slip_colors
+from noslip.viewer.entries import extent, node_name
 from noslip.viewer.frames import Frame
-from noslip.viewer.scene import (
-    CHART_POINTS,
-    MOST_SEGMENTS,
-    SLIP_COLORS,
-    Track,
-    cursor,
-    extent,
-    node_name,
-    slip_colors,
-)
 from noslip.viewer.shapes import Shape, shapes
 from noslip.viewer.tool import load_tool, scalpel
+from noslip.viewer.track import MOST_SEGMENTS, Track
 
 
 def track(motion: ns.PoseTrajectory, *constraints: ns.Constraint) -> Track:
@@ -96,7 +90,7 @@ def test_without_constraints_there_is_nothing_to_tell(cut):
     assert shown.report is None and shown.slip_angle(100) is None
     assert not shown.violation.any()
     assert set(shown.arrows(100, 1.0)) == {"velocity"}
-    assert shown.charts() == {}
+    assert curves(shown) == {}
 
 
 def test_forces_are_drawn_against_the_accelerations_of_the_motion(primitive):
@@ -137,15 +131,15 @@ def test_colors_go_from_none_to_the_worst():
 
 def test_charts_are_short_and_keep_their_peaks(primitive, slipping):
     shown = track(slipping.resampled(rate=1000), *primitive.constraints)
-    charts = shown.charts()
+    charts = curves(shown)
     assert list(charts) == ["residual", "margin"]
-    assert all(len(curves["t"]) == CHART_POINTS for curves in charts.values())
+    assert all(len(chart["t"]) == CHART_POINTS for chart in charts.values())
     assert charts["residual"]["blade (m/s)"].max() == pytest.approx(
         np.log10(shown.sizes["blade"].max())
     )
     least = charts["margin"]["keep-out-sphere (mm)"].min()
     assert least == pytest.approx(1e3 * shown.margins["keep-out-sphere"].min())
-    assert "force" in track(primitive.rollout(), *primitive.constraints).charts()
+    assert "force" in curves(track(primitive.rollout(), *primitive.constraints))
 
 
 @given(time=st.floats(-1, 5))

@@ -1,4 +1,12 @@
-"""``noslip adapt``: a primitive and new goals in, primitives that end there out."""
+"""``noslip adapt``: a primitive and new goals in, primitives that end there out.
+
+noslip adapt excision.json --goal-position 0.05,0.01,0 --out longer.json
+
+noslip adapt excision.json --goal-position 0.05,0.01,0 --goal-rotation 1,0,0,0 --duration 6
+--via 0.5:0.02,0.02,0 --figure longer.png --out longer.json
+
+noslip adapt excision.json --goals goals.csv --figure family.png --out family/
+"""
 
 from __future__ import annotations
 
@@ -20,46 +28,37 @@ from noslip.boundary import Boundary, End, twist
 from noslip.cli import options, output
 from noslip.cli.outcome import Outcome, csv_text, told, told_together
 from noslip.cli.plot import FORMATS
-from noslip.comparison import compare
 from noslip.constraints.check import check
 from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import end_errors
 from noslip.law.scaling import Scaling
+from noslip.merit import figures_of_merit
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import ADAPTING
 from noslip.runtime.motion import Motion
 from noslip.saving import load_primitive
 
-NAME = "adapt"
 SUMMARY = "summary.csv"
 """In the folder, beside the primitives, none of which can have its name: they are JSON."""
-EXAMPLES = """
-Examples:
-
-  noslip adapt excision.json --goal-position 0.05,0.01,0 --out longer.json
-
-  noslip adapt excision.json --goal-position 0.05,0.01,0 --goal-rotation 1,0,0,0 --duration 6
-  --via 0.5:0.02,0.02,0 --figure longer.png --out longer.json
-
-  noslip adapt excision.json --goals goals.csv --figure family.png --out family/
-"""
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
-"""Names that every file system takes."""
+"""What every file system takes for a name."""
 _COLUMNS = (files.POSITION_NAMES, files.QUATERNION_NAMES, ("duration",))
 """Of numbers, in a file of goals; those of a group are there together or not at all."""
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
+"""The same, for people."""
 
 Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
+"""An option that is a position."""
 Velocity = Annotated[
     str | None,
-    typer.Option(
-        metavar="VX,VY,VZ[,WX,WY,WZ]",
-        help="m/s and rad/s, 0 at rest; by default whatever suits the motion.",
-        show_default=False,
+    options.optional(
+        "VX,VY,VZ[,WX,WY,WZ]", "m/s and rad/s, 0 at rest; by default whatever suits the motion."
     ),
 ]
+"""An option that is a twist."""
 Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
+"""An option that is a rotation."""
 
 
 _Row = tuple[Boundary, float | None]
@@ -255,7 +254,7 @@ class _Family:
     def __init__(self, dmp: ConstrainedDMP) -> None:
         self.dmp = dmp
         self.original = dmp.rollout()
-        self.angular_speed_peak = compare(self.original, self.original, ()).angular_speed_peak
+        self.angular_speed_peak = figures_of_merit(self.original, self.original).angular_speed_peak
         self.motions: dict[str, Motion] = {}
         self.goals: dict[str, Boundary] = {}
         self.outcomes: list[Outcome] = []
@@ -267,14 +266,14 @@ class _Family:
         motion = adapted.rollout()
         self.goals[name] = asked.goal_of(adapted)
         off, turned = end_errors(motion, self.goals[name])
-        compared = compare(motion, self.original, self.dmp.system)
+        merit = figures_of_merit(motion, self.original, self.dmp.system)
         hard = [c for c in self.dmp.constraints if c.priority == 0]
         report = check(motion, hard) if hard else None
         (record,) = adapted.record
         messages = [] if report is None or report.satisfied else [report.verdict]
         if record.left_out:
             messages.append(f"the projection cannot keep {', '.join(record.left_out)}")
-        peak, before = compared.angular_speed_peak, self.angular_speed_peak
+        peak, before = merit.angular_speed_peak, self.angular_speed_peak
         adapted.save(target)
         self.motions[name] = motion
         self.outcomes.append(
@@ -284,7 +283,7 @@ class _Family:
                 holds=report is None or report.satisfied,
                 end_position_error_m=off,
                 end_rotation_error_deg=None if turned is None else float(np.degrees(turned)),
-                residual_peak=compared.residual_peak,
+                residual_peak=merit.residual_peak,
                 angular_speed_peak_rad_s=peak,
                 angular_speed_ratio=peak / before if before > 0 else None,
                 iterations=record.iterations,

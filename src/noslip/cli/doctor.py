@@ -1,4 +1,9 @@
-"""``noslip doctor``: what of this machine is used, and why something is not."""
+"""``noslip doctor``: what of this machine is used, and why something is not.
+
+noslip doctor
+
+noslip doctor --json
+"""
 
 from __future__ import annotations
 
@@ -19,21 +24,12 @@ from noslip.experiments.numerical_example import demonstration
 from noslip.learning import learn
 from noslip.runtime.stepper import stepper_of
 
-NAME = "doctor"
-EXAMPLES = """
-Examples:
-
-  noslip doctor
-
-  noslip doctor --json
-"""
-
 EXTRAS = {
     "bags": ("rosbags",),
     "tables": ("pyarrow",),
     "hdf5": ("h5py",),
     "align": ("dtaidistance",),
-    "robots": ("mujoco", "mink", "daqp"),
+    "robots": ("mujoco", "daqp"),
     "video": ("imageio", "imageio_ffmpeg"),
     "cluster": ("distributed",),
     "viewer": ("viser",),
@@ -48,18 +44,18 @@ def run(as_json: options.AsJson = False) -> None:
 
     Compiles a step for a blade and rolls it out, so that what is told has been tried.
     """
-    told = _told()
+    found = _survey()
     if as_json:
-        output.print_json(told)
+        output.print_json(found)
         return
-    width = max(map(len, told))
-    for name, value in told.items():
+    width = max(map(len, found))
+    for name, value in found.items():
         if isinstance(value, dict):
             value = ", ".join(f"{key}: {what}" for key, what in value.items())
         typer.echo(f"{name:<{width}}  {value}")
 
 
-def _told() -> dict[str, Any]:
+def _survey() -> dict[str, Any]:
     packages = {name: version(name) for name in ("casadi", "numpy", "scipy")}
     found = {
         "noslip": __version__,

@@ -1,4 +1,16 @@
-"""``noslip learn``: recordings and constraints in, a primitive out."""
+"""``noslip learn``: recordings and constraints in, a primitive out.
+
+noslip learn recordings/*.csv --constraint blade --out excision.json
+
+noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat
+--out cut.json
+
+noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
+--relative --constraint blade --out cut.json
+
+noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parquet
+--out primitives/
+"""
 
 from __future__ import annotations
 
@@ -12,36 +24,24 @@ import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.comparison import compare
 from noslip.constraints.check import check, told_margin
 from noslip.errors import InputError
 from noslip.learning import learn
+from noslip.merit import figures_of_merit
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import LEARNING
 from noslip.rule import BARRIER_RATE, STABILIZATION
 from noslip.trajectory import PoseTrajectory
 
-NAME = "learn"
 _MANY = "Many recordings"
+"""Heading of these options in the help."""
 _CONSTANTS = "Constants of the law"
+"""Heading of these options in the help."""
 FAR_SHARE = 0.02
-"""Share of the path by which a primitive may leave its demonstration without a warning."""
+"""Share of the path by which a primitive may leave its demonstration without a warning: more is
+seen with the eye."""
 FAR_TURN = 60.0
 """Degrees (rms) by which the constraint may turn the tool without a warning."""
-EXAMPLES = """
-Examples:
-
-  noslip learn recordings/*.csv --constraint blade --out excision.json
-
-  noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat
-  --out cut.json
-
-  noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
-  --relative --constraint blade --out cut.json
-
-  noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parquet
-  --out primitives/
-"""
 
 
 @dataclass(frozen=True)
@@ -81,20 +81,15 @@ class Learning:
     rotation_smoothing: options.RotationSmoothing = LEARNING.rotation_smoothing
     metric: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Who gives way at run time: position, rotation, shared, or six positive weights "
+        options.optional(
+            "NAME",
+            "Who gives way at run time: position, rotation, shared, or six positive weights "
             "separated by commas; by default position where that can hold all, else shared.",
-            show_default=False,
         ),
     ] = None
     metric_length: Annotated[
         float | None,
-        typer.Option(
-            metavar="M",
-            help="Meters that weigh as much as a radian; by default a mean step.",
-            show_default=False,
-        ),
+        options.optional("M", "Meters that weigh as much as a radian; by default a mean step."),
     ] = None
     stabilization: Annotated[
         float,
@@ -152,12 +147,11 @@ def run(
     ] = False,
     table: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Figures of merit, a row a recording: .csv or .parquet; by default results.csv "
+        options.optional(
+            "FILE",
+            "Figures of merit, a row a recording: .csv or .parquet; by default results.csv "
             "in the folder.",
-            rich_help_panel=_MANY,
-            show_default=False,
+            _MANY,
         ),
     ] = None,
     jobs: Annotated[
@@ -166,11 +160,10 @@ def run(
     ] = 1,
     cluster: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Scheduler of a Dask cluster, such as tcp://10.0.0.5:8786, to work on instead.",
-            rich_help_panel=_MANY,
-            show_default=False,
+        options.optional(
+            "ADDRESS",
+            "Scheduler of a Dask cluster, such as tcp://10.0.0.5:8786, to work on instead.",
+            _MANY,
         ),
     ] = None,
     as_json: options.AsJson = False,
@@ -218,15 +211,15 @@ def run(
         )
     motion = primitive.rollout()
     system = primitive.system
-    comparisons = [compare(motion, d, system).to_dict() for d in demonstrations]
+    merits = [figures_of_merit(motion, d, system).to_dict() for d in demonstrations]
     result: dict[str, Any] = {
         "primitive": str(out),
         "constraints": list(system.names),
         "duration": primitive.duration,
-        "residual_peak": comparisons[0]["residual_peak"],
-        "least_margins": comparisons[0]["least_margins"],
+        "residual_peak": merits[0]["residual_peak"],
+        "least_margins": merits[0]["least_margins"],
         "demonstrations": [
-            {"name": d.name, **c} for d, c in zip(demonstrations, comparisons, strict=True)
+            {"name": d.name, **c} for d, c in zip(demonstrations, merits, strict=True)
         ],
         "projection": [vars(record) for record in primitive.record],
     }

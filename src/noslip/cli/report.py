@@ -1,4 +1,12 @@
-"""``noslip report``: all about one primitive in one file."""
+"""``noslip report``: all about one primitive in one file.
+
+noslip report excision.json --out report.html
+
+noslip report excision.json recordings/*.csv --out report.html --out report.pdf
+
+noslip report cut.json sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120
+--lowpass 4.8 --relative --out cut.pdf
+"""
 
 from __future__ import annotations
 
@@ -14,18 +22,6 @@ from noslip.reporting import report, write_report
 from noslip.reporting.document import checked_path
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
-
-NAME = "report"
-EXAMPLES = """
-Examples:
-
-  noslip report excision.json --out report.html
-
-  noslip report excision.json recordings/*.csv --out report.html --out report.pdf
-
-  noslip report cut.json sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120
-  --lowpass 4.8 --relative --out cut.pdf
-"""
 
 
 @options.grouped

@@ -71,11 +71,6 @@ def _compiler(named: str) -> Compiler | None:
     return Compiler((path, *command[1:]), lines[0] if lines else path)
 
 
-def settings() -> tuple[str | None, ...]:
-    """What of the environment decides whether and how steps are compiled."""
-    return tuple(os.environ.get(name) for name in ("NOSLIP_COMPILE", "CC", "NOSLIP_CACHE"))
-
-
 def wanted() -> bool:
     """Whether compiling is allowed (``NOSLIP_COMPILE``)."""
     return os.environ.get("NOSLIP_COMPILE", "1").lower() not in ("0", "no", "off", "false")
@@ -134,17 +129,22 @@ class Native:
     Attributes
     ----------
     library : Library or None
-        Once it is there.
+        Once it is there, and while compiling is allowed.
     failure : str
         Why it is not, if compiling failed.
     """
 
     def __init__(self, function: ca.Function, rows: int) -> None:
-        self.library: Library | None = None
+        self._library: Library | None = None
         self.failure = ""
         self._function, self._rows = function, rows
         self._thread: threading.Thread | None = None
         self._starting = threading.Lock()
+
+    @property
+    def library(self) -> Library | None:
+        # One is shared by all primitives under the same rule, whoever had it compiled.
+        return self._library if wanted() else None
 
     def begin(self) -> None:
         """Compile in the background."""
@@ -163,7 +163,7 @@ class Native:
 
     def _build(self) -> None:
         try:
-            self.library = loaded(self._function, self._rows)
+            self._library = loaded(self._function, self._rows)
         except (OSError, subprocess.SubprocessError, AttributeError, NoslipError) as error:
             self.failure = str(error)
 

@@ -259,6 +259,9 @@ class Controller:
         if self._speed != self._wanted_speed:
             self._change_speed(h)
         before = data.item(engine.FRACTION)
+        # The last step ends where the motion does; a whole one would go beyond.
+        if not self.done:
+            h = min(h, (1.0 - before) * data.item(engine.DURATION))
         self._engine.step(h)
         if waits:
             data[engine.FRACTION] = before

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from noslip.comparison import Comparison, compare
 from noslip.constraints.blade import Blade
 from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
 from noslip.demonstrations.preparation import prepare
 from noslip.learning import learn
+from noslip.merit import FiguresOfMerit, figures_of_merit
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.trajectory import PoseTrajectory
@@ -53,9 +53,9 @@ class Excision:
         return self.primitive.rollout()
 
     @cached_property
-    def comparison(self) -> Comparison:
+    def merit(self) -> FiguresOfMerit:
         """The primitive's motion against the demonstration."""
-        return compare(self.trained, self.demonstration, [CONSTRAINT])
+        return figures_of_merit(self.trained, self.demonstration, [CONSTRAINT])
 
 
 def run_excisions(

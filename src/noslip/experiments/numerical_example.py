@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from noslip.comparison import Comparison, compare
 from noslip.constraints.blade import Blade
 from noslip.learning import learn
+from noslip.merit import FiguresOfMerit, figures_of_merit
 from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 
@@ -61,9 +61,9 @@ class NumericalExample:
         }
 
     @cached_property
-    def comparisons(self) -> dict[str, Comparison]:
+    def merits(self) -> dict[str, FiguresOfMerit]:
         """Each motion against the demonstration."""
         return {
-            name: compare(motion, self.demonstration, [CONSTRAINT])
+            name: figures_of_merit(motion, self.demonstration, [CONSTRAINT])
             for name, motion in self.motions.items()
         }

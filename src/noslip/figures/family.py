@@ -19,15 +19,8 @@ from noslip.boundary import Boundary
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.edge import Edge, axis_index
 from noslip.errors import InputError
-from noslip.figures.quantities import (
-    Constraints,
-    Motions,
-    amount,
-    named,
-    residual_rows,
-    scaled_unit,
-    violations,
-)
+from noslip.figures.quantities import Constraints, Motions, named, scaled_unit, value_text
+from noslip.figures.residuals import residual_rows, violations
 from noslip.figures.snapshots import equally_far_apart
 from noslip.figures.style import (
     PALETTE,
@@ -44,28 +37,40 @@ from noslip.figures.style import (
 from noslip.trajectory import PoseTrajectory
 
 MOST_NAMED = 8
-"""Motions that get a color and a name each; more of them share one color."""
+"""Motions that get a color and a name each; more of them share one color, for colors can no longer
+be told apart."""
 SIDE_VIEW = 0.15
-"""Share of the family's reach from which its least axis gets a view of its own."""
+"""Share of the family's reach from which its least axis gets a view of its own: flatter paths are
+seen from above."""
 TICK = 0.035
-"""Half the length of a tick across the tool, as a share of the family's reach."""
+"""Half the length of a tick across the tool, as a share of the family's reach: its direction is
+seen, and neighbors do not touch."""
 MOST_TICKS, FEWEST_TICKS = 9, 4
-"""Ticks along a motion that has a color of its own, when it is alone and when there are many."""
+"""Ticks along a motion that has a color of its own, when it is alone and when there are many: the
+figure has as much ink."""
 SEEN = 0.5
-"""Share of its length that an axis of the tool must show in a view to be drawn there."""
+"""Share of its length that an axis of the tool must show in a view to be drawn there: a
+foreshortened one misleads."""
 VISIBLE_SHARE, VISIBLE_TURN = 1e-3, 0.1
 """Displacement of a goal (of the path's length) and its turn (degrees) that are worth telling."""
 
 ORIGINAL: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 3.2, "zorder": 1.5}
+"""Gray, wide and below the others, which go the same way at first."""
 ON_TOP: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 1.5, "zorder": 2.8}
 """The original among so many others that would hide it."""
 MANY: dict[str, Any] = {"color": PALETTE["sky"], "linestyle": "-", "linewidth": 0.6}
+"""Thin, so that many can cross."""
 WANTED: dict[str, Any] = {"color": PALETTE["black"], "mfc": "none", "mew": 0.7, "marker": "s"}
+"""A goal: an open mark, through which the end of a motion is seen."""
 FAILED: dict[str, Any] = {"color": PALETTE["vermillion"], "marker": "x", "mew": 1.3, "ms": 5}
+"""A goal that no motion was found for."""
 NOTHING: dict[str, Any] = {"color": PALETTE["black"], "marker": "v", "mfc": "white", "ms": 4}
+"""A size of zero, which a logarithmic axis cannot show."""
 ENDS = "ends off by"
+"""Heading of the panels of ends."""
 FOOT = 0.05
-"""Height of the marks of what a logarithmic axis cannot show, as a share of the axis."""
+"""Height of the marks of what a logarithmic axis cannot show, as a share of the axis: on its
+foot."""
 
 
 def adapted_family(
@@ -160,9 +165,9 @@ class _Sizes:
         return np.array([self.values[name] for name in motions if name in self.values])
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """The largest of all with its unit."""
-        return f"{number(self.most)}°" if self.unit == "°" else amount(self.most, self.unit)
+        return f"{number(self.most)}°" if self.unit == "°" else value_text(self.most, self.unit)
 
     @property
     def most(self) -> float:
@@ -216,9 +221,9 @@ def _finding(
         where.append(f"turned by {number(turn)}°")
     if where:
         text += f"{up_to} {' and '.join(where)}"
-    ends = [panel.told for panel in panels if panel.name == ENDS]
+    ends = [panel.text for panel in panels if panel.name == ENDS]
     results = [f"ends within {' and '.join(ends)}"] if ends else []
-    results += [f"{panel.name} {panel.told}" for panel in panels if panel.name != ENDS]
+    results += [f"{panel.name} {panel.text}" for panel in panels if panel.name != ENDS]
     return f"{text}: {', '.join(results)}" if results else text
 
 

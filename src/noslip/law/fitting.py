@@ -93,9 +93,8 @@ def demonstrated_forces(attractor: Attractor, goal: Goal, points: Floats) -> Flo
     """
     fraction = 1.0 / (len(points) - 1)
     velocities = POSE.difference(points[1:], points[:-1]) / fraction
-    leading = goal.leading(np.arange(1, len(points) - 1) * fraction, points[-1])
     pull = attractor.demonstrated_pull(velocities, fraction)
-    return attractor.stiffness * (pull - POSE.difference(leading, points[1:-1]))
+    return attractor.stiffness * (pull - goal.pull(points, attractor.alpha)[1:])
 
 
 def _start_velocity(
@@ -103,8 +102,10 @@ def _start_velocity(
 ) -> Floats:
     """Velocity, per duration, with which the first step is the demonstrated one."""
     fraction = 1.0 / (len(points) - 1)
-    pull = POSE.difference(goal.leading(np.zeros(1), points[-1]), points[:1])[0]
-    pull = pull + forcing.at_start(fraction, attractor.alpha) / attractor.stiffness
+    pull = (
+        goal.pull(points, attractor.alpha)[0]
+        + forcing.at_start(fraction, attractor.alpha) / attractor.stiffness
+    )
     first = POSE.difference(points[1:2], points[:1])[0] / fraction
     return attractor.demonstrated_start(pull, first, fraction)
 

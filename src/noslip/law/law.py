@@ -143,10 +143,14 @@ class Law(Value):
             self.offset_weights,
             starting=starting,
         )
+        alpha = self.attractor.alpha
+        rotations, left_out = self.goal.winding.along(
+            begin, steps, step_fraction, alpha, goal_rotation, starting=starting
+        )
         return {
             "position_target": goal_position + offsets[:, FORCE["linear"]],
-            "rotation_goal": self.goal.winding.along(begin, steps, step_fraction, goal_rotation),
-            "rotation_offset": offsets[:, FORCE["angular"]],
+            "rotation_goal": rotations,
+            "rotation_offset": offsets[:, FORCE["angular"]] + left_out,
         }
 
     def turned(self, turn: Rotation) -> Law:

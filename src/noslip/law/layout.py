@@ -184,6 +184,8 @@ def memory_fields(rows: int) -> tuple[Field, ...]:
         Field("known_fraction", comment="learned forces that the next step of the same length"),
         Field("known_step", comment="needs again; not to be written to"),
         Field("known", (2, FORCE.size)),
+        Field("known_winding", (4,)),
+        Field("known_turn", (3,)),
     )
 
 

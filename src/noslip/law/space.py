@@ -50,11 +50,29 @@ class Goal(Value):
         """Position and quaternion, shape (7,)."""
         return np.concatenate([self.position, self.winding.quaternions[-1]])
 
-    def leading(self, fractions: ArrayLike, end: Floats) -> Floats:
-        """What plays the goal's part at fractions of the motion, led to a point, shape (N, 7)."""
-        rotations = self.winding.at(fractions, _rotation(end))
-        positions = np.broadcast_to(end[STATE["position"]], (np.size(fractions), 3))
-        return np.hstack([positions, rotations.as_quat(scalar_first=True)])
+    def pull(self, points: Floats, alpha: float) -> Floats:
+        """Return what draws each sample but the last to the last, by way of the winding.
+
+        Parameters
+        ----------
+        points : array, shape (N, 7)
+            Evenly spaced from the start to the end.
+        alpha : float
+            Of the attractor.
+
+        Returns
+        -------
+        array, shape (N - 1, 6)
+            As the step that leaves the sample feels it.
+        """
+        steps = len(points) - 1
+        rotations, left_out = self.winding.along(
+            0.0, steps, 1 / steps, alpha, _rotation(points[-1]), starting=True
+        )
+        ends = np.hstack([np.broadcast_to(points[-1, STATE["position"]], (steps, 3)), rotations])
+        found = POSE.difference(ends, points[:-1])
+        found[:, FORCE["angular"]] += left_out
+        return found
 
 
 @dataclass(frozen=True)

@@ -97,27 +97,63 @@ class Winding(Value):
         turn = self.goal.inv() * goal
         return rotations if turn.magnitude() == 0.0 else rotations * turn
 
-    def along(self, begin: float, steps: int, step_fraction: float, goal: Rotation) -> Floats:
-        """Quaternions of W, led to a goal, where each of the coming steps begins.
+    def along(
+        self,
+        begin: float,
+        steps: int,
+        step_fraction: float,
+        alpha: float,
+        goal: Rotation,
+        *,
+        starting: bool,
+    ) -> tuple[Floats, Floats]:
+        """Return W, led to a goal, where each of the coming steps begins, and what it leaves out.
+
+        A step holds its target still.  What that leaves out of one that moves is to be added to the
+        force, as :meth:`noslip.law.basis.Basis.stepping_activations` does for a learned one: the
+        motion is then of fourth order in the step.
+
+        Parameters
+        ----------
+        begin : float
+            Fraction of the duration at which the first step begins.
+        steps : int
+        step_fraction : float
+            ``dt / tau``.
+        alpha : float
+            Of the attractor.
+        goal : Rotation
+        starting : bool
+            Whether the first step is the motion's first, with its half kick.
 
         Returns
         -------
-        array, shape (steps, 4)
+        quaternions : array, shape (steps, 4)
+        left_out : array, shape (steps, 3)
+            Rotation vectors, world frame (rad).
         """
-        leading = _along(self, begin, steps, step_fraction)
-        if goal is self.goal:
-            return leading
+        leading, left_out = _along(self, begin, steps, step_fraction, alpha, starting)
         turn = self.goal.inv() * goal
-        if turn.magnitude() == 0.0:
-            return leading
+        if goal is self.goal or turn.magnitude() == 0.0:
+            return leading, left_out
         turned = Rotation.from_quat(leading, scalar_first=True) * turn
-        return np.asarray(turned.as_quat(scalar_first=True))
+        return np.asarray(turned.as_quat(scalar_first=True)), left_out
 
 
 # As for the basis functions: rollouts of one primitive repeat.
 @lru_cache(maxsize=4)
-def _along(winding: Winding, begin: float, steps: int, step_fraction: float) -> Floats:
-    rotations = winding.at(begin + np.arange(steps) * step_fraction)
-    quaternions = np.asarray(rotations.as_quat(scalar_first=True))
-    quaternions.flags.writeable = False
-    return quaternions
+def _along(
+    winding: Winding, begin: float, steps: int, h: float, alpha: float, starting: bool
+) -> tuple[Floats, Floats]:
+    around = winding.at(begin + np.arange(-1, steps + 1) * h)
+    left_out = np.zeros((steps, 3))
+    if len(winding.quaternions) > 1:
+        turns = (around[1:] * around[:-1].inv()).as_rotvec()
+        before, after = turns[:-1], turns[1:]
+        left_out = (after - before + alpha * h / 2 * (after + before)) / 12
+        if starting:
+            left_out[0] = after[0] / 3
+    found = np.asarray(around[1:-1].as_quat(scalar_first=True)), left_out
+    for part in found:
+        part.flags.writeable = False
+    return found

@@ -37,31 +37,38 @@ from noslip.rotations import (
 )
 
 LEVER = 0.2
-"""Meters that weigh as much as a radian."""
+"""Meters that weigh as much as a radian: about the length of a hand and its tool."""
 WEIGHTS = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
 """Of a pose's error: m, then rad."""
 REGULAR = 1e-6
-"""Weight of the preferred velocity over that of the tool's (eps)."""
+"""Weight of the preferred velocity over that of the tool's (eps): it decides where the tool leaves
+a choice, and nowhere else."""
 WAITING = 1e-6
-"""Weight of the clock's waiting over that of the tool's velocity."""
+"""Weight of the clock's waiting over that of the tool's velocity: waiting comes before leaving the
+path."""
 POSTURE_RATE, SETTLING_RATE = 2.0, 20.0
-"""How fast free joints return to the posture they rest in, and how fast they come to rest (1/s)."""
+"""How fast free joints return to the posture they rest in, and how fast they come to rest (1/s):
+slow beside the work; within the time that is left for it."""
 ITERATIONS = 5
+"""Of a step, at most: each linearizes anew, so that the error squares."""
 EXACT = 1e-9
 """Residual of a row (its unit, over the step at position level) at which a step is done."""
 LINEAR = 1e-8
 """Pose (m, rad) that linearizing may have missed when a step is done."""
 PRIMAL_TOLERANCE = 1e-11
+"""Of the quadratic program: below EXACT, by which its rows are judged."""
 APART = 0.005
-"""Least distance that is left between a pair of bodies (m)."""
+"""Least distance that is left between a pair of bodies (m): room for what a model of the arm leaves
+out."""
 APPROACH_RATE = 10.0
-"""How fast what is left of a distance may shrink (1/s)."""
+"""How fast what is left of a distance may shrink (1/s): a time constant of a tenth of a second."""
 BRAKE_SHARE = 0.9
-"""Share of the acceleration that the bounds near a range's end count on."""
+"""Share of the acceleration that the bounds near a range's end count on: the rest makes up for
+braking that begins late by a rounding."""
 _EQUAL = 5
 """DAQP's mark of an equality."""
 _DEPENDENT = 1e-9
-"""A row this much smaller than the largest is left out."""
+"""A row this much smaller than the largest is left out: rounding of rows that say the same."""
 
 
 class Chord:

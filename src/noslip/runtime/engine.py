@@ -17,7 +17,7 @@ from noslip.law.law import Law
 from noslip.law.layout import STATE, STEP, VELOCITY, memory_layout
 from noslip.rule import Rule
 from noslip.runtime.numbers import Struct
-from noslip.runtime.rollout import slip_rate, steps_ahead
+from noslip.runtime.rollout import steps_ahead
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 
@@ -34,8 +34,7 @@ GOAL_POSITION, GOAL_QUATERNION, STEERING, ACCELERATION, FORCE = (
     _PLACES[name]
     for name in ("goal_position", "goal_quaternion", "steering", "acceleration", "force")
 )
-_OFFSET = STEP["rotation_offset"]
-_KICK, _SLIP_RATE = STEP.index("kick"), STEP.index("slip_rate")
+_OFFSET, _KICK = STEP["rotation_offset"], STEP.index("kick")
 _MOST_ROWS_AHEAD = 256
 """Rows of the step table computed at once: more would make one step wait for many."""
 NOT_FINITE = (
@@ -67,7 +66,7 @@ class Memory:
         self.limit_multipliers = slice(multipliers + equalities, multipliers + rows)
         self.values = slice(values, values + rows)
         self.all_multipliers = slice(multipliers, multipliers + rows)
-        self.known = layout.span("known_fraction", "known")
+        self.known = layout.span("known_fraction", "known_turn")
         self._clock = clock
 
     def __eq__(self, other: object) -> bool:
@@ -196,10 +195,6 @@ class Virtual:
             self._look_ahead(h)
         self._row[:] = self._table[self._next]
         self._row[_OFFSET] += data[STEERING]
-        # Rows were computed ahead of any push.
-        started = data[PREVIOUS_STEP] > 0
-        residuals, pull_in = data[self._memory.equalities], data[PULL_IN]
-        self._row[_SLIP_RATE] = slip_rate(residuals, data[VELOCITIES], started, pull_in)
         self._now[:] = data[MOVING]
         self._evaluate()
         after, output, columns = self._after, self._output, self._columns

@@ -190,27 +190,6 @@ def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
     )
 
 
-def slip_rate(residuals: Floats, velocities: Floats, started: bool, pull_in: float) -> float:
-    """How fast a residual at velocity level decays in the next step (1/s).
-
-    What violates a constraint from the start is pulled in; what was pushed off it, or was measured
-    to be, goes on without slip at once.
-
-    Parameters
-    ----------
-    residuals : array, shape (m,)
-        Of the last step.
-    velocities : array, shape (6,)
-    started : bool
-        Whether a step has led here.
-    pull_in : float
-        1/s.
-    """
-    fast = max(1.0, np.abs(velocities).max())
-    held = np.abs(residuals).max(initial=0.0) <= HELD_RESIDUAL * fast
-    return AT_ONCE if held and started else pull_in
-
-
 def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float) -> Floats:
     """Return what depends on the phase alone in the coming steps, a row a step.
 
@@ -220,8 +199,15 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
         Columns as :data:`noslip.law.layout.STEP` says.
     """
     tau = state.duration
+    # What violates a constraint from the start is pulled in; what was pushed off it, or was
+    # measured to be, goes on without slip at once.
+    fast = max(1.0, *map(abs, state.linear_velocity), *map(abs, state.angular_velocity))
+    held = np.abs(state.constraint_residuals).max(initial=0.0) <= HELD_RESIDUAL * fast
     started = state.previous_step > 0
-    velocities = np.concatenate([state.linear_velocity, state.angular_velocity])
+    slip_rates = (
+        AT_ONCE if held and started else state.pull_in,
+        AT_ONCE if held else state.pull_in,
+    )
     # The first kick begins in the middle of the step before; the others are alike.
     kicks = np.array([(state.previous_step + time_step) / 2, time_step])
     decay, gain = law.attractor.factors(kicks / tau)
@@ -234,7 +220,7 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
             time_step if kick else state.previous_step,
             0.0,
             state.pull_in,
-            slip_rate(state.constraint_residuals, velocities, started, state.pull_in),
+            slip_rates[kick],
             rule.barrier_rate / tau,
             decay[kick],
             gain[kick] / kicks[kick],

@@ -7,7 +7,6 @@ from functools import lru_cache
 import casadi as ca
 
 from noslip._typing import Floats
-from noslip.codegen import library
 from noslip.codegen.library import Native
 from noslip.constraints.system import ConstraintSystem
 from noslip.law.layout import output_layout
@@ -17,15 +16,11 @@ from noslip.rule import Rule
 
 
 def stepper_of(rule: Rule) -> Stepper:
-    """Return the stepper of a rule; built once for all that are alike.
-
-    Compiled otherwise, or not at all, it is another one: what the environment says holds at once.
-    """
+    """Return the stepper of a rule; built once for all that are alike."""
     system = rule.system
     # Nothing gives way where nothing is held.
     alike = (rule.inverse_metric, rule.push) if system.size else (POSITION_ONLY, "force")
-    key = ("stepper", *alike, *library.settings())
-    return system.owned(key, lambda: Stepper(system, *alike))
+    return system.owned(("stepper", *alike), lambda: Stepper(system, *alike))
 
 
 class Stepper:
@@ -73,8 +68,8 @@ class Stepper:
         self._runs += count > 1
         if self._runs == 2:
             self.native.begin()
-        if (compiled := self.native.library) is not None:
-            compiled.run(*(a.ctypes.data for a in (state, table, states, outputs)), count)
+        if (library := self.native.library) is not None:
+            library.run(*(a.ctypes.data for a in (state, table, states, outputs)), count)
             return
         # CasADi reads and writes these arrays in place: a call that converts costs 80 us.
         buffer, evaluate = self._accumulated(count).buffer()

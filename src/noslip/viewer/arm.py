@@ -28,15 +28,12 @@ from noslip.viewer.tool import Part
 if TYPE_CHECKING:
     import viser
 
-SUMMARY = "summary.json"
 FIELDS = ("robot", "model", "tool", "placement", "constraints")
 """Of the summary, by which the arm and its motion are found again."""
 DRAWN_GROUPS = 3
 """MuJoCo's viewer shows groups 0 to 2; collision shapes are in later ones by custom."""
 DEFAULT_COLOR = (0.5, 0.5, 0.5, 1.0)
-"""Of a geom that was given none; it then has its material's."""
-ENDLESS = 1.0
-"""Half the side of a plane without end (m)."""
+"""MuJoCo's gray of a geom that was given none; it then has its material's."""
 
 
 class Arm:
@@ -165,7 +162,7 @@ class Arm:
             first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
             return vertices, model.mesh_face[first : first + count].astype(np.int64)
         if kind == kinds.mjGEOM_PLANE:
-            x, y = (half if half > 0 else ENDLESS for half in size[:2])
+            x, y = (half if half > 0 else 1.0 for half in size[:2])
             corners = [[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]
             return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])
         if kind == kinds.mjGEOM_CAPSULE:
@@ -217,7 +214,7 @@ def read_simulation(folder: str | Path) -> Simulation:
         Without MuJoCo.
     """
     folder = Path(folder)
-    file = folder / SUMMARY
+    file = folder / "summary.json"
     summary = _summary(file)
     model = summary["model"]
     if model is not None and not Path(model).is_file():

@@ -19,10 +19,13 @@ from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
-"""Of an adaptation while a goal is dragged."""
+"""Of an adaptation while a goal is dragged, and of its rollout: few, so that the drag is
+followed."""
 METRICS = ("as learned", "position", "rotation", "shared")
+"""What the dropdown offers: the primitive's own, or one of those known by name."""
 MOST_STEPS_AT_ONCE = 200
-"""Of a pushed motion; one that falls behind runs slower than the clock."""
+"""Of a pushed motion between two frames: what takes longer runs slower than the clock, instead of
+holding the page up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +76,11 @@ class Adapted:
     def __str__(self) -> str:
         if self.primitive is None:
             return f"no such motion: {self.message}"
-        told = (
+        text = (
             f"residual at most {self.residual:.1e}, ends {1e3 * self.goal_error:.2g} mm from the "
             f"goal, {self.milliseconds:.0f} ms"
         )
-        return f"{told}; {self.message}" if self.message else told
+        return f"{text}; {self.message}" if self.message else text
 
 
 class Adapter:

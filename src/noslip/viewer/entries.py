@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -9,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 import viser
 
+from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.edge import Edge
@@ -18,15 +20,16 @@ from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm, Simulation
 from noslip.viewer.changes import Adapted, Adapter, Wish
 from noslip.viewer.drawing import Drawing, Follower, legend
-from noslip.viewer.scene import Track, extent, node_name
 from noslip.viewer.shapes import shapes
 from noslip.viewer.tool import Part, scalpel
+from noslip.viewer.track import Track
 
 Shown = PoseTrajectory | ConstrainedDMP | Simulation
+"""What a page takes: a recording, a primitive, or what ``noslip simulate`` wrote."""
 LEAST_WORST = 1e-3
 """Violation that has the last color, at least: what holds must not look as if it did not."""
 TOOL_LENGTH = 0.45
-"""Of the scalpel, over the scene's size."""
+"""Of the scalpel, over the scene's size: its turning is seen, and it hides little of the path."""
 
 
 @dataclass
@@ -152,3 +155,18 @@ def unique(constraints: Sequence[Constraint]) -> list[Constraint]:
         if constraint not in found:
             found.append(constraint)
     return found
+
+
+def extent(motions: list[PoseTrajectory]) -> tuple[Floats, float]:
+    """Center (m), shape (3,), and size (m) of a scene: of the box about all paths."""
+    points = np.concatenate([motion.positions for motion in motions])
+    low, high = points.min(axis=0), points.max(axis=0)
+    # A tool that only turns has no path; it is looked at from 10 cm.
+    return (low + high) / 2, float(np.linalg.norm(high - low)) or 0.1
+
+
+def node_name(name: str, taken: Mapping[str, object]) -> str:
+    """Return a motion's name as a node of the scene: short, without slashes, and not yet taken."""
+    short = re.sub(r"[^\w.+-]+", "_", re.split(r"[/\\]", name)[-1]) or "motion"
+    numbered = (short if k == 1 else f"{short}_{k}" for k in range(1, len(taken) + 2))
+    return next(candidate for candidate in numbered if candidate not in taken)

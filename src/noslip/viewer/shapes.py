@@ -26,20 +26,25 @@ from noslip.constraints.shape import (
 )
 from noslip.constraints.shape import Shape as Place
 from noslip.figures.style import PALETTE
+from noslip.viewer.colors import rgb
 from noslip.viewer.frames import Frame
-from noslip.viewer.scene import rgb
 
 REACH = 0.75
-"""Half the side of what has no end, such as a plane, over the scene's size."""
+"""Half the side of what has no end, such as a plane, over the scene's size: somewhat beyond the
+paths."""
 MARK = 0.015
-"""Radius of a point, over the scene's size."""
+"""Radius of a point, over the scene's size: seen, and no larger than the tip of the tool."""
 AXIS = 0.08
-"""Length of a moving frame's axes, over the scene's size."""
+"""Length of a moving frame's axes, over the scene's size: shorter than the arrows at the tool."""
 GRID = 41
-"""Points along a side of a surface that is given by a formula."""
+"""Points along a side of a surface that is given by a formula: odd, so that one is the middle; the
+cost grows as their square."""
 NEWTON_STEPS = 30
+"""Onto such a surface: from a near start its quadratic rate needs a few; from elsewhere it may need
+more."""
 _ON_SURFACE = 1e-9
-"""m, from the surface: the most at which a point counts as on it, over the scene's size."""
+"""Distance from the surface at which a point counts as on it, over the scene's size: far below a
+pixel."""
 COLORS = {
     "contact": rgb(PALETTE["sky"]),
     "limit": rgb(PALETTE["orange"]),
@@ -47,7 +52,9 @@ COLORS = {
     "mark": rgb(PALETTE["green"]),
     "frame": rgb(PALETTE["gray"]),
 }
+"""By kind: what is touched, what bounds, what is forbidden, and what only helps to see."""
 OPACITIES = {"contact": 0.25, "limit": 0.2, "keep-out": 0.35, "mark": 1.0, "frame": 1.0}
+"""By kind: what is forbidden is seen best, and the path through all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +118,7 @@ def shapes(constraints: Iterable[Constraint], center: ArrayLike, size: float) ->
 
 
 _Mesh = tuple[Floats, NDArray[np.int64]]
+"""Vertices, shape (V, 3), and faces, shape (F, 3)."""
 
 
 def _meshed(shape: Place, center: Floats, size: float) -> _Mesh | None:

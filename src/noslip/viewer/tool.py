@@ -16,14 +16,19 @@ from noslip.edge import Edge
 from noslip.errors import InputError
 
 SUFFIXES = (".stl", ".obj", ".glb")
+"""Of the meshes that trimesh reads without more packages."""
 STEEL, HANDLE = (168, 176, 186), (62, 74, 90)
+"""Colors: a blade that reflects, a handle that is dark beside every path."""
 _CUTTING = ((0.0, 0.0), (0.06, 0.025), (0.095, 0.08), (0.105, 0.15), (0.105, 0.30))
 """The edge, from the tip upwards: along its travel (x) and up (z), over the tool's length."""
 _BACK = ((0.02, 0.36), (0.0, 0.30), (-0.035, 0.12))
+"""The other side of the blade, from the handle back to the tip."""
 _SHARP, _SPINE = 0.0002, 0.008
 """Half the thickness of the blade's edge and of its back, over the tool's length."""
 _SHAFT = ((0.02, 0.34), (0.098, 0.30), (0.085, 1.0), (0.03, 1.0))
+"""The handle, in the same plane."""
 _SHAFT_HALF = 0.022
+"""Half the thickness of the handle, over the tool's length."""
 
 
 SCALPEL_EDGE = Edge()

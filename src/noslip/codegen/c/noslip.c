@@ -53,6 +53,95 @@ static void forces_at(const noslip_primitive *p, noslip_real fraction, noslip_re
     for (j = 0; j < 6; ++j) force[j] *= phase / sum;
 }
 
+static void multiply(const noslip_real *a, const noslip_real *b, noslip_real *product) {
+    product[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
+    product[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
+    product[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
+    product[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
+}
+
+/* The winding's rotation at a fraction of the motion; of more than one knot. */
+static void winding_at(const noslip_primitive *p, noslip_real fraction, noslip_real *rotation) {
+    noslip_real turn[4], vector[3], size, scale, within;
+    const noslip_real *spline;
+    int interval, i;
+    if (!(fraction > 0)) fraction = 0;
+    fraction = smaller(fraction, 1);
+    interval = (int)(fraction * (noslip_real)(p->knots - 1));
+    if (interval > p->knots - 2) interval = p->knots - 2;
+    within = fraction - (noslip_real)interval / (noslip_real)(p->knots - 1);
+    spline = p->knot_splines[interval];
+    for (i = 0; i < 3; ++i) {
+        vector[i] = ((spline[i] * within + spline[3 + i]) * within + spline[6 + i]) * within
+                    + spline[9 + i];
+    }
+    size = sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
+    scale = size > REAL(1e-6) ? sin(size / 2) / size : REAL(0.5) - size * size / 48;
+    turn[0] = cos(size / 2);
+    for (i = 0; i < 3; ++i) turn[1 + i] = scale * vector[i];
+    multiply(p->knot_quaternions[interval], turn, rotation);
+}
+
+/* Rotation vector that leads from one rotation to another, world frame. */
+static void turn_between(const noslip_real *from, const noslip_real *to, noslip_real *vector) {
+    noslip_real back[4], turn[4], size, scale;
+    int i;
+    back[0] = from[0];
+    for (i = 1; i < 4; ++i) back[i] = -from[i];
+    multiply(to, back, turn);
+    if (turn[0] < 0) {
+        for (i = 0; i < 4; ++i) turn[i] = -turn[i];
+    }
+    size = sqrt(turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3]);
+    scale = size > REAL(1e-6) ? 2 * atan2(size, turn[0]) / size : 2 / turn[0];
+    for (i = 0; i < 3; ++i) vector[i] = scale * turn[1 + i];
+}
+
+/* The rotation that plays the goal's part in the attractor, led to the state's goal. */
+static void leading(const noslip_primitive *p, noslip_real fraction, const noslip_real *goal,
+                    noslip_real *quaternion) {
+    noslip_real rotation[4], quarter[4], own[4];
+    int i;
+    if (p->knots == 1) {
+        for (i = 0; i < 4; ++i) quaternion[i] = goal[i];
+        return;
+    }
+    winding_at(p, fraction, rotation);
+    /* In the tool's frame: from the learned goal to the one asked for. */
+    own[0] = p->knot_quaternions[p->knots - 1][0];
+    for (i = 1; i < 4; ++i) own[i] = -p->knot_quaternions[p->knots - 1][i];
+    multiply(own, goal, quarter);
+    multiply(rotation, quarter, quaternion);
+}
+
+/* What a target that stands still for a step leaves out of the winding, added to the force. */
+static void stepping_winding(const noslip_primitive *p, noslip_state *s, noslip_real h, int known,
+                             noslip_real *force) {
+    const int starting = !(s->previous_step > 0);
+    noslip_real earlier[4], now[4], later[4], before[3] = {0, 0, 0}, after[3];
+    int j;
+    if (p->knots == 1) return;
+    if (known) {
+        for (j = 0; j < 4; ++j) now[j] = s->known_winding[j];
+        for (j = 0; j < 3; ++j) before[j] = s->known_turn[j];
+    } else {
+        winding_at(p, s->fraction, now);
+        if (!starting) {
+            winding_at(p, s->fraction - h, earlier);
+            turn_between(earlier, now, before);
+        }
+    }
+    winding_at(p, s->fraction + h, later);
+    turn_between(now, later, after);
+    for (j = 0; j < 4; ++j) s->known_winding[j] = later[j];
+    for (j = 0; j < 3; ++j) {
+        const noslip_real bend = after[j] - before[j];
+        const noslip_real slope = p->alpha * h / 2 * (after[j] + before[j]);
+        s->known_turn[j] = after[j];
+        force[3 + j] += starting ? after[j] / 3 : (bend + slope) / 12;
+    }
+}
+
 /* The same as a step from there wants it: what a constant target leaves out is added. */
 static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_real h,
                            noslip_real *force) {
@@ -80,52 +169,14 @@ static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_re
     }
     if (starting) {
         for (j = 0; j < 6; ++j) force[j] = now[j] + (after[j] - now[j]) / 3;
-        return;
+    } else {
+        for (j = 0; j < 6; ++j) {
+            const noslip_real bend = after[j] - 2 * now[j] + before[j];
+            const noslip_real slope = p->alpha * h / 2 * (after[j] - before[j]);
+            force[j] = now[j] + (bend + slope) / 12;
+        }
     }
-    for (j = 0; j < 6; ++j) {
-        const noslip_real bend = after[j] - 2 * now[j] + before[j];
-        const noslip_real slope = p->alpha * h / 2 * (after[j] - before[j]);
-        force[j] = now[j] + (bend + slope) / 12;
-    }
-}
-
-static void multiply(const noslip_real *a, const noslip_real *b, noslip_real *product) {
-    product[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
-    product[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
-    product[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
-    product[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
-}
-
-/* The rotation that plays the goal's part in the attractor, led to the state's goal. */
-static void leading(const noslip_primitive *p, noslip_real fraction, const noslip_real *goal,
-                    noslip_real *quaternion) {
-    noslip_real turn[4], rotation[4], vector[3], quarter[4], own[4], size, scale, within;
-    const noslip_real *spline;
-    int interval, i;
-    if (p->knots == 1) {
-        for (i = 0; i < 4; ++i) quaternion[i] = goal[i];
-        return;
-    }
-    if (!(fraction > 0)) fraction = 0;
-    fraction = smaller(fraction, 1);
-    interval = (int)(fraction * (noslip_real)(p->knots - 1));
-    if (interval > p->knots - 2) interval = p->knots - 2;
-    within = fraction - (noslip_real)interval / (noslip_real)(p->knots - 1);
-    spline = p->knot_splines[interval];
-    for (i = 0; i < 3; ++i) {
-        vector[i] = ((spline[i] * within + spline[3 + i]) * within + spline[6 + i]) * within
-                    + spline[9 + i];
-    }
-    size = sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
-    scale = size > REAL(1e-6) ? sin(size / 2) / size : REAL(0.5) - size * size / 48;
-    turn[0] = cos(size / 2);
-    for (i = 0; i < 3; ++i) turn[1 + i] = scale * vector[i];
-    multiply(p->knot_quaternions[interval], turn, rotation);
-    /* In the tool's frame: from the learned goal to the one asked for. */
-    own[0] = p->knot_quaternions[p->knots - 1][0];
-    for (i = 1; i < 4; ++i) own[i] = -p->knot_quaternions[p->knots - 1][i];
-    multiply(own, goal, quarter);
-    multiply(rotation, quarter, quaternion);
+    stepping_winding(p, s, h, known, force);
 }
 
 void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
@@ -149,6 +200,8 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
     for (i = 0; i < 6; ++i) state->acceleration[i] = state->force[i] = 0;
     state->known_fraction = state->known_step = -1;
     for (i = 0; i < 6; ++i) state->known[0][i] = state->known[1][i] = 0;
+    for (i = 0; i < 4; ++i) state->known_winding[i] = 0;
+    for (i = 0; i < 3; ++i) state->known_turn[i] = 0;
     for (i = 0; i < NOSLIP_ROWS; ++i) state->values[i] = state->multipliers[i] = 0;
 }
 
@@ -225,10 +278,14 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 }
 
 int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
-    const noslip_real h = time_step / state->duration;
-    noslip_real offset[6];
+    noslip_real h = time_step / state->duration, offset[6];
     /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
     if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
+    /* The last step ends where the motion does; a whole one would go beyond. */
+    if (!noslip_done(state) && h > 1 - state->fraction) {
+        h = 1 - state->fraction;
+        time_step = h * state->duration;
+    }
     stepping_force(primitive, state, h, offset);
     return advance(primitive, state, time_step, offset);
 }

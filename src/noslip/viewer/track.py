@@ -1,4 +1,4 @@
-"""What the viewer draws, as numbers: nothing here knows of a browser.
+"""One motion as the viewer shows it, in numbers: nothing here knows of a browser.
 
 Velocities are those of the steps between samples, the residuals those that :func:`noslip.check`
 reports, so that the angle between the drawn velocity and the drawn lateral axis is a right one
@@ -8,8 +8,6 @@ relative to that frame.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
@@ -18,39 +16,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noslip._typing import Floats
-from noslip.comparison import compare
 from noslip.constraints.check import CheckReport, amount, check, step_residuals
 from noslip.constraints.declaration import UNITS, Constraint
 from noslip.constraints.edge_motion import EdgeMotion, edge_motion, edge_steps, work_moves
 from noslip.constraints.system import ConstraintSystem
 from noslip.edge import Edge
-from noslip.figures.style import PALETTE
+from noslip.merit import figures_of_merit
 from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
-
-Bytes = NDArray[np.uint8]
+from noslip.viewer.colors import Bytes, slip_colors
 
 MOST_SEGMENTS = 1000
-"""Of a trail; what is longer is thinned out, its worst violations stay."""
-CHART_POINTS = 200
-"""Of a line in a chart."""
-LEAST_RESIDUAL = 1e-18
-"""Zero, on a logarithmic axis."""
+"""Of a trail, so that ten motions of any length stay fluid; of what is longer the worst violations
+stay."""
 SLOW = 1e-3
-"""Of the peak speed: slower, a direction of travel means nothing."""
+"""Share of the peak speed below which the direction of travel is that of rounding."""
 ARROW = 0.15
-"""Length of the longest arrow, over the scene's size."""
-
-
-def rgb(color: str) -> tuple[int, int, int]:
-    """Return the three bytes of ``#rrggbb``."""
-    red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
-    return red, green, blue
-
-
-SLIP_COLORS = tuple(rgb(PALETTE[name]) for name in ("blue", "orange", "vermillion"))
-"""Of no violation, half of the largest, and the largest."""
+"""Length of the longest arrow, over the scene's size: it ends within the picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +232,7 @@ class Track:
     def readout(self, time: float) -> dict[str, str]:
         """What is told of an instant, as label and text."""
         k = self.sample(time)
-        told = {
+        texts = {
             "time": f"{self.clock[k]:.3f} s",
             # Rounded first, and not -0.
             "position": ", ".join(
@@ -262,15 +245,15 @@ class Track:
         }
         angle = self.slip_angle(k)
         if self.lateral_axes is not None:
-            told["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
-        units = dict(zip(self.system.names, self._units, strict=True))
+            texts["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
+        units = dict(zip(self.system.names, self.units, strict=True))
         for name, sizes in self.sizes.items():
-            told[f"{name}: residual"] = amount(float(sizes[k]), units[name])
+            texts[f"{name}: residual"] = amount(float(sizes[k]), units[name])
         for name, margins in self.margins.items():
-            told[f"{name}: margin"] = amount(float(margins[k]), units[name])
+            texts[f"{name}: margin"] = amount(float(margins[k]), units[name])
         if self.forces is not None:
-            told["constraint force"] = f"{np.linalg.norm(self.forces[k]):.3g} m/s²"
-        return told
+            texts["constraint force"] = f"{np.linalg.norm(self.forces[k]):.3g} m/s²"
+        return texts
 
     # ---------------------------------------------------------------- as a whole
 
@@ -278,8 +261,8 @@ class Track:
         """Figures of merit against the reference, as label and text; empty without one."""
         if self.reference is None:
             return {}
-        found = compare(self.motion, self.reference, self.system)
-        told = {
+        found = figures_of_merit(self.motion, self.reference, self.system)
+        texts = {
             "position, rms": f"{1e3 * found.position_rms:.3g} mm",
             "position, at the end": f"{1e3 * found.position_end:.3g} mm",
             "rotation, rms": f"{np.degrees(found.rotation_rms):.3g}°",
@@ -287,8 +270,8 @@ class Track:
             "angular acceleration, peak": f"{found.angular_acceleration_peak:.3g} rad/s²",
         }
         if found.slowest_edge_speed is not None:
-            told["speed along the edge, least"] = f"{1e3 * found.slowest_edge_speed:.3g} mm/s"
-        return told
+            texts["speed along the edge, least"] = f"{1e3 * found.slowest_edge_speed:.3g} mm/s"
+        return texts
 
     def trail(self, worst: float) -> tuple[Floats, Bytes]:
         """Segments of the path, shape (S, 2, 3), and their colors, shape (S, 2, 3) of bytes.
@@ -299,36 +282,13 @@ class Track:
             Violation that has the last color.
         """
         last = len(self.points) - 1
-        cuts = _cuts(last, MOST_SEGMENTS)
+        cuts = group_starts(last, MOST_SEGMENTS)
         ends = self.points[np.append(cuts, last)]
         segments = np.stack([ends[:-1], ends[1:]], axis=1)
         # A step belongs to the sample where it ends.
         sizes = np.maximum.reduceat(self.violation[1:], cuts)
         colors = slip_colors(sizes, worst)
         return segments, np.repeat(colors[:, None], 2, axis=1)
-
-    def charts(self) -> dict[str, dict[str, Floats]]:
-        """Curves over time, at most ``CHART_POINTS`` long; each chart has its times as ``t``.
-
-        Residuals are decadic logarithms, the others in a unit in which they are not tiny.  The
-        peaks of what is thinned out stay: the largest residual and force, the least margin.
-        """
-        cuts = _cuts(len(self.clock), CHART_POINTS)
-        units = dict(zip(self.system.names, self._units, strict=True))
-        found: dict[str, dict[str, Floats]] = {"residual": {}, "margin": {}, "force": {}}
-        for name, size in self.sizes.items():
-            largest = np.maximum(np.maximum.reduceat(size, cuts), LEAST_RESIDUAL)
-            found["residual"][f"{name} ({units[name]})"] = np.log10(largest)
-        for name, margin in self.margins.items():
-            scale, unit = _prefixed(units[name], float(np.abs(margin).max()))
-            found["margin"][f"{name} ({unit})"] = scale * np.minimum.reduceat(margin, cuts)
-        if self.forces is not None:
-            size = np.linalg.norm(self.forces, axis=1)
-            scale, unit = _prefixed("m/s²", float(size.max()))
-            found["force"][f"force ({unit})"] = scale * np.maximum.reduceat(size, cuts)
-        return {
-            chart: {"t": self.clock[cuts]} | curves for chart, curves in found.items() if curves
-        }
 
     # ---------------------------------------------------------------- inside
 
@@ -340,7 +300,7 @@ class Track:
         return float(np.linalg.norm(changes, axis=1).max())
 
     @cached_property
-    def _units(self) -> list[str]:
+    def units(self) -> list[str]:
         """Of each constraint; where its rows differ, that of the first."""
         return [
             constraint.unit or UNITS[constraint.level] for constraint in self.system.constraints
@@ -352,57 +312,7 @@ def _from_first(steps: Floats) -> Floats:
     return np.concatenate([steps[:1], steps])
 
 
-def slip_colors(sizes: Floats, worst: float) -> Bytes:
-    """Colors of violations, shape (N, 3) of bytes: blue where there is none."""
-    share = np.clip(sizes / worst, 0.0, 1.0) if worst > 0 else np.zeros_like(sizes)
-    places = np.linspace(0.0, 1.0, len(SLIP_COLORS))
-    channels = [np.interp(share, places, channel) for channel in zip(*SLIP_COLORS, strict=True)]
-    return np.round(np.stack(channels, axis=1)).astype(np.uint8)
-
-
-def cursor(curves: Mapping[str, Floats], time: float, low: float, high: float) -> list[Floats]:
-    """Columns of a chart with a vertical line at a time as its last: times, curves, line.
-
-    The instant is inserted twice, so that the line is upright; everywhere else it is not a number.
-    """
-    times = curves["t"]
-    time = float(np.clip(time, times[0], times[-1]))
-    k = int(np.searchsorted(times, time))
-    line = np.full(len(times), np.nan)
-    columns = [np.insert(times, k, [time, time])]
-    columns += [
-        np.insert(curve, k, [np.interp(time, times, curve)] * 2)
-        for name, curve in curves.items()
-        if name != "t"
-    ]
-    return [*columns, np.insert(line, k, [low, high])]
-
-
-def extent(motions: list[PoseTrajectory]) -> tuple[Floats, float]:
-    """Center (m), shape (3,), and size (m) of a scene: of the box about all paths."""
-    points = np.concatenate([motion.positions for motion in motions])
-    low, high = points.min(axis=0), points.max(axis=0)
-    # A tool that only turns has no path; it is looked at from 10 cm.
-    return (low + high) / 2, float(np.linalg.norm(high - low)) or 0.1
-
-
-def node_name(name: str, taken: Mapping[str, object]) -> str:
-    """Return a motion's name as a node of the scene: short, without slashes, and not yet taken."""
-    short = re.sub(r"[^\w.+-]+", "_", re.split(r"[/\\]", name)[-1]) or "motion"
-    numbered = (short if k == 1 else f"{short}_{k}" for k in range(1, len(taken) + 2))
-    return next(candidate for candidate in numbered if candidate not in taken)
-
-
-def _prefixed(unit: str, peak: float) -> tuple[float, str]:
-    """Factor and unit in which a quantity whose largest size is ``peak`` is not tiny."""
-    if not unit.startswith("m") or peak >= 1:
-        return 1.0, unit
-    prefixes = ((1e3, "m"), (1e6, "µ"), (1e9, "n"))
-    scale, prefix = next((found for found in prefixes if found[0] * peak >= 1), prefixes[-1])
-    return scale, prefix + unit
-
-
-def _cuts(count: int, most: int) -> NDArray[np.intp]:
+def group_starts(count: int, most: int) -> NDArray[np.intp]:
     """Where ``count`` samples begin anew when they are put into at most ``most`` groups."""
     groups = min(count, most)
     return np.arange(groups) * count // groups
