@@ -195,6 +195,20 @@ class PoseTrajectory(Value):
     def __iter__(self) -> Iterator[Any]:
         raise TypeError("iterate over trajectory.positions or trajectory.times instead")
 
+    def step_middles(self) -> tuple[Floats, Floats, Rotation]:
+        """Time (s, of :attr:`clock`), position (m) and rotation in the middle of each step.
+
+        That is where velocity-level constraints are asked: half of the chord, half of the turn.
+        """
+        half = np.diff(self.times) / 2
+        linear, angular = self.step_velocities()
+        turns = Rotation.from_rotvec(half[:, None] * angular)
+        return (
+            self.clock[:-1] + half,
+            self.positions[:-1] + half[:, None] * linear,
+            turns * self.rotations[:-1],
+        )
+
     def resampled(
         self, *, rate: float | None = None, times: ArrayLike | None = None
     ) -> PoseTrajectory:

@@ -121,14 +121,9 @@ def edge_motion(
 
 
 def edge_steps(trajectory: PoseTrajectory, constraint: Constraint) -> EdgeMotion:
-    """Return the edge's motion on each of a trajectory's N - 1 steps, at the pose where it ends."""
-    return edge_motion(
-        constraint,
-        trajectory.clock[1:],
-        trajectory.positions[1:],
-        trajectory.rotations[1:],
-        *trajectory.step_velocities(),
-    )
+    """Return the edge's motion in the middle of each of a trajectory's N - 1 steps."""
+    times, positions, rotations = trajectory.step_middles()
+    return edge_motion(constraint, times, positions, rotations, *trajectory.step_velocities())
 
 
 def work_moves(constraint: Constraint) -> bool:

@@ -7,9 +7,9 @@ The unknown is the joints' velocity ``x`` over a step of length ``h``.  The quad
 and to bounds (position, velocity, acceleration of each joint) and one row a near pair of bodies,
 is solved by DAQP (Arnström et al. 2022).  Where the arm may fall behind, the target's clock is an
 unknown too: a share ``y`` of the step that it waits takes ``y`` of the target's own velocity off
-``e / h``, at a small price.  The row is that of the *step*: its residual is the
-constraint at the step's end, with the velocities that lead there, ``v = (p+ - p) / h`` and
-``w = Log(R+ R^T) / h``, as everywhere in this library; so it is linearized at the iterate and
+``e / h``, at a small price.  The row is that of the *step*, as everywhere in this library
+(:meth:`ConstraintSystem.of_step`): from the tool's pose before it to the one after it, with
+``v = (p+ - p) / h`` and ``w = Log(R+ R^T) / h``; so it is linearized at the iterate and
 solved again until the forward kinematics themselves satisfy it.  What joints cannot track
 therefore falls into directions that the constraint allows and, if the clock may wait, into delay.
 
@@ -87,13 +87,8 @@ class Chord:
         end_q = quaternion_product(quaternion_exp(moved[3:]), q)
         v = (end_p - p0) / h
         w = quaternion_log(quaternion_product(end_q, quaternion_conjugate(q0))) / h
-        phi = system.residual(
-            t,
-            R @ (end_p - ca.DM(offset.tolist())),
-            quaternion_product(back, end_q),
-            R @ v,
-            R @ w,
-        )
+        begin_p = R @ (p0 - ca.DM(offset.tolist()))
+        phi = system.of_step(t - h, h, begin_p, quaternion_product(back, q0), R @ v, R @ w)
         scale = [1 / h if level == "position" else 1 for level in system.row_levels]
         phi = ca.vertcat(ca.SX(0, 1), *(scale[i] * phi[i] for i in range(self.size)))
         rows = h * ca.jacobian(phi, moved)

@@ -14,6 +14,7 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.constraints.check import CheckReport, amount, check, step_residuals
@@ -198,17 +199,20 @@ class Track:
     def arrows_in(self, state: State, size: float) -> dict[str, Floats]:
         """Return the same arrows of a state beside the motion, such as a pushed tool's."""
         point = self.edge.points(state.position, state.rotation)
-        axes = self.edge.lateral_axes(state.rotation) if self.edge.lateral else None
-        velocity = state.linear_velocity
+        axes, velocity = None, state.linear_velocity
         if self.edged is not None:
-            velocity = edge_motion(
+            # As along the motion: in the middle of the step that led to it.
+            half = state.previous_step / 2
+            step = edge_motion(
                 self.edged,
-                state.time,
-                state.position,
-                state.rotation,
+                state.time - half,
+                state.position - half * state.linear_velocity,
+                Rotation.from_rotvec(-half * state.angular_velocity) * state.rotation,
                 state.linear_velocity,
                 state.angular_velocity,
-            ).world_velocities[0]
+            )
+            velocity = step.world_velocities[0]
+            axes = step.world_lateral_axes[0] if self.edge.lateral else None
         force = None if self.forces is None else state.constraint_forces[:3]
         return self._arrows(point, velocity, axes, force, size)
 
