@@ -206,7 +206,11 @@ def relative_function(constraint: Constraint) -> Any:
 
 def residual_instructions(constraint: Constraint) -> Instructions:
     """Return a constraint's residual as data."""
-    return Instructions.of(_built(constraint))
+    function = _built(constraint)
+    try:
+        return Instructions.of(function)
+    except ConstraintError as error:
+        raise ConstraintError(f"constraint {constraint.name!r} {error}") from None
 
 
 def described(constraint: Constraint) -> str:
