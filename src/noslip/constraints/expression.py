@@ -190,8 +190,8 @@ def _steps(function: Any) -> Iterator[tuple[Any, ...]]:
         name = _NAMES.get(function.instruction_id(k))
         if name is None:
             raise ConstraintError(
-                f"constraint uses CasADi operation {function.instruction_id(k)}, which cannot be "
-                "kept; write it with arithmetic"
+                f"uses CasADi operation {function.instruction_id(k)}, which cannot be kept; write "
+                "it with arithmetic"
             )
         result, operands = function.instruction_output(k), function.instruction_input(k)
         if name == _CONSTANT:
