@@ -20,7 +20,7 @@ from noslip.runtime.state import State
 
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
 """Of an adaptation while a goal is dragged."""
-METRICS = ("as learned", "position", "rotation", "shared")
+METRICS = ("as learned", "position", "shared")
 MOST_STEPS_AT_ONCE = 200
 """Of a pushed motion; one that falls behind runs slower than the clock."""
 
