@@ -70,7 +70,7 @@ def run(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Who gives way at run time: position, rotation, shared, or six positive weights "
+            help="Who gives way at run time: auto, position, shared, or six positive weights "
             "separated by commas; by default position where that can hold all, else shared.",
             show_default=False,
         ),
@@ -79,7 +79,7 @@ def run(
         float | None,
         typer.Option(
             metavar="M",
-            help="Meters that weigh as much as a radian; by default a mean step.",
+            help="Meters that weigh as much as a radian; by default half of a mean step.",
             show_default=False,
         ),
     ] = None,

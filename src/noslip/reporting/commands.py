@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shlex
 from collections.abc import Sequence
+from typing import Literal
 
 from noslip.constraints.declaration import Constraint, described, is_registered
 from noslip.constraints.expression import Instructions
@@ -104,9 +105,10 @@ def _settings(dmp: ConstrainedDMP) -> list[str]:
 
 def _metric(dmp: ConstrainedDMP) -> list[str]:
     length = dmp.rule.inverse_metric[3] ** -0.5 if dmp.rule.inverse_metric[3] else 1.0
-    for name in (None, "position", "shared", "rotation"):
+    names: tuple[Literal["auto", "position", "shared"], ...] = ("auto", "position", "shared")
+    for name in names:
         if _same(inverse_metric(dmp.system, name, length, length), dmp.rule.inverse_metric):
-            option = [] if name is None else ["--metric", name]
+            option = [] if name == "auto" else ["--metric", name]
             return (
                 [*option, "--metric-length", repr(length)] if dmp.rule.inverse_metric[3] else option
             )
