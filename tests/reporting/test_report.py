@@ -417,10 +417,10 @@ def test_the_commands_make_the_same_primitive_again(
             main()
         assert not stop.value.code
     first, again = (ns.load_primitive(path) for path in (before, "again.json"))
-    np.testing.assert_allclose(again.inverse_metric, first.inverse_metric, rtol=1e-9)
+    np.testing.assert_allclose(again.rule.inverse_metric, first.rule.inverse_metric, rtol=1e-9)
     np.testing.assert_allclose(again.rollout().positions, first.rollout().positions, atol=1e-9)
     np.testing.assert_array_equal(again.law.forcing.weights, first.law.forcing.weights)
-    assert again.barrier_rate == first.barrier_rate
+    assert again.rule.barrier_rate == first.rule.barrier_rate
     capsys.readouterr()
 
 
