@@ -34,7 +34,6 @@ from noslip.constraints import (
 )
 from noslip.constraints.check import CheckReport, check
 from noslip.demonstrations.alignment import align
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.outliers import Outliers, outliers
 from noslip.demonstrations.preparation import prepare
 from noslip.demonstrations.segmentation import Segments, segment
@@ -51,7 +50,14 @@ from noslip.many import LearnedEach, learn_each
 from noslip.primitives import Motion, OrientationDMP, PoseDMP, PositionDMP, State
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.trajectory import project_trajectory
-from noslip.recordings import BagTopic, bag_topics, write_bag, write_joints, write_recording
+from noslip.recordings import (
+    BagTopic,
+    bag_topics,
+    load_demonstrations,
+    write_bag,
+    write_joints,
+    write_recording,
+)
 from noslip.result_table import RecordingResult
 from noslip.runtime.controller import Controller
 from noslip.saving import load_primitive

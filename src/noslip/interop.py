@@ -14,7 +14,7 @@ from scipy.linalg import lstsq
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from noslip import _arguments
-from noslip._pose_files import MAX_NORM_ERROR
+from noslip._pose_checks import MAX_NORM_ERROR
 from noslip._typing import Floats
 from noslip.errors import InputError, MissingDependencyError
 from noslip.primitives.attractor import Attractor

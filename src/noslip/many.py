@@ -44,16 +44,11 @@ from noslip.constraints.catalog import restore, specification
 from noslip.constraints.check import check, step_residuals
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.demonstrations.loading import (
-    SUFFIXES,
-    expand,
-    folder_reader,
-    load_demonstrations,
-)
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import ConstraintError, InputError, MissingDependencyError, NoslipError
 from noslip.learning import ConstrainedDMP, learn
 from noslip.projection.pointwise import project_initial_velocity
+from noslip.recordings.formats import SUFFIXES, expand, folder_format, load_demonstrations
 from noslip.result_table import RecordingResult, read_results, require_format, write_results
 from noslip.trajectory import PoseTrajectory
 
@@ -243,7 +238,7 @@ def find_recordings(recordings: Recordings, *, leave_out: Iterable[Path] = ()) -
     found: dict[Path, tuple[str, Path]] = {}
     for path in [recordings] if isinstance(recordings, (str, Path)) else recordings:
         folder = Path(path).expanduser()
-        if folder.is_dir() and folder_reader(folder) is None:
+        if folder.is_dir() and folder_format(folder) is None:
             inside = [
                 (file.relative_to(folder), file)
                 for file in sorted(folder.rglob("*"))

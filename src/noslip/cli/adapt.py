@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,8 +12,9 @@ import numpy as np
 import typer
 
 from noslip import _arguments
-from noslip import _pose_files as files
 from noslip._files import write_beside
+from noslip._pose_checks import Source
+from noslip._pose_csv import POSITION, QUATERNION
 from noslip.adaptation import Via
 from noslip.cli import options, output
 from noslip.cli.plot import FORMATS
@@ -25,6 +24,7 @@ from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import Goal, end_errors
 from noslip.learning import ConstrainedDMP
+from noslip.named_columns import NamedColumns, records_text
 from noslip.primitives.pose import Motion
 from noslip.primitives.scaling import Scaling
 from noslip.projection.trajectory import End
@@ -43,7 +43,7 @@ Examples:
   noslip adapt excision.json --goals goals.csv --figure family.png --out family/
 """
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
-_COLUMNS = (files.POSITION_NAMES, files.QUATERNION_NAMES, ("duration",))
+_COLUMNS = (POSITION, QUATERNION, ("duration",))
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
 
 Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
@@ -192,7 +192,8 @@ def run(
             for done, (name, row) in enumerate(rows.items(), start=1):
                 family.try_to_add(name, row, targets[name])
                 progress(done, len(rows))
-        summary = write_beside(out / SUMMARY, _csv(family.outcomes).encode())
+        text = records_text([f.name for f in fields(Outcome)], map(asdict, family.outcomes))
+        summary = write_beside(out / SUMMARY, text.encode())
         failed = sum(outcome.failed for outcome in family.outcomes)
         result = {
             "folder": str(out),
@@ -320,61 +321,50 @@ def _merged(goals: Path, wanted: Mapping[str, Any], row: Mapping[str, Any]) -> d
 
 def _read_goals(path: Path) -> dict[str, dict[str, Any]]:
     """Read what each row of a CSV asks for, as arguments of ``adapt`` by name."""
-    text = files._decode(path, files._read(path))
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    rows = list(files._rows(path, text, delimiter=max(",;\t", key=first.count)))
-    if not rows:
-        raise InputError(f"{path}: the file is empty; needed are columns {_KNOWN}")
-    (line, header), *rows = rows
-    names = [" ".join(cell.split()).lower() for cell in header]
-    columns = _goal_columns(path, line, names)
-    if not rows:
-        raise InputError(f"{path}: line {line}: a header and no goals; add a row for each")
-    table = np.array([files._row_numbers(path, k, cells, names, columns) for k, cells in rows])
-    of = dict(zip(columns, table.T, strict=True))
-    lines = [line for line, _ in rows]
-    source = files._Source(path, "", f"columns {', '.join(files.QUATERNION_NAMES)}", lines)
-    files._check_finite(source, {f"column {name}": values for name, values in of.items()})
+    table = NamedColumns.open(path)
+    columns = _goal_columns(table.where, table.names)
+    labelled = ("name",) if "name" in table.names else ()
+    lines, of, texts = table.read(columns, labelled)
+    if not lines:
+        raise InputError(f"{table.where}: a header and no goals; add a row for each")
+    source = Source(path, "", f"columns {', '.join(QUATERNION)}", lines)
+    source.check_finite({f"column {name}": values for name, values in of.items()})
     wanted: dict[str, Any] = {}
     if "x" in of:
-        wanted["goal_position"] = np.column_stack([of[name] for name in files.POSITION_NAMES])
+        wanted["goal_position"] = np.column_stack([of[name] for name in POSITION])
     if "qw" in of:
-        quaternions = np.column_stack([of[name] for name in files.QUATERNION_NAMES])
-        wanted["goal_rotation"] = files._rotations(source, quaternions)
+        wanted["goal_rotation"] = source.rotations(np.column_stack([of[k] for k in QUATERNION]))
     if "duration" in of:
         wanted["duration"] = of["duration"]
         if (of["duration"] <= 0).any():
             index = int(np.argmax(of["duration"] <= 0))
             found = of["duration"][index]
             raise source.error(index, "column duration", f"found {found:g}; seconds above 0")
-    labels = [f"goal_{index:03}" for index in range(1, len(rows) + 1)]
-    if "name" in names:
-        labels = _labels(path, {k: cells[names.index("name")] for k, cells in rows})
+    labels = [f"goal_{index:03}" for index in range(1, len(lines) + 1)]
+    if labelled:
+        labels = _labels(path, dict(zip(lines, texts["name"], strict=True)))
     return {
         label: {key: values[index] for key, values in wanted.items()}
         for index, label in enumerate(labels)
     }
 
 
-def _goal_columns(path: Path, line: int, names: list[str]) -> tuple[str, ...]:
+def _goal_columns(where: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return the columns of numbers; refuse what is unknown, twice there, or there by half."""
     known = [name for group in _COLUMNS for name in group]
     for name in filter(None, names):
         if name not in (*known, "name"):
-            raise InputError(
-                f"{path}: line {line}: column {name!r} is not known; known are {_KNOWN}"
-            )
+            raise InputError(f"{where}: column {name!r} is not known; known are {_KNOWN}")
         if names.count(name) > 1:
-            raise InputError(f"{path}: line {line}: column {name} appears twice; keep one")
+            raise InputError(f"{where}: column {name} appears twice; keep one")
     for group in _COLUMNS:
         missing = [name for name in group if name not in names]
         if 0 < len(missing) < len(group):
             raise InputError(
-                f"{path}: line {line}: missing {', '.join(missing)}; give all of "
-                f"{','.join(group)} or none"
+                f"{where}: missing {', '.join(missing)}; give all of {','.join(group)} or none"
             )
     if not set(names) & set(known):
-        raise InputError(f"{path}: line {line}: no column of a goal; give any of {_KNOWN}")
+        raise InputError(f"{where}: no column of a goal; give any of {_KNOWN}")
     return tuple(name for name in known if name in names)
 
 
@@ -399,17 +389,6 @@ def _labels(path: Path, cells: Mapping[int, str]) -> list[str]:
 
 
 # ---------------------------------------------------------------- what comes out
-
-
-def _csv(outcomes: list[Outcome]) -> str:
-    """Return the summary: a header, then a row a goal; empty cells of what there is not."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(field.name for field in fields(Outcome))
-    for outcome in outcomes:
-        values = asdict(outcome).values()
-        writer.writerow(str(v).lower() if isinstance(v, bool) else v for v in values)
-    return text.getvalue()
 
 
 def _told(outcome: Outcome) -> list[str]:

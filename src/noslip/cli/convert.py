@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from noslip.cli import options
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.errors import InputError
-from noslip.recordings.writing import WRITABLE, WRITABLE_TOLD, write_recording
+from noslip.recordings import load_demonstrations, write_recording
+from noslip.recordings.formats import WRITTEN, listed_suffixes
 
 NAME = "convert"
 EXAMPLES = """
@@ -35,7 +35,7 @@ def run(
         Path,
         typer.Option(
             metavar="FILE",
-            help=f"What to write: {WRITABLE_TOLD}.",
+            help=f"What to write: {listed_suffixes(WRITTEN)}.",
             show_default=False,
         ),
     ],
@@ -45,8 +45,8 @@ def run(
 
     Poses and times stay as recorded.  Of a data set choose one episode.
     """
-    if out.suffix.lower() not in WRITABLE:
-        raise InputError(f"--out: {out} must end in {WRITABLE_TOLD}")
+    if out.suffix.lower() not in WRITTEN:
+        raise InputError(f"--out: {out} must end in {listed_suffixes(WRITTEN)}")
     trajectories = load_demonstrations(recording, **given.loading())
     if len(trajectories) > 1:
         raise InputError(

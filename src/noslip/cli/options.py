@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip.constraints.catalog import CATALOG, parse_constraint
 from noslip.constraints.declaration import Constraint
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError
 from noslip.projection.metric import Metric
+from noslip.recordings import load_demonstrations
 from noslip.trajectory import PoseTrajectory
 
 LONGEST, FASTEST = 86400.0, 20.0

@@ -1,1 +1,1 @@
-"""Recordings in files -> PoseTrajectory, and preparing them."""
+"""From recordings to demonstrations: preparing, cutting, aligning, leaving out."""
