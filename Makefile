@@ -32,10 +32,10 @@ demo: $(STAMP) ## run the paper's experiments; results in noslip-demo/
 	$(BIN)/noslip demo --out noslip-demo
 
 test: $(VENV)/.dev ## run all tests
-	$(BIN)/python -m pytest --numprocesses auto
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 quick: $(VENV)/.dev ## run the fast tests only
-	$(BIN)/python -m pytest --numprocesses auto -m "not slow"
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal -m "not slow"
 
 check: $(VENV)/.dev ## lint, format and types
 	$(BIN)/ruff check .

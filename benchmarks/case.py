@@ -16,7 +16,7 @@ from benchmarks import peers
 from benchmarks.example import MOVED_GOAL, SAMPLES, demonstration
 from benchmarks.memory import PeakMemory
 from benchmarks.timing import forget
-from noslip import Blade, PoseDMP, learn
+from noslip import Blade, learn
 
 LONGEST = 1.0
 """Repetitions stop after this many seconds."""
@@ -57,7 +57,7 @@ def prepare(task: str, samples: int, basis_functions: int) -> Callable[[], Any]:
     given = demonstration(samples)
     usual = demonstration(SAMPLES)
     if task == "fit":
-        return lambda: PoseDMP.fit(given, basis_functions=basis_functions)
+        return lambda: learn(given, basis_functions=basis_functions)
     if task == "learn":
         return lambda: learn(given, Blade(), basis_functions=basis_functions)
     if task == "adapt":

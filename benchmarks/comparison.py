@@ -18,10 +18,12 @@ from benchmarks.example import (
     MOVED_GOAL,
     demonstration,
 )
-from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
-from noslip import Blade, Box, ConstrainedDMP, PoseDMP, PoseTrajectory, State, learn
-from noslip.adaptation import REPLANNED_SAMPLES
+from noslip import Blade, ConstrainedDMP, PoseTrajectory, State, learn
+from noslip.adapting import REPLANNED_SAMPLES
+from noslip.constraints import Box
+from noslip.constraints.system import ConstraintSystem
+from noslip.merit import FiguresOfMerit, figures_of_merit
 
 PUSHED_AT, PUSH = 0.4, 0.05
 """When the motion is pushed sideways to be re-planned, and how far: fractions of its duration and
@@ -83,7 +85,7 @@ class Comparison:
     samples: int
     basis_functions: int
     timings: Mapping[str, Timing]
-    quality: Mapping[str, Quality]
+    merits: Mapping[str, FiguresOfMerit]
     ratios: tuple[Ratio, ...]
     step_costs: tuple[StepCost, ...]
     paper_evaluations: int
@@ -135,7 +137,7 @@ def compare(
     ]
     timings = measure(candidates, rounds, progress)
 
-    progress("quality")
+    progress("figures of merit")
     paper = paper_method.run(given, basis_functions)
     motions = {
         "demonstration": given,
@@ -151,7 +153,7 @@ def compare(
         samples=samples,
         basis_functions=basis_functions,
         timings=timings,
-        quality={name: Quality.of(motion, given) for name, motion in motions.items()},
+        merits={name: figures_of_merit(motion, given, Blade()) for name, motion in motions.items()},
         ratios=tuple(
             Ratio(
                 name,
@@ -184,7 +186,7 @@ def _learn(
     )
 
 
-def _rollout(dmp: PoseDMP, given: PoseTrajectory) -> PoseTrajectory:
+def _rollout(dmp: ConstrainedDMP, given: PoseTrajectory) -> PoseTrajectory:
     """Roll out with the demonstration's own number of samples."""
     return dmp.rollout(time_step=given.duration / (len(given) - 1))
 
@@ -280,17 +282,18 @@ def _noslip(
     regular = ours.regular
     shared = learn(given, Blade(), basis_functions=basis_functions, metric="shared")
     # Run-time limits alone: the primitive itself goes on pressing against them.
-    limited = replace(ours, constraints=(Blade(), CORNER))
-    limited_shared = replace(shared, constraints=(Blade(), CORNER))
+    limits = ConstraintSystem([Blade(), CORNER])
+    limited = replace(ours, rule=replace(ours.rule, system=limits))
+    limited_shared = replace(shared, rule=replace(shared.rule, system=limits))
     pushed = _pushed(ours, given)
     walk = _Walk(lambda: None, lambda state: ours.step(state, time_step), ours.initial_state)
     few = max(1, repeat_fast // 4)
     return [
         Candidate(
             "fit",
-            "fit, unconstrained (PoseDMP.fit)",
+            "fit, unconstrained (ConstrainedDMP.fit)",
             OURS,
-            lambda: PoseDMP.fit(
+            lambda: learn(
                 given, basis_functions=basis_functions, alpha=ALPHA, beta=BETA, alpha_s=ALPHA_S
             ),
             before=forget,

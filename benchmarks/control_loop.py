@@ -25,6 +25,7 @@ from benchmarks import peers
 from benchmarks.example import demonstration
 from noslip import Blade, ConstrainedDMP, learn
 from noslip.runtime.batch import cores
+from noslip.runtime.stepper import stepper_of
 
 LATE_STEPS = 1_000_000
 MOTIONS = 10_000
@@ -276,7 +277,7 @@ def _in_c(dmp: ConstrainedDMP, steps: int) -> Latency:
 
 def _batch(dmp: ConstrainedDMP, motions: int) -> dict[str, float]:
     rng = np.random.default_rng(0)
-    goals = dmp.position.goal + 0.1 * rng.normal(size=(motions, 3))
+    goals = dmp.goal_position + 0.1 * rng.normal(size=(motions, 3))
     dmp.rollout_many(goals=goals[: motions // 10 or 1])
     taken = []
     for _ in range(3):
@@ -292,14 +293,14 @@ def _batch(dmp: ConstrainedDMP, motions: int) -> dict[str, float]:
 
 
 def _floor(dmp: ConstrainedDMP) -> Floor:
-    function = dmp.stepper.function
+    function = stepper_of(dmp.rule).function
     names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
     count = Counter(names[function.instruction_id(k)] for k in range(function.n_instructions()))
     functions = sum(count[name] for name in _TRANSCENDENTAL)
     moves = count["OP_INPUT"] + count["OP_OUTPUT"] + count["OP_CONST"]
     operations = function.n_instructions() - functions - moves
     # One new evaluation of the forces a step: the Gaussians within nine standard deviations.
-    near = min(18, dmp.position.forcing.basis.count)
+    near = min(18, dmp.law.basis.count)
     operations += near * (6 + 2 * 6)
     functions += near * 2
     moved = 8 * (function.nnz_in() + function.nnz_out() + near * 8)

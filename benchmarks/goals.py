@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import paper_method
 from benchmarks.example import ALPHA, ALPHA_S, BASIS_FUNCTIONS, BETA, demonstration
-from benchmarks.quality import angular_velocities, largest_slip
 from noslip import Blade, PoseTrajectory, learn
+from noslip.merit import figures_of_merit
 
 Floats = NDArray[np.float64]
 
@@ -85,6 +85,7 @@ def move_goals(
     def arrival(
         method: str, direction: str, shift: float, to: Floats, motion: PoseTrajectory
     ) -> Arrival:
+        merit = figures_of_merit(motion, motion, Blade())
         return Arrival(
             method,
             direction,
@@ -92,8 +93,8 @@ def move_goals(
             position=float(np.linalg.norm(motion.positions[-1] - to)),
             rotation=_angle(motion.rotations[-1], ends[method]),
             from_demonstrated=_angle(motion.rotations[-1], turned),
-            residual=largest_slip(motion),
-            angular_speed=float(np.linalg.norm(angular_velocities(motion), axis=1).max()),
+            residual=merit.residual_peak,
+            angular_speed=merit.angular_speed_peak,
         )
 
     arrivals = [arrival(name, "unmoved", 0.0, goal, motion) for name, motion in unmoved.items()]

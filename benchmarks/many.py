@@ -15,7 +15,8 @@ from time import perf_counter
 
 from benchmarks.recordings import SAMPLES, write_recordings
 from noslip import Blade
-from noslip.many import _processes, learn_each
+from noslip.many import learn_each
+from noslip.many.executors import processes as worker_processes
 
 RECORDINGS = 200
 WANTED = 1.6
@@ -69,7 +70,7 @@ def learn_many(
         for count in processes:
             progress(f"many recordings: {count} process(es) start")
             begin = perf_counter()
-            pools[count] = stack.enter_context(_processes(count))
+            pools[count] = stack.enter_context(worker_processes(count))
             # Twice as many as processes: each gets one, or is there by then.
             learn_each(files[: 2 * count], Blade(), executor=pools[count])
             starts[count] = perf_counter() - begin

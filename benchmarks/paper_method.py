@@ -34,8 +34,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.example import ALPHA, ALPHA_S, BASIS_FUNCTIONS, BETA
 from noslip import PoseTrajectory
-from noslip.primitives.basis import Basis
-from noslip.primitives.phase import Phase
+from noslip.law.basis import Basis
+from noslip.law.clock import Phase
 
 Floats = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]

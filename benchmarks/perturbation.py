@@ -29,8 +29,8 @@ from benchmarks.example import (
     DURATION,
     demonstration,
 )
-from benchmarks.quality import angular_velocities, largest_slip
 from noslip import Blade, PoseTrajectory, learn, load_demonstrations, prepare
+from noslip.merit import figures_of_merit
 
 Floats = NDArray[np.float64]
 
@@ -243,7 +243,7 @@ class _Motion:
         before = round(push.at * self.steps)
         own = self._controlled(push, before)
         steps = before + len(own) - 1
-        found = [self._recovery(NOSLIP, push, own, own.positions[-1:] - self.dmp.position.goal)]
+        found = [self._recovery(NOSLIP, push, own, own.positions[-1:] - self.dmp.goal_position)]
         for method in self.published:
             after = self._continued(method, push, before, max(steps, self.steps))
             to_goal = after.positions[self.steps - before :] - self.given.positions[-1]
@@ -283,6 +283,7 @@ class _Motion:
         self, method: str, push: Push, after: PoseTrajectory, to_goal: Floats
     ) -> Recovery:
         missed = np.linalg.norm(to_goal, axis=1).min() / self.given.path_length
+        merit = figures_of_merit(after, after, Blade())
         return Recovery(
             method,
             self.name,
@@ -290,8 +291,8 @@ class _Motion:
             push.at,
             push.size,
             float(missed),
-            largest_slip(after),
-            float(np.linalg.norm(angular_velocities(after), axis=1).max()),
+            merit.residual_peak,
+            merit.angular_speed_peak,
             round(push.at * self.steps) / self.steps + after.duration / self.given.duration,
         )
 

@@ -52,7 +52,7 @@ SETS = (
     Set("needle", (ns.Needle(),), 0.2, 1.0),
     Set("wheel", (ns.Wheel(),), 0.08, 0.0),
     Set("blade with limits", (ns.Blade(), ns.SpeedLimit(speed=50.0)), 0.02, 1.0),
-    Set("blade on a plane", (ns.Blade(), ns.PlaneContact()), 0.01, 0.0),
+    Set("blade on a plane", (ns.Blade(), ns.constraints.PlaneContact()), 0.01, 0.0),
 )
 
 

@@ -17,7 +17,7 @@ out = parser.parse_args().out
 s = np.linspace(0, 1, 1001)
 path = np.column_stack([0.1 * s, 0.02 * s, 0 * s])
 hand = ns.PoseTrajectory(2 * s, path, Rotation.identity(len(s)), name="demonstration")
-table = ns.learn(hand, [ns.PlaneContact()])
+table = ns.learn(hand, [ns.constraints.PlaneContact()])
 blade = ns.learn(hand, [ns.Blade()]).constrained
 
 # Started 10 mm above the table, and with the hand's 10 mm/s across the blade.

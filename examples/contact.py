@@ -26,10 +26,13 @@ def hills(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 contacts = {
-    "plane": (ns.PlaneContact(normal=(0.2, 0, 1)), -0.2 * x),
-    "sphere": (ns.SphereContact((0, 0, -0.1), 0.1), np.sqrt(0.01 - x**2 - y**2) - 0.1),
-    "cylinder": (ns.CylinderContact((0, 0, -0.08), (1, 0, 0), 0.08), np.sqrt(0.0064 - y**2) - 0.08),
-    "formula": (ns.SurfaceContact("z - 0.01*sin(60*x)*cos(40*y)"), hills(x, y)),
+    "plane": (ns.constraints.PlaneContact(normal=(0.2, 0, 1)), -0.2 * x),
+    "sphere": (ns.constraints.SphereContact((0, 0, -0.1), 0.1), np.sqrt(0.01 - x**2 - y**2) - 0.1),
+    "cylinder": (
+        ns.constraints.CylinderContact((0, 0, -0.08), (1, 0, 0), 0.08),
+        np.sqrt(0.0064 - y**2) - 0.08,
+    ),
+    "formula": (ns.constraints.SurfaceContact("z - 0.01*sin(60*x)*cos(40*y)"), hills(x, y)),
 }
 blade = ns.Blade()
 colors = dict(zip(contacts, ("vermillion", "green", "purple", "blue"), strict=True))

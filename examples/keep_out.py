@@ -21,9 +21,9 @@ hand = ns.PoseTrajectory(4 * s, path, Rotation.identity(len(s)), name="demonstra
 CENTER, RADIUS = np.array([0.03, -0.004, 0.0]), 0.012
 START, END, WIDTH = np.array([0.07, 0.006, 0.0]), np.array([0.09, 0.03, 0.0]), 0.01
 nerve = ns.KeepOutSphere(center=CENTER, radius=RADIUS)
-vessel = ns.KeepOutCapsule(start=START, end=END, radius=WIDTH)
+vessel = ns.constraints.KeepOutCapsule(start=START, end=END, radius=WIDTH)
 
-rules = [nerve, vessel, ns.Blade(), ns.PlaneContact()]
+rules = [nerve, vessel, ns.Blade(), ns.constraints.PlaneContact()]
 # Around them the blade has to turn, which a metric that shares the correction lets it do.
 dmp = ns.learn(hand, rules, metric="shared")
 motion = dmp.rollout()

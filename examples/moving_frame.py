@@ -22,8 +22,8 @@ carried = cut + np.outer(np.sin(2 * np.pi * 12 * s / breath["period"]), breath["
 yaw = np.arctan2(0.02 * np.pi * np.cos(np.pi * u), 0.08) + 0.2 * np.sin(5 * np.pi * s)
 hand = ns.PoseTrajectory(12 * s, carried, Rotation.from_euler("z", yaw), name="demonstration")
 
-blade = ns.InMovingFrame(ns.Blade(), **breath)
-surface = ns.InMovingFrame(ns.PlaneContact(), **breath)
+blade = ns.constraints.InMovingFrame(ns.Blade(), **breath)
+surface = ns.constraints.InMovingFrame(ns.constraints.PlaneContact(), **breath)
 motion = ns.learn(hand, [blade, surface]).rollout()
 in_the_room = ns.learn(hand, [ns.Blade(), surface]).rollout()
 

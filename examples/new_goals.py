@@ -26,22 +26,22 @@ original = dmp.rollout()
 # All round the goal, half of them with another orientation at the end, one by way of a point.
 motions, goals = {}, {}
 for i, angle in enumerate(np.linspace(0, 2 * np.pi, 8, endpoint=False)):
-    goal = dmp.position.goal + 0.03 * np.array([np.cos(angle), np.sin(angle), 0.0])
-    turned = Rotation.from_euler("z", 25 * (i % 2), degrees=True) * dmp.orientation.goal
+    goal = dmp.goal_position + 0.03 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    turned = Rotation.from_euler("z", 25 * (i % 2), degrees=True) * dmp.goal_rotation
     via = [(0.5, [0.05, 0.015, 0.0])] if i == 2 else []
     adapted = dmp.adapt(goal_position=goal, goal_rotation=turned, via=via)
     name = f"{np.degrees(angle):.0f}°" + (", via a point" if via else "")
-    motions[name], goals[name] = adapted.rollout(), (goal, turned)
+    motions[name], goals[name] = adapted.rollout(), ns.Boundary(1, goal, turned)
 
 motion = motions["0°"]
 for name, m in motions.items():
-    missed = np.linalg.norm(m.positions[-1] - goals[name][0])
-    off = np.degrees((m.rotations[-1] * goals[name][1].inv()).magnitude())
+    missed = np.linalg.norm(m.positions[-1] - goals[name].position)
+    off = np.degrees((m.rotations[-1] * goals[name].rotation.inv()).magnitude())
     slip = np.abs(m.constraint_residuals).max()
     print(f"{name}: ends {1e6 * missed:.2g} µm and {off:.1e}° off, residual {slip:.1e} m/s")
 
 # What a primitive that is not adapted makes of the first sideways goal.
-plain = dmp.rollout(goal_position=goals["90°, via a point"][0])
-missed = np.linalg.norm(plain.positions[-1] - goals["90°, via a point"][0])
+sideways = goals["90°, via a point"].position
+missed = np.linalg.norm(dmp.rollout(goal_position=sideways).positions[-1] - sideways)
 print(f"without adaptation, 30 mm sideways: {1e3 * missed:.1f} mm short")
 save_figure(adapted_family(original, motions, goals, blade), out)

@@ -16,7 +16,7 @@ options = parser.parse_args()
 # A person led a tool along a rigid contour; it stood elsewhere, and turned, from run to run.
 try:
     raw = ns.load_demonstrations(f"{options.recordings}/data_demo_*.csv")
-except ns.InputError as error:
+except ns.errors.InputError as error:
     raise SystemExit(f"no recordings to compare with: {error}") from None
 runs = {run.name[-7:-4]: ns.prepare(run, trim_speed=0.05, rate=120, lowpass=4.8) for run in raw}
 shown = runs.pop("a_1")

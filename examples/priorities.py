@@ -19,7 +19,7 @@ u = s**3 * (10 - 15 * s + 6 * s**2)
 path = np.column_stack([0.1 * u, 0 * u, 0 * u])
 hand = ns.PoseTrajectory(8 * s, path, Rotation.identity(len(s)), name="demonstration")
 breath = {"amplitude": (0.0, 0.0, 0.004), "period": 4.0, "phase": -np.pi / 2}
-touch = ns.InMovingFrame(ns.HalfSpace(), **breath)
+touch = ns.constraints.InMovingFrame(ns.constraints.HalfSpace(), **breath)
 
 
 def ceiling(priority: int) -> ns.Constraint:
@@ -31,7 +31,9 @@ def ceiling(priority: int) -> ns.Constraint:
 
 
 def clearance(priority: int) -> ns.Constraint:
-    return ns.InMovingFrame(ns.HalfSpace(point=(0, 0, 0.003), priority=priority), **breath)
+    return ns.constraints.InMovingFrame(
+        ns.constraints.HalfSpace(point=(0, 0, 0.003), priority=priority), **breath
+    )
 
 
 orders = {

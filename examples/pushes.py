@@ -23,7 +23,7 @@ hand = ns.PoseTrajectory(4 * s, path, Rotation.from_euler("z", yaw), name="demon
 dmp = ns.learn(hand, [ns.Blade()])
 motion = dmp.rollout()
 step = dmp.duration / dmp.steps
-push, moved = np.array([0.0, -0.012, 0.0]), dmp.position.goal + [0.01, 0.02, 0.0]
+push, moved = np.array([0.0, -0.012, 0.0]), dmp.goal_position + [0.01, 0.02, 0.0]
 
 
 def run(with_controller: bool, push: np.ndarray, goal: np.ndarray) -> list[ns.State]:
@@ -43,7 +43,7 @@ def run(with_controller: bool, push: np.ndarray, goal: np.ndarray) -> list[ns.St
 
 
 runs = {
-    "pushed sideways": (True, push, dmp.position.goal),
+    "pushed sideways": (True, push, dmp.goal_position),
     "goal moved": (True, 0 * push, moved),
     "both, without a controller": (False, push, moved),
 }

@@ -34,8 +34,8 @@ def acceleration(m: ns.PoseTrajectory) -> np.ndarray:
 
 panels = {
     "speed (mm/s)": (ns.SpeedLimit(0.035), speed, 35),
-    "turning (rad/s)": (ns.AngularRateLimit(1.2), turning, 1.2),
-    "acceleration (mm/s²)": (ns.AccelerationLimit(linear=0.04), acceleration, 40),
+    "turning (rad/s)": (ns.constraints.AngularRateLimit(1.2), turning, 1.2),
+    "acceleration (mm/s²)": (ns.constraints.AccelerationLimit(linear=0.04), acceleration, 40),
 }
 figure = style.new_figure(6.0, 2.8)
 found = []

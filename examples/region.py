@@ -20,8 +20,10 @@ hand = ns.PoseTrajectory(4 * s, path, Rotation.identity(len(s)), name="demonstra
 
 limits = {
     "at most 8 mm deep": ns.DepthLimit(depth=0.008),
-    "this side of a slanted plane": ns.HalfSpace(point=(0, 0, -0.003), normal=(0.1, 0, 1)),
-    "within a box": ns.Box(lower=(None, None, -0.01), upper=(0.085, None, None)),
+    "this side of a slanted plane": ns.constraints.HalfSpace(
+        point=(0, 0, -0.003), normal=(0.1, 0, 1)
+    ),
+    "within a box": ns.constraints.Box(lower=(None, None, -0.01), upper=(0.085, None, None)),
 }
 figure = style.new_figure(6.0, 3.0)
 panels = figure.subplots(1, 3, sharey=True)

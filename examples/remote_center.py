@@ -24,7 +24,7 @@ lean = np.arctan2(toward[:, 0], np.hypot(toward[:, 1], toward[:, 2]))
 swing[:, 1] = lean + 0.08 * np.sin(3 * np.pi * s)
 hand = ns.PoseTrajectory(6 * s, tip, Rotation.from_euler("XYZ", swing), name="demonstration")
 
-port = ns.RemoteCenter(point=PORT, shaft="z")
+port = ns.constraints.RemoteCenter(point=PORT, shaft="z")
 dmp = ns.learn(hand, [port])
 motion = dmp.rollout()
 

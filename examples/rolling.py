@@ -23,8 +23,11 @@ loop = np.column_stack([0.04 * np.cos(5 * u), 0.04 * np.sin(5 * u), RADIUS + 0 *
 # The loop's radius is twice the ball's, so a ball that rolls turns 2 rad per rad of the loop.
 tumble = Rotation.from_euler("xz", np.column_stack([-2 / 3 * 2 * 5 * u, 5 * u]))
 recorded = {
-    "disc": (ns.PoseTrajectory(3 * s, straight, spin), ns.RollingDisc(RADIUS, axle="y")),
-    "ball": (ns.PoseTrajectory(3 * s, loop, tumble), ns.RollingSphere(RADIUS)),
+    "disc": (
+        ns.PoseTrajectory(3 * s, straight, spin),
+        ns.constraints.RollingDisc(RADIUS, axle="y"),
+    ),
+    "ball": (ns.PoseTrajectory(3 * s, loop, tumble), ns.constraints.RollingSphere(RADIUS)),
 }
 
 

@@ -55,7 +55,7 @@ for interval in segments.intervals:
     print(f"{interval.start:6.2f} to {interval.end:6.2f} s: {interval.reason or 'kept'}")
 
 # What lies far from the others is named, and left out if one says so.
-judged = ns.outliers(segments.pieces)
+judged = ns.demonstrations.outliers(segments.pieces)
 far = {int(i): judged.reason(int(i)) for i in np.flatnonzero(judged.outlying)}
 for i, reason in far.items():
     print(f"{segments.pieces[i].name}: {reason}")

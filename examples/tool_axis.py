@@ -24,9 +24,11 @@ around = 0.1 * np.column_stack([np.sin(turn), 0 * s, np.cos(turn)])
 lean = turn + np.radians(30) + 0.15 * np.sin(3 * np.pi * s)
 torch = ns.PoseTrajectory(8 * s, around, Rotation.from_euler("y", lean), name="torch")
 
-upright = ns.ToolAxis(axis="z", direction=(0, 0, 1))
-work_angle = ns.ToolAxis(axis="z", angle=np.radians(30), surface="sqrt(x**2 + z**2) - 0.1")
-on_the_pipe = ns.CylinderContact(axis=(0, 1, 0), radius=0.1)
+upright = ns.constraints.ToolAxis(axis="z", direction=(0, 0, 1))
+work_angle = ns.constraints.ToolAxis(
+    axis="z", angle=np.radians(30), surface="sqrt(x**2 + z**2) - 0.1"
+)
+on_the_pipe = ns.constraints.CylinderContact(axis=(0, 1, 0), radius=0.1)
 
 
 def up(m: ns.PoseTrajectory) -> np.ndarray:

@@ -25,9 +25,9 @@ corner = np.cumsum(np.column_stack([np.cos(heading), np.sin(heading), 0 * s]), a
 cart = ns.PoseTrajectory(5 * s, 0.2 * corner, Rotation.from_euler("z", heading), name="cart")
 
 RADIUS = 0.05
-only = ns.ForwardOnly(edge="x")
+only = ns.constraints.ForwardOnly(edge="x")
 forward = ns.learn(saw, [only]).rollout()
-car = ns.TurningRadius(radius=RADIUS)
+car = ns.constraints.TurningRadius(radius=RADIUS)
 wide = ns.learn(cart, [car, ns.Wheel()]).rollout()
 for motion in (forward, wide):
     print(f"least margins {motion.margins.min(axis=0)} m/s; gave way: {motion.gave_way}")

@@ -1,10 +1,13 @@
-"""What all tests share: the Hypothesis profile and the recordings beside the repository."""
+"""What all tests share: the Hypothesis profile, the command, and the recordings beside us."""
 
 from __future__ import annotations
 
 import os
 import shutil
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -41,3 +44,27 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip("the recordings (../shared/data, seen from the repository) are absent")
     return folder
+
+
+class Result(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def noslip(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., Result]:
+    """Run the command in this process, as main() would from a shell."""
+    from noslip.cli import main
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["noslip", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+            raise SystemExit(0)
+        captured = capsys.readouterr()
+        return Result(int(stop.value.code or 0), captured.out, captured.err)
+
+    return run

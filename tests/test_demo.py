@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from measures import rms
 from noslip.cli import main
 
 pytestmark = pytest.mark.slow
@@ -70,10 +71,6 @@ class Rows:
     def angle_to(self, other: Rows) -> np.ndarray:
         inner = np.abs(np.sum(self.q * other.q, axis=1))
         return np.degrees(2 * np.arccos(np.clip(inner, 0, 1)))
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 @pytest.fixture(scope="module")

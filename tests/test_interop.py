@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import noslip as ns
-from noslip import InputError, MissingDependencyError, PoseDMP, PoseTrajectory
+from noslip import ConstrainedDMP, PoseTrajectory, learn
+from noslip._typing import Floats
 from noslip.demonstrations.excision import synthetic_excisions
+from noslip.errors import InputError, MissingDependencyError
 from noslip.interop import (
     from_movement_primitives,
     from_pqs,
@@ -26,9 +26,8 @@ from noslip.interop import (
     to_pqs,
     to_transforms,
 )
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interop.md"
 STEPS = 500
 
@@ -162,7 +161,7 @@ def test_importing_the_module_imports_no_other_library() -> None:
 
 def test_a_missing_library_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "movement_primitives.dmp", None)
-    dmp = PoseDMP.fit(smooth(0), basis_functions=10)
+    dmp = learn(smooth(0), basis_functions=10)
     for convert in (to_movement_primitives, from_movement_primitives):
         with pytest.raises(MissingDependencyError, match=r"pip install 'noslip\[interop\]'"):
             convert(dmp)  # type: ignore[arg-type]
@@ -214,15 +213,12 @@ def solved(
     return np.array(path)
 
 
-def our_solution(dmp: PoseDMP, goal: Floats | None = None) -> Floats:
-    position, orientation = dmp.position, dmp.orientation
-    phases = dmp.phase.at(np.linspace(0, 1, 2 * STEPS + 1))
-    forces = np.hstack([position.forcing(phases), orientation.forcing(phases)])
-    start = np.concatenate([position.start, orientation.start_quaternion])
-    own_goal = np.concatenate([position.goal, orientation.winding.quaternions[-1]])
-    velocity = np.concatenate([position.start_velocity, orientation.start_velocity])
-    stiffness = position.attractor.alpha, position.attractor.beta
-    return solved(forces, stiffness, start, own_goal if goal is None else goal, velocity)
+def our_solution(dmp: ConstrainedDMP, goal: Floats | None = None) -> Floats:
+    law = dmp.law
+    forces = law.forcing(law.clock.at(np.linspace(0, 1, 2 * STEPS + 1)))
+    stiffness = law.attractor.alpha, law.attractor.beta
+    goal = law.goal.point if goal is None else goal
+    return solved(forces, stiffness, law.start, goal, law.start_velocity)
 
 
 def their_solution(dmp: Any, goal: Floats | None = None) -> Floats:
@@ -279,7 +275,7 @@ def assert_apart(a: Floats, b: Floats, lengths: float, degrees: float) -> None:
 def test_to_theirs_the_equations_have_the_same_solution(
     theirs: Any, weights: int | None, lengths: float, degrees: float
 ) -> None:
-    dmp = PoseDMP.fit(smooth(1))
+    dmp = learn(smooth(1))
     made = to_movement_primitives(dmp, weights=weights)
     assert isinstance(made, theirs)
     assert made.n_weights_per_dim == (weights or 200)
@@ -287,7 +283,7 @@ def test_to_theirs_the_equations_have_the_same_solution(
 
 
 def test_noisy_recordings_carry_over_too(theirs: Any) -> None:
-    dmp = PoseDMP.fit(synthetic_excisions()[5])
+    dmp = learn(synthetic_excisions()[5])
     made = to_movement_primitives(dmp)
     assert_apart(their_solution(made), our_solution(dmp), 1e-6, 1e-3)
     fewer = to_movement_primitives(dmp, weights=100)
@@ -295,7 +291,7 @@ def test_noisy_recordings_carry_over_too(theirs: Any) -> None:
 
 
 def test_their_own_steps_come_nearer_with_the_step(theirs: Any) -> None:
-    dmp = PoseDMP.fit(smooth(2))
+    dmp = learn(smooth(2))
     off = []
     for steps in (500, 1000, 2000):
         made = to_movement_primitives(dmp, time_step=dmp.duration / steps)
@@ -308,7 +304,7 @@ def test_their_own_steps_come_nearer_with_the_step(theirs: Any) -> None:
 
 
 def test_our_rollout_and_theirs_move_alike(theirs: Any) -> None:
-    dmp = PoseDMP.fit(smooth(3))
+    dmp = learn(smooth(3))
     ours = dmp.rollout()
     found = their_steps(to_movement_primitives(dmp))
     assert len(found) == len(ours)
@@ -317,7 +313,7 @@ def test_our_rollout_and_theirs_move_alike(theirs: Any) -> None:
 
 def test_their_open_loop_starts_at_rest(theirs: Any) -> None:
     """The documented difference: without the velocity, a motion that starts moving is off."""
-    dmp = PoseDMP.fit(smooth(3))
+    dmp = learn(smooth(3))
     made = to_movement_primitives(dmp)
     distance, _ = apart(made.open_loop()[1][: dmp.steps + 1], to_pqs(dmp.rollout()))
     assert 5e-3 < distance < 0.1
@@ -328,9 +324,9 @@ def test_their_open_loop_starts_at_rest(theirs: Any) -> None:
 
 
 def test_a_new_goal_has_the_same_effect_in_both(theirs: Any) -> None:
-    dmp = PoseDMP.fit(smooth(4))
-    turned = Rotation.from_rotvec([0.2, -0.1, 0.3]) * dmp.orientation.goal
-    goal = np.concatenate([dmp.position.goal + [0.3, -0.2, 0.1], turned.as_quat(scalar_first=True)])
+    dmp = learn(smooth(4))
+    turned = Rotation.from_rotvec([0.2, -0.1, 0.3]) * dmp.goal_rotation
+    goal = np.concatenate([dmp.goal_position + [0.3, -0.2, 0.1], turned.as_quat(scalar_first=True)])
     made = to_movement_primitives(dmp)
     assert_apart(their_solution(made, goal), our_solution(dmp, goal), 1e-6, 1e-4)
     made.configure(goal_y=goal)
@@ -339,7 +335,7 @@ def test_a_new_goal_has_the_same_effect_in_both(theirs: Any) -> None:
 
 
 def test_another_duration_keeps_the_shape_in_theirs(theirs: Any) -> None:
-    dmp = PoseDMP.fit(smooth(4))
+    dmp = learn(smooth(4))
     made = to_movement_primitives(dmp)
     before = their_solution(made)
     made.execution_time_ *= 3
@@ -354,7 +350,7 @@ def test_from_theirs_the_equations_have_the_same_solution(
 ) -> None:
     dmp = imitated(theirs, smooth(5), weights, smooth_scaling=smooth_scaling)
     made = from_movement_primitives(dmp)
-    assert made.position.forcing.basis.count == max(200, 4 * weights)
+    assert made.law.basis.count == max(200, 4 * weights)
     expected = their_solution(dmp)
     assert_apart(our_solution(made), expected, 2e-6, 3e-4)
     assert_apart(to_pqs(made.rollout(time_step=made.duration / STEPS)), expected, 1e-5, 1e-3)
@@ -372,23 +368,21 @@ def test_from_theirs_the_constants_are_the_same(theirs: Any) -> None:
     dmp.configure(start_yd=np.arange(6.0))
     made = from_movement_primitives(dmp, basis_functions=60)
     assert (
-        made.position.attractor
-        == made.orientation.attractor
-        == ns.PoseDMP.fit(smooth(6), alpha=30, beta=7, basis_functions=5).position.attractor
+        made.law.attractor == ns.learn(smooth(6), alpha=30, beta=7, basis_functions=5).law.attractor
     )
-    assert made.phase.alpha_s == dmp.forcing_term_pos.alpha_z == -np.log(0.01)
+    assert made.law.clock.alpha_s == dmp.forcing_term_pos.alpha_z == -np.log(0.01)
     assert made.duration == dmp.execution_time_
     assert made.steps == STEPS
-    assert np.array_equal(made.position.start, dmp.start_y[:3])
-    assert np.array_equal(made.position.goal, dmp.goal_y[:3])
-    assert made.position.forcing.basis.count == 60
+    assert np.array_equal(made.start_position, dmp.start_y[:3])
+    assert np.array_equal(made.goal_position, dmp.goal_y[:3])
+    assert made.law.basis.count == 60
     state = made.initial_state()
     np.testing.assert_allclose(state.linear_velocity, [0, 1, 2], rtol=1e-15)
     np.testing.assert_allclose(state.angular_velocity, [3, 4, 5], rtol=1e-15)
 
 
 def test_there_and_back_is_the_same_motion(theirs: Any) -> None:
-    dmp = PoseDMP.fit(smooth(7), basis_functions=50)
+    dmp = learn(smooth(7), basis_functions=50)
     back = from_movement_primitives(to_movement_primitives(dmp))
     assert_apart(to_pqs(back.rollout()), to_pqs(dmp.rollout()), 1e-5, 1e-3)
 
@@ -404,23 +398,23 @@ def test_a_constraint_stays_behind(theirs: Any) -> None:
 
 
 def test_what_cannot_be_converted_is_refused(theirs: Any) -> None:
-    far = PoseDMP.fit(smooth(1, turning=3.0), basis_functions=20)
-    assert len(far.orientation.winding.quaternions) > 1
-    near = PoseDMP.fit(smooth(1), basis_functions=20)
+    far = learn(smooth(1, turning=3.0), basis_functions=20)
+    assert len(far.law.goal.winding.quaternions) > 1
+    near = learn(smooth(1), basis_functions=20)
     with pytest.raises(InputError, match="turns more than 135 degrees"):
         to_movement_primitives(far)
     with pytest.raises(InputError, match="weights must be 2 or more"):
         to_movement_primitives(near, weights=1)
     with pytest.raises(InputError, match="time_step must be a positive"):
         to_movement_primitives(near, time_step=0.0)
-    with pytest.raises(InputError, match="dmp must be a PoseDMP"):
+    with pytest.raises(InputError, match="dmp must be a ConstrainedDMP"):
         to_movement_primitives(theirs())
     with pytest.raises(InputError, match="dmp must be a CartesianDMP"):
         from_movement_primitives(near)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"CartesianDMP \(start, goal\): sample 0: .* norm is 0"):
         from_movement_primitives(theirs())
     stiffer = imitated(theirs, smooth(1), 10, alpha_y=[25, 25, 25, 30, 30, 30])
-    with pytest.raises(InputError, match=r"alpha_y is array.*PoseDMP.fit\(from_pqs"):
+    with pytest.raises(InputError, match=r"alpha_y is array.*ConstrainedDMP.fit\(from_pqs"):
         from_movement_primitives(stiffer)
     broken = imitated(theirs, smooth(1), 10)
     broken.start_yd[2] = np.nan
@@ -435,7 +429,7 @@ def test_what_cannot_be_converted_is_refused(theirs: Any) -> None:
 def test_the_advice_for_differing_constants_works(theirs: Any) -> None:
     stiffer = imitated(theirs, smooth(1), 25, alpha_y=[25, 25, 25, 30, 30, 30])
     times, poses = stiffer.open_loop()
-    fitted = PoseDMP.fit(from_pqs(times, poses))
+    fitted = learn(from_pqs(times, poses))
     found = fitted.rollout(time_step=stiffer.dt_)
     assert_apart(to_pqs(found)[:STEPS], poses[:STEPS], 1e-3, 0.1)
 

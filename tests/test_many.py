@@ -16,12 +16,12 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import many
-from noslip.comparison import compare
-from noslip.many import find_recordings, learn_each
+from motions import planar_cut
+from noslip.many import cluster, executors, find_recordings, learn_each, worker
+from noslip.many import settings as run_settings
+from noslip.merit import figures_of_merit
 from noslip.result_table import RecordingResult, read_results, write_results
 
 FEW = {"basis_functions": 15}
@@ -29,13 +29,8 @@ FEW = {"basis_functions": 15}
 
 def recording(number: int) -> ns.PoseTrajectory:
     """A curved cut that slips a little sideways."""
-    random = np.random.default_rng(number)
-    t = np.linspace(0.0, 2.0, 60)
-    bend, slip = random.uniform([0.3, 0.05], [0.8, 0.2])
-    heading = bend * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
-    return ns.PoseTrajectory(t, positions, Rotation.from_euler("z", heading + slip * np.sin(3 * t)))
+    bend, slip = np.random.default_rng(number).uniform([0.3, 0.05], [0.8, 0.2])
+    return planar_cut(bend, wavering=slip, count=60)
 
 
 def write(folder: Path, count: int) -> Path:
@@ -74,7 +69,7 @@ def test_figures_are_those_of_the_primitive_in_the_file(runs, tmp_path):
         (given,) = ns.load_demonstrations(result.recording)
         dmp = ns.load_primitive(result.primitive)
         motion = dmp.rollout()
-        figures = compare(motion, given, constraints)
+        figures = figures_of_merit(motion, given, constraints)
         assert result.residual_peak == figures.residual_peak
         assert result.position_rms_m == figures.position_rms
         assert result.slowest_edge_speed_m_s == figures.slowest_edge_speed
@@ -112,7 +107,7 @@ def test_preparation_and_options_reach_the_worker(runs, tmp_path):
         relative=True,
         tool_frame=[0.01, 0, 0],
     )
-    given = ns.project_initial_velocity(given, ns.Blade())
+    given = ns.projection.pointwise.project_initial_velocity(given, ns.Blade())
     alone = ns.learn(given, ns.Blade(), metric=[2.0] * 6, **FEW).save(tmp_path / "alone.json")
     assert Path(learned.results[0].primitive).read_bytes() == alone.read_bytes()
 
@@ -164,7 +159,8 @@ def test_what_is_learned_is_kept_until_content_or_settings_change(runs, tmp_path
 def test_other_versions_learn_again(runs, tmp_path, monkeypatch):
     out = tmp_path / "out"
     learn_each(runs, out=out, **FEW)
-    monkeypatch.setattr(many, "__version__", "99")
+    for module in (run_settings, worker):
+        monkeypatch.setattr(module, "__version__", "99")
     assert learn_each(runs, out=out, **FEW).kept == 0
 
 
@@ -216,7 +212,9 @@ def test_a_primitive_of_another_recording_is_not_replaced(runs, tmp_path):
     out = tmp_path / "out"
     learn_each(runs / "cut_00.csv", out=out, **FEW)
     other = recording(7).to_csv(tmp_path / "other" / "cut_00.csv")
-    with pytest.raises(ns.InputError, match=r"would replace cut_00.json, learned from .*runs"):
+    with pytest.raises(
+        ns.errors.InputError, match=r"would replace cut_00.json, learned from .*runs"
+    ):
         learn_each(other, out=out, **FEW)
     # The same content elsewhere is the same recording.
     copy = tmp_path / "copy" / "cut_00.csv"
@@ -244,10 +242,12 @@ def test_folders_are_searched_and_keep_their_folders(tmp_path):
 def test_two_recordings_of_one_name_are_both_named(tmp_path):
     for folder in ("a", "b"):
         write(tmp_path / folder, 1)
-    with pytest.raises(ns.InputError, match=r"b.cut_00.csv: .*cut_00.json, as that of .*a.cut_00"):
+    with pytest.raises(
+        ns.errors.InputError, match=r"b.cut_00.csv: .*cut_00.json, as that of .*a.cut_00"
+    ):
         find_recordings([tmp_path / "a" / "cut_00.csv", tmp_path / "b" / "cut_00.csv"])
     recording(0).to_csv(tmp_path / "a" / "CUT_00.csv")
-    with pytest.raises(ns.InputError, match=r"rename one"):
+    with pytest.raises(ns.errors.InputError, match=r"rename one"):
         find_recordings(tmp_path / "a")
     # One file given in two ways is one.
     assert len(find_recordings([tmp_path / "b", tmp_path / "b" / "cut_00.csv"])) == 1
@@ -257,17 +257,17 @@ def test_what_cannot_be_is_refused_before_anything_is_learned(runs, tmp_path):
     (tmp_path / "empty").mkdir()
     out = tmp_path / "out"
     for error, match, call in (
-        (ns.InputError, "no recording in this folder", {"recordings": tmp_path / "empty"}),
-        (ns.InputError, "no such file", {"recordings": [runs, tmp_path / "missing.csv"]}),
-        (ns.InputError, "no recordings given", {"recordings": []}),
-        (ns.InputError, "learn has no option 'basis'", {"basis": 3}),
-        (ns.InputError, "prepare has no option 'speed'", {"preparation": {"speed": 3}}),
-        (ns.InputError, "alpha must be made of numbers and texts", {"alpha": object()}),
-        (ns.InputError, r"ends in .csv or .parquet", {"table": tmp_path / "table.xlsx"}),
-        (ns.InputError, "is a file; give a folder", {"out": runs / "cut_00.csv"}),
-        (ns.InputError, "not a table of results", {"table": runs / "cut_01.csv"}),
-        (ns.InputError, "jobs must be a whole number", {"jobs": 0}),
-        (ns.ConstraintError, "expected a constraint", {"constraints": [3]}),
+        (ns.errors.InputError, "no recording in this folder", {"recordings": tmp_path / "empty"}),
+        (ns.errors.InputError, "no such file", {"recordings": [runs, tmp_path / "missing.csv"]}),
+        (ns.errors.InputError, "no recordings given", {"recordings": []}),
+        (ns.errors.InputError, "learn has no option 'basis'", {"basis": 3}),
+        (ns.errors.InputError, "prepare has no option 'speed'", {"preparation": {"speed": 3}}),
+        (ns.errors.InputError, "alpha must be made of numbers and texts", {"alpha": object()}),
+        (ns.errors.InputError, r"ends in .csv or .parquet", {"table": tmp_path / "table.xlsx"}),
+        (ns.errors.InputError, "is a file; give a folder", {"out": runs / "cut_00.csv"}),
+        (ns.errors.InputError, "not a table of results", {"table": runs / "cut_01.csv"}),
+        (ns.errors.InputError, "jobs must be a whole number", {"jobs": 0}),
+        (ns.errors.ConstraintError, "expected a constraint", {"constraints": [3]}),
     ):
         with pytest.raises(error, match=match):
             learn_each(**{"recordings": runs, "out": out, **call})
@@ -294,7 +294,7 @@ def test_constraints_that_cannot_be_sent_are_named(runs):
     def looked_up(motion):
         return outside(motion.position[0])
 
-    with pytest.raises(ns.ConstraintError, match="'looked up' cannot be sent to a worker"):
+    with pytest.raises(ns.errors.ConstraintError, match="'looked up' cannot be sent to a worker"):
         learn_each(runs, looked_up)
 
 
@@ -351,7 +351,7 @@ def test_damaged_tables_are_refused_by_name(tmp_path, suffix):
         pytest.importorskip("pyarrow", reason="needs noslip[tables]")
     path = tmp_path / f"table{suffix}"
     path.write_bytes(b"\xff\xfe nothing of ours")
-    with pytest.raises(ns.InputError, match=f"table{suffix}: not a table of results"):
+    with pytest.raises(ns.errors.InputError, match=f"table{suffix}: not a table of results"):
         read_results(path)
 
 
@@ -359,7 +359,7 @@ def test_a_wrong_cell_is_named(tmp_path):
     path = tmp_path / "table.csv"
     write_results([RecordingResult(name="a", status="failed", recording="a", samples=7)], path)
     path.write_text(path.read_text().replace(",7,", ",many,"))
-    with pytest.raises(ns.InputError, match=r"table.csv: row 2, column samples: .*many"):
+    with pytest.raises(ns.errors.InputError, match=r"table.csv: row 2, column samples: .*many"):
         read_results(path)
 
 
@@ -402,10 +402,10 @@ def test_what_an_executor_loses_is_listed(runs, tmp_path):
 
 
 def test_a_worker_of_another_version_refuses(runs, tmp_path):
-    settings = many._settings((), {}, {}, False, {})
+    settings = run_settings.settings_text((), {}, {}, False, {})
     other = json.dumps({**json.loads(settings), "noslip": "0.0.1"})
     with pytest.raises(ns.NoslipError, match=r"a worker runs noslip .*, this is 0.0.1"):
-        many._learn_one(other, "cut", str(runs / "cut_00.csv"), None)
+        worker.learn_one(other, "cut", str(runs / "cut_00.csv"), None)
 
 
 @pytest.mark.slow
@@ -477,7 +477,7 @@ def test_a_dask_worker_killed_half_way_loses_nothing(tmp_path):
                 killed.append(worker.pid)
                 os.kill(worker.pid, signal.SIGKILL)
 
-        with many.cluster(local.scheduler_address) as executor:
+        with cluster(local.scheduler_address) as executor:
             learned = learn_each(runs, ns.Blade(), out=out, executor=executor, progress=kill, **FEW)
     assert killed and not learned.failed and learned.kept == 0
     assert len(learned.results) == 40
@@ -491,10 +491,10 @@ def test_a_dask_worker_killed_half_way_loses_nothing(tmp_path):
 @pytest.mark.slow
 def test_an_address_without_a_scheduler_is_refused(monkeypatch):
     pytest.importorskip("distributed", reason="needs noslip[cluster]")
-    monkeypatch.setattr(many, "_WORKERS_WITHIN", 3.0)
+    monkeypatch.setattr(executors, "_WORKERS_WITHIN", 3.0)
     with (
-        pytest.raises(ns.InputError, match=r"tcp://127.0.0.1:1: no Dask scheduler answers"),
-        many.cluster("tcp://127.0.0.1:1"),
+        pytest.raises(ns.errors.InputError, match=r"tcp://127.0.0.1:1: no Dask scheduler answers"),
+        cluster("tcp://127.0.0.1:1"),
     ):
         pass
 
@@ -502,8 +502,8 @@ def test_an_address_without_a_scheduler_is_refused(monkeypatch):
 def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
-        pytest.raises(ns.MissingDependencyError, match=r"noslip\[cluster\]"),
-        many.cluster("tcp://127.0.0.1:8786"),
+        pytest.raises(ns.errors.MissingDependencyError, match=r"noslip\[cluster\]"),
+        cluster("tcp://127.0.0.1:8786"),
     ):
         pass
 

@@ -12,66 +12,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.experiments.numerical_example import demonstration
+from learned import cutting, numerical
+from measures import assert_same_poses, degrees, slip
+from motions import along, arc, cut
+from noslip._typing import Floats
+from refusals import refusal
+from strategies import seeds, unit
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 BLADE = ns.Blade()
 POSITION, ROTATION = 1e-3, 0.5
 """What a motion may be off its goal or its path: share of the path's length, degrees."""
 RESIDUAL = 1e-10
 PERIOD, PHASE, SWAY = 1.7, 0.4, 0.05
-
-
-def slip(motion: ns.PoseTrajectory) -> Floats:
-    """Lateral speed of each step, by NumPy alone."""
-    v = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
-    return np.einsum("ki,ki->k", motion.rotations.as_matrix()[1:, :, 1], v)
-
-
-def degrees(one: Rotation, other: Rotation) -> float:
-    return float(np.degrees((one * other.inv()).magnitude()))
-
-
-def direction(rng: np.random.Generator) -> Floats:
-    u = rng.normal(size=3)
-    return np.asarray(u / np.linalg.norm(u))
-
-
-def along(x: Floats, s: Floats) -> Rotation:
-    """Rotations whose x axis follows a path and whose y axis stays level."""
-    v = np.gradient(x, s, axis=0)
-    yaw, pitch = np.arctan2(v[:, 1], v[:, 0]), -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
-    return Rotation.from_euler("ZY", np.column_stack([np.unwrap(yaw), pitch]))
-
-
-def arc(height: float = 0.1) -> tuple[Floats, Floats]:
-    """A bent path of about a meter, flat if the height is 0."""
-    s = np.linspace(0, 1, 301)
-    return s, np.column_stack([s, 0.2 * np.sin(2 * s), height * np.sin(3 * s)])
-
-
-def cut(height: float = 0.1) -> ns.PoseTrajectory:
-    """The arc in 2 s, with the edge askew by up to 10 degrees."""
-    s, x = arc(height)
-    error = np.outer(0.17 * np.sin(2.5 * s), [0, 0, 1])
-    return ns.PoseTrajectory(2 * s, x, Rotation.from_rotvec(error) * along(x, s), name="cut")
-
-
-@cache
-def cutting() -> ns.ConstrainedDMP:
-    return ns.learn(cut(), [BLADE])
-
-
-@cache
-def numerical() -> ns.ConstrainedDMP:
-    return ns.learn(demonstration(), [BLADE])
 
 
 PRIMITIVES: list[Callable[[], ns.ConstrainedDMP]] = [cutting, numerical]
@@ -117,7 +74,7 @@ def assert_goes_on(
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL
     np.testing.assert_allclose(motion.positions[0], state.position, atol=1e-12)
     assert degrees(motion.rotations[0], state.rotation) <= 1e-9
-    assert motion.times[0] == state.time == new.begin
+    assert motion.times[0] == state.time == new.law.begin
     assert np.linalg.norm(motion.positions[-1] - goal) <= POSITION * length
     assert degrees(motion.rotations[-1], turned) <= ROTATION
     # A blade that was turned or pushed cannot go on as it did; what it may, it does.
@@ -137,7 +94,7 @@ def assert_goes_on(
 def test_undisturbed_it_stays_on_the_path(of: Any, done: float) -> None:
     dmp, state = of(), state_at(of, done)
     new = dmp.replan(state)
-    motion = assert_goes_on(new, state, dmp.position.goal, dmp.orientation.goal, path(of)[1])
+    motion = assert_goes_on(new, state, dmp.goal_position, dmp.goal_rotation, path(of)[1])
     assert off_path(of, motion) <= POSITION
     # Nothing makes the way longer; but no plan is of fewer than 20 steps.
     step = dmp.duration / dmp.steps
@@ -162,8 +119,8 @@ def test_at_the_very_end_it_stays_where_the_goal_is(of: Any, done: float) -> Non
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL
     np.testing.assert_allclose(motion.positions[0], state.position, atol=1e-12)
     length = path(of)[1]
-    assert np.linalg.norm(motion.positions[-1] - dmp.position.goal) <= POSITION * length
-    assert degrees(motion.rotations[-1], dmp.orientation.goal) <= ROTATION
+    assert np.linalg.norm(motion.positions[-1] - dmp.goal_position) <= POSITION * length
+    assert degrees(motion.rotations[-1], dmp.goal_rotation) <= ROTATION
     # A tool in motion overshoots a little before it comes back to rest at the goal.
     assert motion.path_length <= 0.05 * length
     assert off_path(of, motion) <= 0.02
@@ -181,13 +138,13 @@ def test_from_the_very_start_it_is_the_motion_itself() -> None:
 # A motion in another duration, to another goal: it is the state that says so.
 def test_the_states_own_duration_and_goal_are_gone_on_with() -> None:
     dmp = cutting()
-    goal = dmp.position.goal + [0.02, 0.05, 0.02]
+    goal = dmp.goal_position + [0.02, 0.05, 0.02]
     state = dmp.initial_state(duration=5.0, goal_position=goal)
     for _ in range(100):
         state = dmp.step(state, 0.02)
     new = dmp.replan(state)
     assert 3.0 <= new.duration <= 5.0
-    assert_goes_on(new, state, goal, dmp.orientation.goal, path(cutting)[1])
+    assert_goes_on(new, state, goal, dmp.goal_rotation, path(cutting)[1])
 
 
 # -------------------------------------------------------------------- disturbed
@@ -203,8 +160,8 @@ def disturbed(
     turned: float = 30.0,
 ) -> ns.State:
     """Pushed by 1 to 20 % of the path and turned by up to 30 degrees."""
-    towards = state.rotation.as_matrix()[:, 1] if lateral else direction(rng)
-    turn = np.radians(rng.uniform(0, turned)) * direction(rng)
+    towards = state.rotation.as_matrix()[:, 1] if lateral else unit(rng)
+    turn = np.radians(rng.uniform(0, turned)) * unit(rng)
     return replace(
         state,
         position=state.position + rng.uniform(0.01, farthest) * length * towards,
@@ -221,7 +178,7 @@ def test_pushed_and_turned_it_still_reaches_the_goal(
     dmp, length = of(), path(of)[1]
     state = disturbed(state_at(of, done), np.random.default_rng(seed), length, lateral=lateral)
     new = dmp.replan(state)
-    motion = assert_goes_on(new, state, dmp.position.goal, dmp.orientation.goal, length)
+    motion = assert_goes_on(new, state, dmp.goal_position, dmp.goal_rotation, length)
     assert np.abs(slip(motion)).max() <= RESIDUAL
     # A longer way takes longer, never shorter.
     assert new.duration >= (1 - done) * dmp.duration - 0.01
@@ -232,11 +189,11 @@ def test_pushed_and_turned_it_still_reaches_the_goal(
 def test_a_goal_that_moved_is_reached(seed: int, done: float) -> None:
     dmp, rng, length = cutting(), np.random.default_rng(seed), path(cutting)[1]
     state = disturbed(state_at(cutting, done), rng, length)
-    goal = dmp.position.goal + rng.uniform(0.01, 0.3) * length * direction(rng)
-    turned = Rotation.from_rotvec(rng.uniform(0, 0.7) * direction(rng)) * dmp.orientation.goal
+    goal = dmp.goal_position + rng.uniform(0.01, 0.3) * length * unit(rng)
+    turned = Rotation.from_rotvec(rng.uniform(0, 0.7) * unit(rng)) * dmp.goal_rotation
     new = dmp.replan(state, goal_position=goal, goal_rotation=turned)
     assert_goes_on(new, state, goal, turned, length)
-    np.testing.assert_allclose(new.position.goal, goal, atol=1e-6)
+    np.testing.assert_allclose(new.goal_position, goal, atol=1e-6)
 
 
 def angular_start(of: Any, *, shaken: bool) -> list[float]:
@@ -292,7 +249,7 @@ def test_it_takes_the_time_it_is_told_to(duration: float) -> None:
     motion = new.rollout()
     assert motion.times[-1] == pytest.approx(state.time + duration)
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL
-    assert np.linalg.norm(motion.positions[-1] - dmp.position.goal) <= POSITION * path(cutting)[1]
+    assert np.linalg.norm(motion.positions[-1] - dmp.goal_position) <= POSITION * path(cutting)[1]
     begins = new.initial_state().linear_velocity
     np.testing.assert_allclose(begins, state.linear_velocity, atol=0.05 * path(cutting)[1] / 2)
 
@@ -301,8 +258,8 @@ def test_it_takes_the_time_it_is_told_to(duration: float) -> None:
 def test_only_what_is_asked_of_the_goal_is_kept(end: Any) -> None:
     dmp, length = cutting(), path(cutting)[1]
     state = state_at(cutting, 0.4)
-    goal = dmp.position.goal + 0.1 * dmp.orientation.goal.as_matrix()[:, 1]
-    turned = Rotation.from_rotvec([0, 0.2, 0.3]) * dmp.orientation.goal
+    goal = dmp.goal_position + 0.1 * dmp.goal_rotation.as_matrix()[:, 1]
+    turned = Rotation.from_rotvec([0, 0.2, 0.3]) * dmp.goal_rotation
     motion = dmp.replan(state, goal_position=goal, goal_rotation=turned, end=end).rollout()
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL
     there = np.linalg.norm(motion.positions[-1] - goal) <= POSITION * length
@@ -323,10 +280,10 @@ def test_what_was_replanned_can_be_replanned(seed: int) -> None:
         for _ in range(60):
             state = dmp.step(state, 0.005)
         assert state.time == pytest.approx(now + 0.3)
-        state = replace(state, position=state.position + 0.03 * length * direction(rng))
+        state = replace(state, position=state.position + 0.03 * length * unit(rng))
         dmp = dmp.replan(state)
-        assert_goes_on(dmp, state, cutting().position.goal, cutting().orientation.goal, length)
-        now = dmp.begin
+        assert_goes_on(dmp, state, cutting().goal_position, cutting().goal_rotation, length)
+        now = dmp.law.begin
         state = dmp.initial_state()
 
 
@@ -339,34 +296,34 @@ def test_replanned_in_a_loop_it_arrives_in_spite_of_pushes() -> None:
         for _ in range(20):
             state = dmp.step(state, 0.01)
             worst = max(worst, float(np.abs(state.constraint_residuals).max()))
-        state = replace(state, position=state.position + 0.005 * length * direction(rng))
+        state = replace(state, position=state.position + 0.005 * length * unit(rng))
         dmp = dmp.replan(state)
         state = dmp.initial_state()
     motion = dmp.rollout()
     assert worst <= RESIDUAL and np.abs(motion.constraint_residuals).max() <= RESIDUAL
-    assert np.linalg.norm(motion.positions[-1] - cutting().position.goal) <= POSITION * length
-    assert degrees(motion.rotations[-1], cutting().orientation.goal) <= ROTATION
+    assert np.linalg.norm(motion.positions[-1] - cutting().goal_position) <= POSITION * length
+    assert degrees(motion.rotations[-1], cutting().goal_rotation) <= ROTATION
     assert motion.times[-1] < 1.5 * cutting().duration
 
 
 def test_replanned_motions_are_adapted_like_any_other() -> None:
     dmp, length = cutting(), path(cutting)[1]
     late = dmp.replan(state_at(cutting, 0.5))
-    goal = dmp.position.goal + [0.05, 0.05, 0.0]
+    goal = dmp.goal_position + [0.05, 0.05, 0.0]
     motion = late.adapt(goal_position=goal).rollout()
-    assert motion.times[0] == late.begin
+    assert motion.times[0] == late.law.begin
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL
     assert np.linalg.norm(motion.positions[-1] - goal) <= POSITION * length
 
 
 def test_an_adapted_motion_is_replanned_like_any_other() -> None:
-    goal = cutting().position.goal + [0.1, 0.2, 0.1]
+    goal = cutting().goal_position + [0.1, 0.2, 0.1]
     dmp = cutting().adapt(goal_position=goal)
     state = dmp.initial_state()
     for _ in range(150):
         state = dmp.step(state, 0.005)
     state = disturbed(state, np.random.default_rng(4), path(cutting)[1])
-    assert_goes_on(dmp.replan(state), state, goal, dmp.orientation.goal, path(cutting)[1])
+    assert_goes_on(dmp.replan(state), state, goal, dmp.goal_rotation, path(cutting)[1])
 
 
 # -------------------------------------------------------------------- saved
@@ -377,10 +334,8 @@ def test_saved_and_loaded_a_replanned_motion_is_the_same_to_the_bit(tmp_path: Pa
     dmp = cutting().replan(state)
     loaded = ns.load_primitive(dmp.save(tmp_path / "replanned.json"))
     one, other = dmp.rollout(), loaded.rollout()
-    np.testing.assert_array_equal(one.times, other.times)
-    np.testing.assert_array_equal(one.positions, other.positions)
-    np.testing.assert_array_equal(one.quaternions, other.quaternions)
-    assert loaded.begin == state.time
+    assert_same_poses(one, other)
+    assert loaded.law.begin == state.time
 
 
 @given(seeds, st.floats(0.3, 10), st.integers(50, 2000))
@@ -413,7 +368,7 @@ def test_replanning_commutes_with_moving_the_scene(seed: int) -> None:
     moved = ns.PoseTrajectory(
         given_.times, turn.apply(given_.positions) + shift, turn * given_.rotations
     )
-    other = ns.learn(moved, [BLADE])
+    other = ns.learn(moved, [BLADE], basis_functions=40)
     # Far from the path there may be two ways back, and rounding decides which is found.
     state = disturbed(
         state_at(cutting, rng.uniform(0.1, 0.7)), rng, path(cutting)[1], farthest=0.05, turned=10
@@ -444,8 +399,8 @@ def swaying() -> ns.ConstrainedDMP:
     """On a plane that moves up and down."""
     s, x = arc(height=0)
     x[:, 2] = plane(2 * s)
-    contact = ns.InMovingFrame(
-        ns.PlaneContact(), amplitude=(0, 0, SWAY), period=PERIOD, phase=PHASE
+    contact = ns.constraints.InMovingFrame(
+        ns.constraints.PlaneContact(), amplitude=(0, 0, SWAY), period=PERIOD, phase=PHASE
     )
     return ns.learn(ns.PoseTrajectory(2 * s, x, along(x, s)), [contact, BLADE])
 
@@ -457,7 +412,7 @@ def test_a_constraint_that_moves_keeps_its_clock(duration: float | None) -> None
     for motion in (new.rollout(), new.rollout(time_step=0.0123)):
         assert motion.times[0] == state.time
         np.testing.assert_allclose(motion.positions[:, 2], plane(motion.times), atol=1e-9)
-    level = (motion.positions[-1] - dmp.position.goal)[:2]
+    level = (motion.positions[-1] - dmp.goal_position)[:2]
     assert np.linalg.norm(level) <= 5e-3
 
 
@@ -471,21 +426,24 @@ def test_pushed_off_a_surface_that_moves_it_is_led_back_in_time() -> None:
 # Where the surface is when the motion ends, not where it is now.
 def test_a_moved_goal_lies_where_the_surface_will_be() -> None:
     dmp, state, duration = swaying(), state_at(swaying, 0.45), 1.3
-    goal = dmp.position.goal + [0.05, 0.05, 0]
+    goal = dmp.goal_position + [0.05, 0.05, 0]
     goal[2] = plane(state.time + duration)
     motion = dmp.replan(state, goal_position=goal, duration=duration).rollout()
     assert np.linalg.norm(motion.positions[-1] - goal) <= POSITION
     goal[2] = plane(state.time)
-    with pytest.raises(ns.ConstraintError, match="goal violates 'plane-contact in moving"):
+    with pytest.raises(ns.errors.ConstraintError, match="goal violates 'plane-contact in moving"):
         dmp.replan(state, goal_position=goal, duration=duration)
 
 
 SURFACES: dict[str, tuple[Any, Any]] = {
     "needle": (ns.Needle(), cut()),
-    "blade on a plane": ([BLADE, ns.PlaneContact()], cut(height=0)),
-    "upright blade": ([BLADE, ns.ToolAxis()], cut(height=0)),
+    "blade on a plane": ([BLADE, ns.constraints.PlaneContact()], cut(height=0)),
+    "upright blade": ([BLADE, ns.constraints.ToolAxis()], cut(height=0)),
     "wheel": (ns.Wheel(), cut(height=0)),
-    "blade in tissue that moves": (ns.InMovingFrame(BLADE, amplitude=(0, 0.02, 0.03)), cut()),
+    "blade in tissue that moves": (
+        ns.constraints.InMovingFrame(BLADE, amplitude=(0, 0.02, 0.03)),
+        cut(),
+    ),
 }
 
 
@@ -511,8 +469,8 @@ def test_under_any_constraint_it_goes_on_to_the_goal(name: str) -> None:
     motion = dmp.replan(state).rollout()
     assert np.abs(motion.constraint_residuals).max() <= RESIDUAL
     np.testing.assert_allclose(motion.positions[0], state.position, atol=1e-9)
-    assert np.linalg.norm(motion.positions[-1] - dmp.position.goal) <= POSITION * length
-    assert degrees(motion.rotations[-1], dmp.orientation.goal) <= ROTATION
+    assert np.linalg.norm(motion.positions[-1] - dmp.goal_position) <= POSITION * length
+    assert degrees(motion.rotations[-1], dmp.goal_rotation) <= ROTATION
 
 
 def test_checking_it_goes_by_the_constraints_own_clock() -> None:
@@ -534,12 +492,14 @@ def test_pushed_off_a_surface_the_plan_lies_on_it() -> None:
 
 def test_goals_that_no_motion_can_end_in_are_refused_by_name() -> None:
     dmp = under("blade on a plane")
-    with pytest.raises(ns.ConstraintError, match=r"^goal violates 'plane-contact' by 0\.1 m; "):
+    with pytest.raises(
+        ns.errors.ConstraintError, match=r"^goal violates 'plane-contact' by 0\.1 m; "
+    ):
         dmp.replan(dmp.initial_state(), goal_position=[1, 0.2, 0.1])
 
 
 def test_limits_hold_after_replanning() -> None:
-    limit = ns.HalfSpace(point=(0, 0.25, 0), normal=(0, -1, 0))
+    limit = ns.constraints.HalfSpace(point=(0, 0.25, 0), normal=(0, -1, 0))
     dmp = ns.learn(cut(), [BLADE, limit])
     state = dmp.initial_state()
     for _ in range(100):
@@ -553,7 +513,7 @@ def test_limits_hold_after_replanning() -> None:
     new = dmp.replan(state)
     motion = new.rollout()
     assert motion.margins.min() >= -1e-6 and new.record[0].left_out == ()
-    assert np.linalg.norm(motion.positions[-1] - dmp.position.goal) <= 2 * POSITION
+    assert np.linalg.norm(motion.positions[-1] - dmp.goal_position) <= 2 * POSITION
 
 
 # A meter in 0.3 s at no more than 0.9 m/s: whoever runs the plan must be able to tell.
@@ -561,7 +521,7 @@ def test_a_hard_limit_that_leaves_no_time_is_no_silent_failure() -> None:
     dmp = ns.learn(cut(), [BLADE, ns.SpeedLimit(speed=0.9)])
     try:
         new = dmp.replan(dmp.initial_state(), duration=0.3)
-    except ns.ConvergenceError as error:
+    except ns.errors.ConvergenceError as error:
         assert "speed-limit" in str(error)
         return
     assert new.record[0].left_out == ("speed-limit",)
@@ -590,10 +550,10 @@ BAD: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("arguments", BAD, ids=repr)
 def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> None:
-    with pytest.raises(ns.InputError) as error:
-        cutting().replan(state_at(cutting, 0.5), **arguments)
     (name,) = arguments
-    assert "\n" not in str(error.value) and name in str(error.value)
+    assert name in refusal(
+        ns.errors.InputError, cutting().replan, state_at(cutting, 0.5), **arguments
+    )
 
 
 @pytest.mark.parametrize(
@@ -610,14 +570,12 @@ def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> Non
 )
 def test_a_sensor_that_fails_is_noticed(measured: dict[str, Any]) -> None:
     state = replace(state_at(cutting, 0.5), **measured)
-    with pytest.raises(ns.InputError) as error:
-        cutting().replan(state)
-    assert "\n" not in str(error.value)
+    refusal(ns.errors.InputError, cutting().replan, state)
 
 
 @pytest.mark.parametrize("state", [None, [0.5, 0.2, 0.1], 0.5])
 def test_what_is_no_state_is_refused(state: Any) -> None:
-    with pytest.raises(ns.InputError, match="state"):
+    with pytest.raises(ns.errors.InputError, match="state"):
         cutting().replan(state)
 
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from noslip._typing import Floats
 from noslip.rotations import (
     quaternion_conjugate,
     quaternion_exp,
@@ -20,8 +20,6 @@ from noslip.rotations import (
     quaternion_product,
     rotation_matrix,
 )
-
-Floats = NDArray[np.float64]
 
 EXP_SWITCH = np.sqrt(1e-3)
 """Angle at which the exponential changes from its series to the closed form."""

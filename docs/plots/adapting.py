@@ -15,7 +15,7 @@ path = np.column_stack([0.1 * u, 0.01 * np.sin(2 * np.pi * u), 0 * u])
 along = np.arctan2(0.02 * np.pi * np.cos(2 * np.pi * u), 0.1)
 hand = ns.PoseTrajectory(3 * s, path, Rotation.from_euler("z", along))
 dmp = ns.learn(hand, ns.Blade())
-goal = dmp.position.goal + [0, 0.02, 0]
+goal = dmp.goal_position + [0, 0.02, 0]
 
 figure, (moved, pushed) = plt.subplots(1, 2, figsize=(8.5, 3.0), layout="constrained")
 for name, motion, line in (

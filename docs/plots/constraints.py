@@ -31,7 +31,7 @@ style.dress(margin, "time (s)", "margin h (mm)", title="how a limit is approache
 still = hand.positions * [1, 1, 0]
 yaw = Rotation.from_euler("z", 0.3 * np.sin(np.pi * s))
 cut = ns.PoseTrajectory(2 * s, still, yaw)
-tissue = ns.InMovingFrame(ns.Blade(), amplitude=(0, 0.004, 0), period=1.0)
+tissue = ns.constraints.InMovingFrame(ns.Blade(), amplitude=(0, 0.004, 0), period=1.0)
 motion = ns.learn(cut, tissue).rollout()
 lateral = np.sum(motion.rotations.apply([0, 1, 0]) * motion.linear_velocities, axis=1)
 across.plot(

@@ -17,14 +17,16 @@ from noslip import _arguments
 from noslip._pose_checks import MAX_NORM_ERROR
 from noslip._typing import Floats
 from noslip.errors import InputError, MissingDependencyError
-from noslip.primitives.attractor import Attractor
-from noslip.primitives.basis import Basis
-from noslip.primitives.forcing import ForcingTerm
-from noslip.primitives.orientation import OrientationDMP
-from noslip.primitives.phase import Phase
-from noslip.primitives.pose import FEWEST_STEPS, MOST_BASIS_FUNCTIONS, PoseDMP
-from noslip.primitives.position import PositionDMP
-from noslip.primitives.winding import Winding
+from noslip.law.attractor import Attractor
+from noslip.law.basis import Basis
+from noslip.law.clock import Phase
+from noslip.law.fitting import FEWEST_STEPS, MOST_BASIS_FUNCTIONS
+from noslip.law.forcing import ForcingTerm
+from noslip.law.law import Law
+from noslip.law.layout import FORCE
+from noslip.law.space import Goal
+from noslip.law.winding import Winding
+from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 
 if TYPE_CHECKING:
@@ -33,8 +35,12 @@ if TYPE_CHECKING:
 SAMPLES_PER_FUNCTION = 10
 """Samples of a force, of the finer basis, when it is fitted in another one."""
 WEIGHTS_PER_BASIS_FUNCTION = 2
+"""Of a CartesianDMP, whose functions are wider than ours: as many of them leave 1e-3 of the path of
+a noisy force, twice as many 3e-7."""
 BASIS_FUNCTIONS_PER_WEIGHT = 4
+"""The other way: so many leave 7e-5 of the path where weights follow noise."""
 FEWEST_BASIS_FUNCTIONS = 200
+"""However few the weights: so many follow their wide functions to 1e-6 of the path."""
 UNIT = 4 * np.finfo(np.float64).eps
 """A quaternion whose norm is 1 to within this is kept to the bit."""
 
@@ -158,7 +164,7 @@ def _check(name: str, found: Floats, what: str, good: NDArray[np.bool_], wanted:
 
 
 def to_movement_primitives(
-    dmp: PoseDMP, *, weights: int | None = None, time_step: float | None = None
+    dmp: ConstrainedDMP, *, weights: int | None = None, time_step: float | None = None
 ) -> CartesianDMP:
     """Return the primitive as movement_primitives' CartesianDMP.
 
@@ -180,8 +186,8 @@ def to_movement_primitives(
 
     Parameters
     ----------
-    dmp : PoseDMP
-        Or a ConstrainedDMP, of which the constraints are left out.
+    dmp : ConstrainedDMP
+        Its constraints are left out.
     weights : int, optional
         A dimension, 2 or more; by default two a basis function.
     time_step : float, optional
@@ -201,49 +207,45 @@ def to_movement_primitives(
         goal that moves, CartesianDMP has none.
     """
     cartesian_dmp = _cartesian_dmp()
-    if not isinstance(dmp, PoseDMP):
-        raise InputError(f"dmp must be a PoseDMP, got {_arguments.short(dmp)}")
-    position, orientation, tau = dmp.position, dmp.orientation, dmp.duration
-    if len(orientation.winding.quaternions) > 1:
+    if not isinstance(dmp, ConstrainedDMP):
+        raise InputError(f"dmp must be a ConstrainedDMP, got {_arguments.short(dmp)}")
+    law, tau = dmp.law, dmp.duration
+    if len(law.goal.winding.quaternions) > 1:
         raise InputError(
             "dmp turns more than 135 degrees away from its goal, which a CartesianDMP with its "
             "fixed goal does not follow; cut the demonstration into parts that turn less"
         )
-    own = position.forcing.basis.count
+    own = law.basis.count
     count = min(WEIGHTS_PER_BASIS_FUNCTION * own, MOST_BASIS_FUNCTIONS)
     if weights is not None:
         count = _arguments.count("weights", weights, MOST_BASIS_FUNCTIONS)
         if count < 2:
             raise InputError("weights must be 2 or more, got 1")
-    step = tau / dmp.steps
+    step = tau / law.steps
     if time_step is not None:
         step = _arguments.positive("time_step", time_step, "seconds")
     made = cartesian_dmp(
         execution_time=tau,
         dt=step,
         n_weights_per_dim=count,
-        alpha_y=position.attractor.alpha,
-        beta_y=position.attractor.beta,
+        alpha_y=law.attractor.alpha,
+        beta_y=law.attractor.beta,
     )
     fractions = _fractions(own, count)
-    phases = dmp.phase.at(fractions)
-    for theirs, ours in (
-        (made.forcing_term_pos, position.forcing),
-        (made.forcing_term_rot, orientation.forcing),
-    ):
+    forces = law.forcing(law.clock.at(fractions))
+    for theirs, part in ((made.forcing_term_pos, "linear"), (made.forcing_term_rot, "angular")):
         activations = theirs.design_matrix(fractions * tau).T
-        theirs.weights_[:, :] = _fitted(activations, ours(phases)).T
+        theirs.weights_[:, :] = _fitted(activations, forces[:, FORCE[part]]).T
     made.configure(
-        t=0.0,
-        start_y=np.concatenate([position.start, orientation.start_quaternion]),
-        start_yd=np.concatenate([position.start_velocity, orientation.start_velocity]) / tau,
-        goal_y=np.concatenate([position.goal, orientation.winding.quaternions[-1]]),
+        t=0.0, start_y=law.start, start_yd=law.start_velocity / tau, goal_y=law.goal.point
     )
     return made
 
 
-def from_movement_primitives(dmp: CartesianDMP, *, basis_functions: int | None = None) -> PoseDMP:
-    """Return movement_primitives' CartesianDMP as a PoseDMP.
+def from_movement_primitives(
+    dmp: CartesianDMP, *, basis_functions: int | None = None
+) -> ConstrainedDMP:
+    """Return movement_primitives' CartesianDMP as a primitive without constraints.
 
     Start, goal, duration, alpha, beta and the phase carry over as they are; the weights are fitted
     to its force, densely sampled, since its Gaussians are wider (see
@@ -265,7 +267,7 @@ def from_movement_primitives(dmp: CartesianDMP, *, basis_functions: int | None =
 
     Returns
     -------
-    PoseDMP
+    ConstrainedDMP
         Without constraints; ``learn(made.rollout(), constraints)`` adds them.
 
     Raises
@@ -293,13 +295,13 @@ def from_movement_primitives(dmp: CartesianDMP, *, basis_functions: int | None =
     phases = phase.at(fractions)
     activations = basis.activations(phases)
 
-    def forcing(theirs: Any, way: Floats) -> ForcingTerm:
+    def weights(theirs: Any, way: Floats) -> Floats:
         forces = theirs(fractions * tau).T
         if dmp.smooth_scaling:
             forces = forces - attractor.stiffness * np.outer(phases, way)
         if not np.isfinite(forces).all():
             raise InputError("CartesianDMP: a weight is not finite; imitate a demonstration first")
-        return ForcingTerm(basis, _fitted(activations, forces))
+        return _fitted(activations, forces)
 
     velocity = np.array(dmp.start_yd, dtype=np.float64) * tau
     if not np.isfinite(velocity).all():
@@ -307,25 +309,18 @@ def from_movement_primitives(dmp: CartesianDMP, *, basis_functions: int | None =
     start, goal = to_pqs(ends)
     turn = ends.rotations[1] * ends.rotations[0].inv()
     own = max(1, round(tau / own_step))
-    return PoseDMP(
-        position=PositionDMP(
-            attractor,
-            forcing(dmp.forcing_term_pos, goal[:3] - start[:3]),
-            start[:3],
-            goal[:3],
-            velocity[:3],
-        ),
-        orientation=OrientationDMP(
-            attractor,
-            forcing(dmp.forcing_term_rot, turn.as_rotvec()),
-            start[3:],
-            Winding(goal[None, 3:]),
-            velocity[3:],
-        ),
-        phase=phase,
+    moved = weights(dmp.forcing_term_pos, goal[:3] - start[:3])
+    turned = weights(dmp.forcing_term_rot, turn.as_rotvec())
+    law = Law(
+        attractor,
+        ForcingTerm(basis, np.hstack([moved, turned])),
+        start,
+        velocity,
+        Goal(goal[:3], Winding(goal[None, 3:])),
         duration=tau,
         steps=own * -(-FEWEST_STEPS // own),
     )
+    return ConstrainedDMP(law)
 
 
 def _cartesian_dmp() -> Any:
@@ -357,6 +352,6 @@ def _single(name: str, values: Floats) -> float:
     if np.ptp(values) != 0.0:
         raise InputError(
             f"CartesianDMP: {name} is {_arguments.short(values)}, and must be one number here; "
-            "fit a PoseDMP to its rollout: PoseDMP.fit(from_pqs(*dmp.open_loop()))"
+            "learn from its rollout: learn(from_pqs(*dmp.open_loop()))"
         )
     return float(values[0])

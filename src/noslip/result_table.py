@@ -36,7 +36,7 @@ class RecordingResult:
     recording_residual_peak, recording_residual_rms : float or None
         How far the recording itself is off the equalities, in their units (SI).
     iterations, backing, smoothing, left_out
-        Of its projection, see :class:`noslip.learning.LearningRecord`; ``left_out`` separated by
+        Of its projection, see :class:`noslip.provenance.LearningRecord`; ``left_out`` separated by
         commas.
     projected_residual : float or None
         What the projection leaves of the residual.
@@ -99,8 +99,8 @@ class RecordingResult:
     settings: str = ""
 
 
-# Annotations are texts here: "float | None" and the like.
 _KINDS = {f.name: str(f.type).removesuffix(" | None") for f in fields(RecordingResult)}
+"""Columns and what stands in them; annotations are texts here, such as "float | None"."""
 
 
 def require_format(path: Path) -> None:

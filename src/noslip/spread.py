@@ -8,16 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from noslip._typing import Floats
-from noslip.adaptation import through
+from noslip._values import Value
+from noslip.boundary import Boundary
 from noslip.errors import InputError
-from noslip.primitives.pose import PoseDMP
+from noslip.law.law import Law
+from noslip.projection.blend import through
+from noslip.rule import Rule
+from noslip.runtime.rollout import rollout
 from noslip.trajectory import PoseTrajectory
 
 _SAMPLES = 101
+"""Of the covariances: a demonstration bends far less often than every hundredth of its way."""
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class Spread(Value):
     """Covariance of the demonstrations of a primitive about their mean, along the motion.
 
     Each demonstration is compared with the primitive's motion, moved to the demonstration's own
@@ -71,25 +76,24 @@ class Spread:
         return np.sqrt(np.diagonal(self.rotations, axis1=1, axis2=2))
 
     @classmethod
-    def about(cls, dmp: PoseDMP, demonstrations: Sequence[PoseTrajectory]) -> Spread | None:
-        """Spread of demonstrations about an unconstrained primitive; None of fewer than two.
+    def about(cls, law: Law, demonstrations: Sequence[PoseTrajectory]) -> Spread | None:
+        """Spread of demonstrations about a law; None of fewer than two.
 
         Parameters
         ----------
-        dmp : PoseDMP
+        law : Law
             Fitted to all of them.
         demonstrations : sequence of PoseTrajectory
         """
         if len(demonstrations) < 2:
             return None
         fractions = np.linspace(0.0, 1.0, _SAMPLES)
-        mean = dmp.rollout(duration=1.0).resampled(times=fractions)
+        mean = rollout(law, Rule(), duration=1.0).resampled(times=fractions)
         moved, turned = [], []
         for demonstration in demonstrations:
             times = demonstration.times[0] + demonstration.duration * fractions
             theirs = demonstration.resampled(times=times)
-            ends = {k: (theirs.positions[k], theirs.rotations[k]) for k in (0, _SAMPLES - 1)}
-            own = through(mean, ends)
+            own = through(mean, [Boundary.keeping(theirs, at, "pose") for at in (0.0, 1.0)])
             moved.append(theirs.positions - own.positions)
             turned.append((theirs.rotations * own.rotations.inv()).as_rotvec())
         return cls(len(demonstrations), _covariance(moved), _covariance(turned))

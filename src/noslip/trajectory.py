@@ -19,6 +19,7 @@ from noslip._files import write_beside
 from noslip._pose_csv import csv_text, read_csv
 from noslip._pose_npz import npz_bytes, read_npz
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.errors import InputError
 
 UNIFORM_TOLERANCE = 1e-6
@@ -26,7 +27,7 @@ UNIFORM_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class PoseTrajectory:
+class PoseTrajectory(Value):
     """Timed poses of a tool, with the velocities that go with them. Immutable.
 
     Parameters
@@ -192,6 +193,20 @@ class PoseTrajectory:
 
     def __iter__(self) -> Iterator[Any]:
         raise TypeError("iterate over trajectory.positions or trajectory.times instead")
+
+    def step_middles(self) -> tuple[Floats, Floats, Rotation]:
+        """Time (s, of :attr:`clock`), position (m) and rotation in the middle of each step.
+
+        That is where velocity-level constraints are asked: half of the chord, half of the turn.
+        """
+        half = np.diff(self.times) / 2
+        linear, angular = self.step_velocities()
+        turns = Rotation.from_rotvec(half[:, None] * angular)
+        return (
+            self.clock[:-1] + half,
+            self.positions[:-1] + half[:, None] * linear,
+            turns * self.rotations[:-1],
+        )
 
     def resampled(
         self, *, rate: float | None = None, times: ArrayLike | None = None

@@ -17,10 +17,10 @@ from benchmarks.case import Case, prepare
 from benchmarks.environment import environment
 from benchmarks.example import DURATION, MOVED_GOAL, SAMPLES, demonstration
 from benchmarks.growth import Growth, grow, run_case
-from benchmarks.quality import Quality
 from benchmarks.timing import Candidate, Timing, forget, measure
 from noslip import Blade, PoseTrajectory, check
-from noslip.primitives import basis
+from noslip.law import basis
+from noslip.merit import figures_of_merit
 
 needs_peer = pytest.mark.skipif(bool(peers.MISSING), reason=peers.MISSING)
 
@@ -67,7 +67,7 @@ def coarse() -> dict[int, paper_method.PaperResult]:
 def test_paper_method_satisfies_the_constraint_to_the_order_of_the_step(
     coarse: dict[int, paper_method.PaperResult],
 ) -> None:
-    residuals = {n: Quality.of(r.motion, demonstration(n)).residual for n, r in coarse.items()}
+    residuals = {n: check(r.motion, Blade()).peak for n, r in coarse.items()}
     top_speed = 3.5
     for samples, residual in residuals.items():
         assert 1e-9 < residual < 2 * top_speed * DURATION / (samples - 1)
@@ -76,14 +76,14 @@ def test_paper_method_satisfies_the_constraint_to_the_order_of_the_step(
 
 def test_paper_method_follows_the_path(coarse: dict[int, paper_method.PaperResult]) -> None:
     for samples, result in coarse.items():
-        quality = Quality.of(result.motion, demonstration(samples))
-        assert quality.position_rms < 0.01
-        assert quality.position_end < 0.01
+        merit = figures_of_merit(result.motion, demonstration(samples))
+        assert merit.position_rms < 0.01
+        assert merit.position_end < 0.01
 
 
 def test_optimizing_is_what_keeps_the_path(coarse: dict[int, paper_method.PaperResult]) -> None:
     given = demonstration(61)
-    assert Quality.of(given, given).residual > 1.0
+    assert check(given, Blade()).peak > 1.0
     turned = (coarse[61].motion.rotations * given.rotations.inv()).magnitude()
     assert turned.max() > 0.5
 
@@ -205,31 +205,40 @@ def test_summaries_count_what_was_reached() -> None:
     assert s.median == pytest.approx(0.006)
 
 
-# ---------------------------------------------------------------- quality
+# ---------------------------------------------------------------- figures of merit
 
 
-def test_quality_agrees_with_check() -> None:
+def test_merit_agrees_with_check() -> None:
     given = demonstration(100)
-    quality = Quality.of(given, given)
-    assert quality.position_rms == quality.position_end == 0.0
-    assert quality.residual == pytest.approx(check(given, [Blade()]).constraints[0].peak)
+    merit = figures_of_merit(given, given, Blade())
+    assert merit.position_rms == merit.position_end == 0.0
+    assert merit.residual_peak == pytest.approx(check(given, [Blade()]).constraints[0].peak)
 
 
-def test_quality_of_a_uniform_turn() -> None:
+def test_merit_of_a_uniform_turn() -> None:
     times = np.linspace(0.0, 2.0, 41)
     turning = PoseTrajectory(
         times=times,
         positions=np.zeros((41, 3)),
         rotations=Rotation.from_rotvec(times[:, None] * [0.0, 0.0, 1.5]),
     )
-    quality = Quality.of(turning, turning)
-    assert quality.angular_speed == pytest.approx(1.5)
-    assert quality.angular_acceleration == pytest.approx(0.0, abs=1e-9)
+    merit = figures_of_merit(turning, turning)
+    assert merit.angular_speed_peak == pytest.approx(1.5)
+    assert merit.angular_acceleration_peak == pytest.approx(0.0, abs=1e-9)
 
 
-def test_quality_wants_motions_sampled_alike() -> None:
-    with pytest.raises(ValueError, match="50 samples, not 51"):
-        Quality.of(demonstration(50), demonstration(51))
+def test_merit_of_motions_sampled_otherwise_is_at_the_same_fraction_of_them() -> None:
+    def going(duration: float, samples: int) -> PoseTrajectory:
+        share = np.linspace(0.0, 1.0, samples)
+        return PoseTrajectory(
+            times=duration * share,
+            positions=share[:, None] * [1.0, 0.0, 0.0],
+            rotations=Rotation.identity(samples),
+        )
+
+    merit = figures_of_merit(going(3.0, 30), going(1.0, 41))
+    assert merit.position_rms == pytest.approx(0.0, abs=1e-12)
+    assert merit.speed_peak == pytest.approx(1 / 3)
 
 
 # ---------------------------------------------------------------- timing
@@ -322,10 +331,10 @@ def growths() -> list[Growth]:
 
 
 def test_comparison_measures_all_methods(compared: comparison.Comparison) -> None:
-    timings, quality = compared.timings, compared.quality
+    timings, merits = compared.timings, compared.merits
     assert {"paper", "fit", "learn", "rollout", "step"} <= set(timings)
     assert {"imitate", "open_loop"} <= set(timings) or peers.MISSING
-    assert quality["noslip"].residual < 1e-10 < quality["the paper's method"].residual
+    assert merits["noslip"].residual_peak < 1e-10 < merits["the paper's method"].residual_peak
     first = compared.ratios[0]
     assert first.value == pytest.approx(timings["paper"].median / timings["learn"].median)
     assert first.met == (first.value >= 80)
@@ -333,7 +342,7 @@ def test_comparison_measures_all_methods(compared: comparison.Comparison) -> Non
 
 @needs_peer
 def test_the_other_library_follows_the_demonstration(compared: comparison.Comparison) -> None:
-    assert compared.quality["movement-primitives, unconstrained"].position_end < 0.05
+    assert compared.merits["movement-primitives, unconstrained"].position_end < 0.05
     assert "orientation" in peers.step_functions()
 
 
@@ -355,7 +364,7 @@ def test_json_holds_everything(compared: comparison.Comparison, results: report.
     assert [set(r) for r in content["ratios"]] == [
         {"name", "value", "target", "of_lowest", "met"}
     ] * 5
-    assert content["quality"]["noslip"]["position_rms"] < 0.1
+    assert content["merits"]["noslip"]["position_rms"] < 0.1
     assert [g["axis"] for g in content["growth"]] == ["samples"]
     assert [c["samples"] for c in content["growth"][0]["cases"]] == [50, 100]
     assert content["growth"][0]["time_exponent"] is not None
@@ -372,7 +381,7 @@ def test_tables_show_every_measurement(
     text = shown.getvalue()
     for timing in compared.timings.values():
         assert timing.label in text
-    for name in compared.quality:
+    for name in compared.merits:
         assert name in text
     for ratio in compared.ratios:
         assert ratio.name in text

@@ -26,6 +26,6 @@ def test_a_short_soak_passes(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_it_notices_what_slips(tmp_path: Path) -> None:
-    pushed = soak.Set("plane", (soak.ns.PlaneContact(),), 1.0, 1.0)
+    pushed = soak.Set("plane", (soak.ns.constraints.PlaneContact(),), 1.0, 1.0)
     # Off its plane a tool is pulled in, not at once.
     assert not soak.soak(pushed, 20_000, 0, tmp_path)["passed"]

@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import planar_cut
 from noslip.cli import adapt
 
 HEADER = [
@@ -29,13 +30,7 @@ HEADER = [
 
 
 def learned(*constraints: ns.Constraint) -> ns.ConstrainedDMP:
-    """A curved planar cut of 0.1 m in 2 s, along its blade."""
-    t = np.linspace(0.0, 2.0, 121)
-    heading = 0.6 * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
-    demonstration = ns.PoseTrajectory(t, positions, Rotation.from_euler("z", heading))
-    return ns.learn(demonstration, constraints, basis_functions=20)
+    return ns.learn(planar_cut(), constraints, basis_functions=20)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +38,7 @@ def saved(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("primitives")
     return {
         "blade": learned(ns.Blade()).save(folder / "blade.json"),
-        "table": learned(ns.PlaneContact(point=(0, 0, 0))).save(folder / "table.json"),
+        "table": learned(ns.constraints.PlaneContact(point=(0, 0, 0))).save(folder / "table.json"),
         "free": learned().save(folder / "free.json"),
     }
 
@@ -105,7 +100,7 @@ def test_what_is_told_is_what_the_motion_written_does(noslip, primitive, tmp_pat
     before, dmp = ns.load_primitive(primitive), ns.load_primitive(out)
     motion = dmp.rollout()
     off = np.linalg.norm(motion.positions[-1] - goal)
-    turned = (motion.rotations[-1].inv() * before.orientation.goal).magnitude()
+    turned = (motion.rotations[-1].inv() * before.goal_rotation).magnitude()
     peaks = [
         np.linalg.norm(m.step_velocities()[1], axis=1).max() for m in (before.rollout(), motion)
     ]

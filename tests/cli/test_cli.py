@@ -6,7 +6,6 @@ import contextlib
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from learned import under
+from motions import planar_cut
 from noslip.cli import main
 from noslip.figures import constraint_history, save_figure
 
@@ -21,15 +22,7 @@ from noslip.figures import constraint_history, save_figure
 @pytest.fixture
 def slipping(tmp_path) -> Path:
     """A planar cut whose blade is 20 degrees off its path."""
-    t = np.linspace(0.0, 2.0, 241)
-    heading = 0.6 * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
-    yaw = heading + np.radians(20)
-    trajectory = ns.PoseTrajectory(
-        times=t, positions=positions, rotations=Rotation.from_euler("z", yaw)
-    )
-    return trajectory.to_csv(tmp_path / "slipping.csv")
+    return planar_cut(beside=np.radians(20), count=241).to_csv(tmp_path / "slipping.csv")
 
 
 @pytest.fixture
@@ -68,7 +61,7 @@ def test_learned_motion_passes_the_check_that_its_recording_fails(noslip, primit
 def test_rollout_takes_goals_durations_and_rates(noslip, primitive, tmp_path):
     motion = tmp_path / "motion.npz"
     dmp = ns.load_primitive(primitive)
-    goal = dmp.position.goal + [0.01, 0.0, 0.0]
+    goal = dmp.goal_position + [0.01, 0.0, 0.0]
     result = noslip(
         *("rollout", primitive, "--out", motion, "--duration", 4, "--time-step", 0.01, "--json"),
         *("--goal-position", ",".join(map(repr, goal.tolist()))),
@@ -101,7 +94,7 @@ def test_learn_takes_a_metric_and_a_barrier_rate(noslip, slipping, tmp_path, met
 def test_rollout_takes_a_start_off_the_constraint(noslip, slipping, tmp_path):
     out, motion = tmp_path / "cut.json", tmp_path / "motion.npz"
     demonstration = ns.PoseTrajectory.from_csv(slipping)
-    ns.learn(demonstration, [ns.PlaneContact(point=(0, 0, 0.002))]).save(out)
+    ns.learn(demonstration, [ns.constraints.PlaneContact(point=(0, 0, 0.002))]).save(out)
     heights = {}
     for how in ("pose", "nothing"):
         options = ("--project-start", how, "--pull-in", "10", "--start-position", "0,0,0")
@@ -158,7 +151,7 @@ def test_learn_prepares_as_the_options_ask(noslip, slipping, tmp_path):
         lowpass=4.8,
         relative=True,
     )
-    demonstration = ns.project_initial_velocity(demonstration, [ns.Blade()])
+    demonstration = ns.projection.pointwise.project_initial_velocity(demonstration, [ns.Blade()])
     expected = ns.learn(demonstration, [ns.Blade()]).rollout()
     np.testing.assert_array_equal(ns.load_primitive(out).rollout().positions, expected.positions)
     assert json.loads(result.out)["residual_peak"] <= 1e-10
@@ -305,14 +298,14 @@ def advance(motion):
 
 def with_constraints(primitive, constraints, path) -> Path:
     """Save a primitive that is made to hold other constraints."""
-    return replace(ns.load_primitive(primitive), constraints=tuple(constraints)).save(path)
+    return under(ns.load_primitive(primitive), constraints).save(path)
 
 
 @pytest.mark.parametrize(("priority", "code", "kind"), [(0, 1, "hard"), (2, 0, "soft, priority 2")])
 def test_rollout_says_what_gave_way_and_blames_hard_limits_alone(
     noslip, primitive, tmp_path, priority, code, kind
 ):
-    limits = [ns.SpeedLimit(speed=0.01, priority=priority), ns.Box()]
+    limits = [ns.SpeedLimit(speed=0.01, priority=priority), ns.constraints.Box()]
     path = with_constraints(primitive, [advance, *limits], tmp_path / "contradictory.json")
     out = tmp_path / "motion.csv"
     result = noslip("rollout", path, "--out", out)

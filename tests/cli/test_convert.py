@@ -7,24 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import planar_cut
 from noslip.recordings import write_bag
 
 
 @pytest.fixture
 def cut(tmp_path) -> Path:
-    """A planar cut without slip."""
-    t = np.linspace(0.0, 2.0, 241)
-    heading = 0.6 * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    trajectory = ns.PoseTrajectory(
-        times=t,
-        positions=np.cumsum(steps, axis=0) * (t[1] - t[0]),
-        rotations=Rotation.from_euler("z", np.append(heading[1:], heading[-1])),
-    )
-    return trajectory.to_csv(tmp_path / "cut.csv")
+    """A planar cut that hardly slips."""
+    return planar_cut(beside=0.01, count=241).to_csv(tmp_path / "cut.csv")
 
 
 def test_through_every_format_and_back(noslip, cut, tmp_path) -> None:

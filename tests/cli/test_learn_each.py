@@ -10,11 +10,10 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import planar_cut
 from noslip.result_table import read_results
 
 LEARN = ("learn", "--each", "--constraint", "blade", "--basis-functions", "15")
@@ -22,13 +21,9 @@ LEARN = ("learn", "--each", "--constraint", "blade", "--basis-functions", "15")
 
 def write(folder: Path, count: int) -> Path:
     """Curved cuts that slip a little sideways."""
-    t = np.linspace(0.0, 2.0, 60)
     for k in range(count):
-        heading = (0.4 + 0.01 * k) * np.sin(np.pi * t / 2)
-        steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-        turns = Rotation.from_euler("z", heading + 0.1 * np.sin(3 * t))
-        positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
-        ns.PoseTrajectory(t, positions, turns).to_csv(folder / f"cut_{k:03}.csv")
+        cut = planar_cut(0.4 + 0.01 * k, wavering=0.1, count=60)
+        cut.to_csv(folder / f"cut_{k:03}.csv")
     return folder
 
 
@@ -95,8 +90,8 @@ def test_changed_settings_are_learned_again(noslip, runs, tmp_path):
     assert kept() == 0
     assert kept("--jobs", 2) == 3
     assert kept("--relative") == 0
-    assert kept("--relative", "--smoothing", 1e-5) == 0
-    assert kept("--relative", "--smoothing", 1e-5) == 3
+    assert kept("--relative", "--rotation-smoothing", 1e-5) == 0
+    assert kept("--relative", "--rotation-smoothing", 1e-5) == 3
     assert kept("--constraint", "speed-limit(speed=0.08)") == 0
 
 

@@ -4,28 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import planar_cut
 from noslip.figures import learned_spread, save_figure
-
-
-def cut(folder: Path, number: int) -> Path:
-    """A planar cut of 0.1 m in 2 s, bent to one side or the other."""
-    t = np.linspace(0.0, 2.0, 121)
-    heading = (0.5 + 0.1 * number) * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    positions = np.cumsum(steps, axis=0) * (t[1] - t[0])
-    trajectory = ns.PoseTrajectory(t, positions, Rotation.from_euler("z", heading))
-    return trajectory.to_csv(folder / f"cut_{number}.csv")
 
 
 @pytest.fixture(scope="module")
 def cuts(tmp_path_factory) -> list[Path]:
     folder = tmp_path_factory.mktemp("cuts")
-    return [cut(folder, number) for number in range(3)]
+    return [planar_cut(0.5 + 0.1 * k).to_csv(folder / f"cut_{k}.csv") for k in range(3)]
 
 
 @pytest.fixture

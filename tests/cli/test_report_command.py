@@ -51,7 +51,7 @@ def test_recordings_prepared_otherwise_are_warned_of(noslip):
 
 def test_one_run_writes_both(noslip, monkeypatch):
     pytest.importorskip("weasyprint", reason="the extra report is not installed")
-    monkeypatch.setattr("noslip.reporting.content._pictures", lambda *_: [])
+    monkeypatch.setattr("noslip.reporting.content.pictures", lambda *_: [])
     code, out, _ = noslip("cut.json", "--out", "report.html", "--out", "report.pdf")
     assert code == 0
     assert out.splitlines()[1:] == ["wrote report.html", "wrote report.pdf"]
@@ -77,7 +77,7 @@ def test_what_cannot_be_reported_gets_one_line_and_no_file(noslip, tmp_path, arg
 
 
 def test_a_missing_extra_is_named(noslip, tmp_path, monkeypatch):
-    monkeypatch.setattr("noslip.reporting.content._pictures", lambda *_: [])
+    monkeypatch.setattr("noslip.reporting.content.pictures", lambda *_: [])
     monkeypatch.setitem(sys.modules, "jinja2", None)
     before = sorted(tmp_path.iterdir())
     code, _, err = noslip("cut.json")

@@ -10,13 +10,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import eased
 
 
 @pytest.fixture
 def session(tmp_path) -> Path:
     """Five strokes of 2 s, the third rolled by 40 degrees, pressed with 5 N."""
     u = np.arange(1, 101) / 100
-    s = u**3 * (10 - 15 * u + 6 * u**2)
+    s = eased(u)
     x, roll, force = [np.zeros(50)], [np.zeros(50)], [np.zeros(50)]
     for stroke in range(5):
         x += [0.1 * (stroke + s), np.full(50, 0.1 * (stroke + 1))]

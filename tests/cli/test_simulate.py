@@ -9,29 +9,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 pytest.importorskip("mujoco", reason="the extra robots is not installed")
 pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
+from motions import gentle_cut
 from noslip import robots
 from noslip.constraints.catalog import restore
-
-
-def demonstration() -> ns.PoseTrajectory:
-    """A curved cut of 10 cm in 1.5 s, the blade turned only roughly into it."""
-    s = np.linspace(0, 1, 151)
-    u = s**3 * (10 - 15 * s + 6 * s**2)
-    path = np.column_stack([0.1 * u, 0.02 * np.sin(np.pi * u), 0 * u])
-    yaw = 0.4 * np.cos(np.pi * s)
-    return ns.PoseTrajectory(1.5 * s, path, Rotation.from_euler("z", yaw), name="cut")
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("simulate")
-    cut = demonstration()
+    cut = gentle_cut()
     cut.to_csv(folder / "cut.csv")
     ns.learn(cut, ns.Blade()).save(folder / "cut.json")
     return folder
@@ -60,7 +51,7 @@ def test_joints_figures_and_a_summary_are_written(noslip, folder: Path, tmp_path
     summary = json.loads((out / "summary.json").read_text())
     assert summary["kinematic"]["slip"]["blade"] <= 1e-6
     [slipped], [person] = summary["dynamic"]["slip_distance"], summary["recording_slip_distance"]
-    assert person == pytest.approx(robots.slip_distance(demonstration(), ns.Blade())[0], rel=1e-3)
+    assert person == pytest.approx(robots.slip_distance(gentle_cut(), ns.Blade())[0], rel=1e-3)
     assert 10 * slipped < person
     assert f"the person: {1e3 * person:.3g} mm" in result.out
     # What noslip view needs to show the arm again.

@@ -10,24 +10,17 @@ import sys
 import urllib.request
 from pathlib import Path
 
-import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import planar_cut
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
 
 @pytest.fixture
 def recording(tmp_path) -> Path:
-    t = np.linspace(0.0, 2.0, 121)
-    heading = 0.5 * np.sin(np.pi * t / 2)
-    steps = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    path = np.cumsum(steps, axis=0) * (t[1] - t[0])
-    return ns.PoseTrajectory(t, path, Rotation.from_euler("z", heading)).to_csv(
-        tmp_path / "cut.csv"
-    )
+    return planar_cut(0.5).to_csv(tmp_path / "cut.csv")
 
 
 def test_save_writes_one_file_and_serves_nothing(noslip, recording, tmp_path):

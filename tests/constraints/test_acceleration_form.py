@@ -11,23 +11,15 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from noslip import (
-    Blade,
-    Constraint,
-    ConstraintError,
-    Instant,
-    position_constraint,
-    velocity_constraint,
-)
-from noslip.constraints import ConstraintSystem
+from noslip import Blade, Constraint, position_constraint, velocity_constraint
+from noslip._typing import Floats
+from noslip.constraints import ConstraintSystem, Instant
+from noslip.errors import ConstraintError
+from strategies import AXES, axis_vector
 
-Floats = NDArray[np.float64]
 Rule = Callable[[Any], Any]
-
-AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 
 # -------------------------------------------------------------------- rules, in components
@@ -223,10 +215,6 @@ def test_stacked_rows_are_the_single_ones_in_the_order_given(symbolic: Symbolic)
 
 
 # -------------------------------------------------------------------- the blade in closed form
-
-
-def axis_vector(axis: str) -> Floats:
-    return (-1.0 if axis.startswith("-") else 1.0) * np.eye(3)["xyz".index(axis[-1])]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -14,18 +15,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from learned import constrained
+from measures import residuals
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.catalog import CATALOG, parse_constraint, restore, specification
 from noslip.constraints.formula import surface_value
+from noslip.edge import Edge
+from refusals import refusal
+from strategies import seeds
 
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
-seeds = st.integers(0, 2**32 - 1)
-AXES = ["x", "y", "z", "-x", "-y", "-z"]
 FULL = (1.0,) * 6
 
 # -------------------------------------------------------------------- random instants
@@ -151,7 +154,7 @@ def wheel(rng: Rng) -> Case:
 
 def rolling_disc(rng: Rng) -> Case:
     axle, _ = two_axes(rng)
-    c = ns.RollingDisc(float(rng.uniform(0.01, 2)), axle, three(rng), three(rng))
+    c = ns.constraints.RollingDisc(float(rng.uniform(0.01, 2)), axle, three(rng), three(rng))
 
     def oracle(i: Instant) -> Any:
         # The lowest of many points of the rim, refined: no formula for it is used.
@@ -165,23 +168,25 @@ def rolling_disc(rng: Rng) -> Case:
 
 
 def rolling_sphere(rng: Rng) -> Case:
-    c = ns.RollingSphere(float(rng.uniform(0.01, 2)), three(rng), three(rng))
+    c = ns.constraints.RollingSphere(float(rng.uniform(0.01, 2)), three(rng), three(rng))
     below = -c.radius * unit(c.normal)
     return c, lambda i: i.at(c.reference_point).v + np.cross(i.w, below)
 
 
 def plane_contact(rng: Rng) -> Case:
-    c = ns.PlaneContact(three(rng), three(rng), three(rng))
+    c = ns.constraints.PlaneContact(three(rng), three(rng), three(rng))
     return c, lambda i: unit(c.normal) @ (i.at(c.reference_point).p - c.point)
 
 
 def sphere_contact(rng: Rng) -> Case:
-    c = ns.SphereContact(three(rng), float(rng.uniform(0.01, 2)), three(rng))
+    c = ns.constraints.SphereContact(three(rng), float(rng.uniform(0.01, 2)), three(rng))
     return c, lambda i: np.linalg.norm(i.at(c.reference_point).p - c.center) - c.radius
 
 
 def cylinder_contact(rng: Rng) -> Case:
-    c = ns.CylinderContact(three(rng), three(rng), float(rng.uniform(0.01, 2)), three(rng))
+    c = ns.constraints.CylinderContact(
+        three(rng), three(rng), float(rng.uniform(0.01, 2)), three(rng)
+    )
 
     def oracle(i: Instant) -> Any:
         across = np.cross(unit(c.axis), i.at(c.reference_point).p - c.point)
@@ -192,7 +197,9 @@ def cylinder_contact(rng: Rng) -> Case:
 
 def surface_contact(rng: Rng) -> Case:
     a, b = rng.uniform(-1, 1, 2).tolist()
-    c = ns.SurfaceContact(f"z - {a}*sin(x) - ({b})*y**2 + pi/7", reference_point=three(rng))
+    c = ns.constraints.SurfaceContact(
+        f"z - {a}*sin(x) - ({b})*y**2 + pi/7", reference_point=three(rng)
+    )
 
     def oracle(i: Instant) -> Any:
         x, y, z = i.at(c.reference_point).p
@@ -202,7 +209,7 @@ def surface_contact(rng: Rng) -> Case:
 
 
 def remote_center(rng: Rng) -> Case:
-    c = ns.RemoteCenter(three(rng), two_axes(rng)[0], three(rng))
+    c = ns.constraints.RemoteCenter(three(rng), two_axes(rng)[0], three(rng))
 
     def oracle(i: Instant) -> Any:
         away = np.array(c.point) - i.at(c.reference_point).p
@@ -212,18 +219,18 @@ def remote_center(rng: Rng) -> Case:
 
 
 def parallel_axis(rng: Rng) -> Case:
-    c = ns.ToolAxis(two_axes(rng)[0], three(rng), float(rng.choice([0, np.pi])))
+    c = ns.constraints.ToolAxis(two_axes(rng)[0], three(rng), float(rng.choice([0, np.pi])))
     return c, lambda i: [i.axis(e) @ unit(c.direction) for e in others(c.axis)]
 
 
 def tilted_axis(rng: Rng) -> Case:
-    c = ns.ToolAxis(two_axes(rng)[0], three(rng), float(rng.uniform(0.1, 3)))
+    c = ns.constraints.ToolAxis(two_axes(rng)[0], three(rng), float(rng.uniform(0.1, 3)))
     return c, lambda i: i.axis(c.axis) @ unit(c.direction) - np.cos(c.angle)
 
 
 def axis_on_surface(rng: Rng) -> Case:
     a = float(rng.uniform(0.1, 1))
-    c = ns.ToolAxis(
+    c = ns.constraints.ToolAxis(
         two_axes(rng)[0],
         angle=float(rng.choice([0, 0.5])),
         surface=f"z + {a}*x**2*y",
@@ -243,7 +250,7 @@ def axis_on_surface(rng: Rng) -> Case:
 def in_moving_frame(rng: Rng) -> Case:
     fixed = [name for name in CASES if name != "in moving frame"]
     inner, oracle = CASES[str(rng.choice(fixed))](rng)
-    c = ns.InMovingFrame(
+    c = ns.constraints.InMovingFrame(
         inner,
         amplitude=three(rng),
         period=float(rng.uniform(0.5, 5)),
@@ -393,6 +400,7 @@ def literal(constraint: Any) -> str:
     arguments = []
     for f in fields(constraint):
         value = getattr(constraint, f.name)
+        value = value.travel if isinstance(value, Edge) else value
         if f.init:
             arguments.append(f"{f.name}={list(value) if isinstance(value, tuple) else value!r}")
     name = next(name for name, kind in CATALOG.items() if kind is type(constraint))
@@ -410,7 +418,7 @@ def test_each_is_built_from_its_text(name: str, seed: int) -> None:
     # And within a frame that moves, from text in text.
     text = f"in-moving-frame(constraint={literal(constraint)!r}, period=3, amplitude=[0, 0, 1])"
     moving = parse_constraint(text)
-    assert isinstance(moving, ns.InMovingFrame)
+    assert isinstance(moving, ns.constraints.InMovingFrame)
     assert moving.inner == constraint
     assert (moving.period, moving.amplitude) == (3.0, (0.0, 0.0, 1.0))
 
@@ -429,7 +437,7 @@ def test_what_is_saved_is_restored(name: str, seed: int) -> None:
     again = restore(json.loads(json.dumps(specification(constraint))))
     if name in FIXED:
         assert again == constraint
-    for attribute in ("name", "level", "relation", "lateral", "edge", "unit"):
+    for attribute in ("name", "level", "relation", "edge", "unit"):
         assert getattr(again, attribute) == getattr(constraint, attribute)
     np.testing.assert_array_equal(residual(again, instant), residual(constraint, instant))
 
@@ -450,28 +458,30 @@ def tilting(t: Any) -> Any:
 @pytest.mark.parametrize(
     "constraint",
     [
-        ns.SurfaceContact(bowl, unit="mm"),
-        ns.ToolAxis(surface=bowl, angle=0.3),
-        ns.InMovingFrame("needle(curvature=2)", frame=swaying),
-        ns.InMovingFrame(ns.RemoteCenter(), frame=tilting),
+        ns.constraints.SurfaceContact(bowl, unit="mm"),
+        ns.constraints.ToolAxis(surface=bowl, angle=0.3),
+        ns.constraints.InMovingFrame("needle(curvature=2)", frame=swaying),
+        ns.constraints.InMovingFrame(ns.constraints.RemoteCenter(), frame=tilting),
     ],
     ids=["surface", "tool axis", "swaying", "tilting"],
 )
 def test_what_holds_a_users_function_is_saved_by_its_expression(constraint: Any) -> None:
     data = json.loads(json.dumps(specification(constraint)))
-    assert data["type"] == "declared"
     again = restore(data)
-    for attribute in ("name", "level", "relation", "lateral", "edge", "unit"):
+    assert again == constraint
+    for attribute in ("name", "level", "relation", "edge", "unit"):
         assert getattr(again, attribute) == getattr(constraint, attribute)
     instant = Instant.random(np.random.default_rng(0))
     np.testing.assert_array_equal(residual(again, instant), residual(constraint, instant))
 
 
 def test_a_constraint_given_by_name_is_saved_by_name() -> None:
-    moving = ns.InMovingFrame("needle(shaft='-x')", amplitude=[0, 0, 0.01])
+    moving = ns.constraints.InMovingFrame("needle(shaft='-x')", amplitude=[0, 0, 0.01])
     data = json.loads(json.dumps(specification(moving)))
     assert data["type"] == "in-moving-frame"
-    assert data["arguments"]["constraint"] == "needle(shaft='-x')"
+    assert data["arguments"]["constraint"] == json.loads(
+        json.dumps(specification(ns.Needle(shaft="-x")))
+    )
     assert restore(data) == moving
 
 
@@ -479,7 +489,7 @@ def test_reading_a_file_back_runs_no_other_file(tmp_path: Any) -> None:
     rules = tmp_path / "rules.py"
     rules.write_text("raise SystemExit('it ran')")
     arguments = {"constraint": f"{rules}:rule"}
-    with pytest.raises(ns.ConstraintError, match="names a file"):
+    with pytest.raises(ns.errors.ConstraintError, match="names a file"):
         restore({"type": "in-moving-frame", "arguments": arguments})
 
 
@@ -515,8 +525,8 @@ def test_a_curved_needle_follows_a_circle_of_its_curvature(seed: int) -> None:
 def test_a_needle_leads_with_its_shaft_and_bends_sideways(seed: int) -> None:
     shaft, bevel = two_axes(np.random.default_rng(seed))
     needle = ns.Needle(shaft, 1.0, bevel)
-    assert needle.edge == shaft
-    assert {needle.lateral, shaft[-1], bevel[-1]} == {"x", "y", "z"}
+    assert needle.edge.travel == shaft
+    assert {needle.edge.lateral, shaft[-1], bevel[-1]} == {"x", "y", "z"}
 
 
 def test_a_needle_of_no_curvature_is_straight() -> None:
@@ -526,7 +536,7 @@ def test_a_needle_of_no_curvature_is_straight() -> None:
 
 def test_axes_of_a_wheel_tell_which_way_it_faces() -> None:
     wheel = ns.Wheel(axle="-z", edge="-y")
-    assert (wheel.lateral, wheel.edge) == ("-z", "-y")
+    assert (wheel.edge.lateral, wheel.edge.travel) == ("-z", "-y")
     assert ConstraintSystem([wheel, ns.Wheel(normal=None)]).rows == (2, 1)
 
 
@@ -541,7 +551,7 @@ def test_an_upright_disc_rolls_at_radius_times_rate(seed: int) -> None:
     # Turning on the spot about the normal is free.
     w = rate * axle + turn * np.array([0, 0, 1])
     rolling = Instant(0.0, p, R, radius * rate * forward, w)
-    disc = ns.RollingDisc(radius)
+    disc = ns.constraints.RollingDisc(radius)
     np.testing.assert_allclose(residual(disc, rolling), 0, rtol=0, atol=1e-12)
     np.testing.assert_allclose(residual(ns.Wheel(), rolling), 0, rtol=0, atol=1e-12)
     slipping = replace(rolling, v=rolling.v + 0.1 * forward)
@@ -567,7 +577,7 @@ def test_a_leaning_disc_keeps_its_lowest_point_at_its_height(seed: int) -> None:
 @given(seeds)
 def test_a_ball_rolls_at_radius_times_rate(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    ball, n, w = ns.RollingSphere(0.3, three(rng)), np.zeros(3), rng.normal(size=3)
+    ball, n, w = ns.constraints.RollingSphere(0.3, three(rng)), np.zeros(3), rng.normal(size=3)
     n = unit(ball.normal)
     rolling = replace(Instant.random(rng), w=w, v=np.cross(w, 0.3 * n))
     np.testing.assert_allclose(residual(ball, rolling), 0, rtol=0, atol=1e-12)
@@ -582,10 +592,10 @@ def test_contacts_vanish_on_their_surface_and_measure_the_distance_off_it(seed: 
     n, along = unit(three(rng)), unit(three(rng))
     across = unit(np.cross(along, n))
     for contact, foot, out in (
-        (ns.PlaneContact(center, tuple(n), tip), center + 3 * across, n),
-        (ns.SphereContact(center, radius, tip), center + radius * n, n),
+        (ns.constraints.PlaneContact(center, tuple(n), tip), center + 3 * across, n),
+        (ns.constraints.SphereContact(center, radius, tip), center + radius * n, n),
         (
-            ns.CylinderContact(center, tuple(along), radius, tip),
+            ns.constraints.CylinderContact(center, tuple(along), radius, tip),
             center + radius * across - 2 * along,
             across,
         ),
@@ -596,15 +606,21 @@ def test_contacts_vanish_on_their_surface_and_measure_the_distance_off_it(seed: 
 
 
 def test_a_sphere_and_its_formula_are_the_same_surface() -> None:
-    formula = ns.SurfaceContact("sqrt((x - 1)**2 + y**2 + (z + 0.5)**2) - 0.3")
-    sphere = ns.SphereContact((1, 0, -0.5), 0.3)
+    formula = ns.constraints.SurfaceContact("sqrt((x - 1)**2 + y**2 + (z + 0.5)**2) - 0.3")
+    sphere = ns.constraints.SphereContact((1, 0, -0.5), 0.3)
     for seed in range(5):
         i = Instant.random(np.random.default_rng(seed))
         np.testing.assert_allclose(residual(formula, i), residual(sphere, i), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize(
-    "constraint", [ns.SphereContact(), ns.CylinderContact(), ns.RollingDisc(axle="z")], ids=repr
+    "constraint",
+    [
+        ns.constraints.SphereContact(),
+        ns.constraints.CylinderContact(),
+        ns.constraints.RollingDisc(axle="z"),
+    ],
+    ids=repr,
 )
 def test_where_a_form_is_singular_its_derivatives_are_finite(constraint: Any) -> None:
     # At the center, on the axis, or lying flat.
@@ -620,7 +636,7 @@ def test_an_instrument_pivots_about_its_incision_and_slides_through_it(seed: int
     rng = np.random.default_rng(seed)
     i, center, shaft = Instant.random(rng), three(rng), two_axes(rng)[0]
     tip = three(rng)
-    instrument = ns.RemoteCenter(center, shaft, tip)
+    instrument = ns.constraints.RemoteCenter(center, shaft, tip)
     depth, slide = rng.normal(size=2)
     p = center + depth * i.axis(shaft)
     v = np.cross(i.w, p - np.array(center)) + slide * i.axis(shaft)
@@ -641,19 +657,19 @@ def test_a_tool_axis_at_its_angle_holds_however_it_turns_about_the_direction(
     d = Rotation.from_rotvec(angle * aside).apply(i.axis(axis))
     for turn in rng.uniform(-4, 4, 3):
         there = replace(i, R=Rotation.from_rotvec(turn * d).as_matrix() @ i.R)
-        tool = ns.ToolAxis(axis, tuple(d), angle)
+        tool = ns.constraints.ToolAxis(axis, tuple(d), angle)
         np.testing.assert_allclose(residual(tool, there), 0, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [0.0, np.pi, 3.1415926, 1e-9])
 def test_a_parallel_tool_axis_has_two_rows(angle: float) -> None:
-    tool = ns.ToolAxis(angle=angle)
+    tool = ns.constraints.ToolAxis(angle=angle)
     assert ConstraintSystem(tool).size == 2
-    assert ConstraintSystem(ns.ToolAxis(angle=0.5)).size == 1
+    assert ConstraintSystem(ns.constraints.ToolAxis(angle=0.5)).size == 1
 
 
 def test_a_torch_at_a_right_angle_to_a_sphere_points_at_its_center() -> None:
-    tool = ns.ToolAxis("-z", surface="x**2 + y**2 + z**2 - 1")
+    tool = ns.constraints.ToolAxis("-z", surface="x**2 + y**2 + z**2 - 1")
     rng = np.random.default_rng(0)
     i = Instant.random(rng)
     there = replace(i, p=-0.7 * i.axis("z"))
@@ -668,11 +684,11 @@ def test_a_torch_at_a_right_angle_to_a_sphere_points_at_its_center() -> None:
 @EXAMPLES
 def test_a_frame_at_rest_changes_nothing(name: str, seed: int) -> None:
     constraint, _, instant = case(name, seed)
-    still = ns.InMovingFrame(constraint, amplitude=(0, 0, 0))
+    still = ns.constraints.InMovingFrame(constraint, amplitude=(0, 0, 0))
     np.testing.assert_allclose(
         residual(still, instant), residual(constraint, instant), rtol=0, atol=1e-13
     )
-    for attribute in ("level", "relation", "lateral", "edge", "unit"):
+    for attribute in ("level", "relation", "edge", "unit"):
         assert getattr(still, attribute) == getattr(constraint, attribute)
     assert still.name == f"{constraint.name} in moving frame"
 
@@ -709,14 +725,14 @@ def test_a_body_carried_along_by_a_users_frame_satisfies_every_rule_about_veloci
     v = (c1 + turn1.apply(offset) - c0 - turn0.apply(offset)) / (2 * h)
     w = (turn1 * turn0.inv()).as_rotvec() / (2 * h)
     there = Instant(i.t, c + turn.apply(offset), (turn * held).as_matrix(), v, w)
-    for rule in (ns.Blade(), ns.Needle(curvature=3), ns.RollingSphere(), ns.Wheel()):
-        moving = ns.InMovingFrame(rule, frame=rocking)
+    for rule in (ns.Blade(), ns.Needle(curvature=3), ns.constraints.RollingSphere(), ns.Wheel()):
+        moving = ns.constraints.InMovingFrame(rule, frame=rocking)
         np.testing.assert_allclose(residual(moving, there), 0, rtol=0, atol=1e-5)
 
 
 def test_tissue_that_breathes_carries_the_blade_with_it() -> None:
     # Cutting along y, the tissue heaves along the blade's lateral axis y.
-    breathing = ns.InMovingFrame("blade", amplitude=(0, 0.005, 0), period=4, phase=0.3)
+    breathing = ns.constraints.InMovingFrame("blade", amplitude=(0, 0.005, 0), period=4, phase=0.3)
     rate = 2 * np.pi / 4
     carried = 0.005 * rate * np.cos(rate * 1.7 + 0.3)
     i = Instant(1.7, np.ones(3), np.eye(3), np.array([0.2, carried, 0.1]), np.zeros(3))
@@ -728,7 +744,9 @@ def test_frames_nest() -> None:
     # A conveyor on a ship.
     ship = {"amplitude": (0, 0, 0), "rotation_amplitude": (0.3, 0, 0), "period": 7.0}
     belt = {"amplitude": (0, 0, 0), "velocity": (0.2, 0, 0)}
-    both = ns.InMovingFrame(ns.InMovingFrame(ns.PlaneContact(), **belt), **ship)
+    both = ns.constraints.InMovingFrame(
+        ns.constraints.InMovingFrame(ns.constraints.PlaneContact(), **belt), **ship
+    )
     i = Instant.random(np.random.default_rng(1))
     turn = Rotation.from_rotvec([0.3 * np.sin(2 * np.pi * i.t / 7), 0, 0])
     np.testing.assert_allclose(residual(both, i), turn.inv().apply(i.p)[2], rtol=0, atol=1e-13)
@@ -740,7 +758,7 @@ def test_a_limit_may_move_with_a_frame_too() -> None:
     def roof(motion: Any) -> Any:
         return 1 - motion.position[2]
 
-    moving = ns.InMovingFrame(roof, velocity=(0, 0, 0.5), amplitude=(0, 0, 0))
+    moving = ns.constraints.InMovingFrame(roof, velocity=(0, 0, 0.5), amplitude=(0, 0, 0))
     assert (moving.relation, moving.level) == ("nonnegative", "position")
     assert (moving.barrier_rate, moving.priority) == (7.0, 2)
     i = replace(Instant.random(np.random.default_rng(0)), t=2.0)
@@ -762,49 +780,77 @@ BAD: list[tuple[type, dict[str, Any], str]] = [
     (ns.Wheel, {"axle": ["y"]}, "wheel: axle"),
     (ns.Wheel, {"edge": "y"}, "wheel: the axle and the edge"),
     (ns.Wheel, {"normal": (0, 0, 0)}, "wheel: normal"),
-    (ns.RollingDisc, {"radius": -0.1}, "rolling-disc: radius"),
-    (ns.RollingDisc, {"radius": 0}, "rolling-disc: radius"),
-    (ns.RollingDisc, {"axle": "+y"}, "rolling-disc: axle"),
-    (ns.RollingDisc, {"normal": "up"}, "rolling-disc: normal"),
-    (ns.RollingSphere, {"radius": None}, "rolling-sphere: radius"),
-    (ns.RollingSphere, {"normal": (0, 0)}, "rolling-sphere: normal"),
-    (ns.PlaneContact, {"point": 0}, "plane-contact: point"),
-    (ns.PlaneContact, {"normal": [0, 0, 0]}, "plane-contact: normal"),
-    (ns.SphereContact, {"center": "here"}, "sphere-contact: center"),
-    (ns.SphereContact, {"radius": "big"}, "sphere-contact: radius"),
-    (ns.CylinderContact, {"axis": (0, 0, np.nan)}, "cylinder-contact: axis"),
-    (ns.CylinderContact, {"radius": np.inf}, "cylinder-contact: radius"),
-    (ns.CylinderContact, {"point": None}, "cylinder-contact: point"),
-    (ns.RemoteCenter, {"point": [[0, 0, 0]]}, "remote-center: point"),
-    (ns.RemoteCenter, {"shaft": "shaft"}, "remote-center: shaft"),
-    (ns.ToolAxis, {"axis": (0, 0, 1)}, "tool-axis: axis"),
-    (ns.ToolAxis, {"direction": (0, 0, 0)}, "tool-axis: direction"),
-    (ns.ToolAxis, {"angle": 45}, "tool-axis: angle"),
-    (ns.ToolAxis, {"angle": -0.1}, "tool-axis: angle"),
-    (ns.ToolAxis, {"surface": "a"}, "tool-axis: surface"),
-    (ns.SurfaceContact, {"unit": 3}, "surface-contact: unit"),
-    (ns.SurfaceContact, {"surface": 3}, "surface-contact: surface"),
-    (ns.SurfaceContact, {"surface": lambda p: p}, "surface-contact: surface"),
-    (ns.SurfaceContact, {"surface": lambda p: p[7]}, "surface-contact: surface"),
-    (ns.SurfaceContact, {"surface": lambda p: 1.0}, "surface-contact: surface"),
-    (ns.InMovingFrame, {"constraint": 3}, "in-moving-frame: constraint"),
-    (ns.InMovingFrame, {"constraint": ns.Blade}, r"in-moving-frame: constraint .* Blade\(\)"),
-    (ns.InMovingFrame, {"constraint": "knife"}, "in-moving-frame: constraint.* known are"),
-    (ns.InMovingFrame, {"constraint": "blade(edge='q')"}, "in-moving-frame: constraint.* edge"),
-    (ns.InMovingFrame, {"constraint": "rules.py:flat"}, "in-moving-frame: constraint .* file"),
-    (ns.InMovingFrame, {"amplitude": 0.1}, "in-moving-frame: amplitude"),
-    (ns.InMovingFrame, {"period": 0}, "in-moving-frame: period"),
-    (ns.InMovingFrame, {"phase": None}, "in-moving-frame: phase"),
-    (ns.InMovingFrame, {"rotation_amplitude": (1, 2)}, "in-moving-frame: rotation_amplitude"),
-    (ns.InMovingFrame, {"velocity": "fast"}, "in-moving-frame: velocity"),
-    (ns.InMovingFrame, {"frame": 3}, "in-moving-frame: frame"),
-    (ns.InMovingFrame, {"frame": lambda t: t}, "in-moving-frame: frame"),
-    (ns.InMovingFrame, {"frame": lambda t: [t, 0]}, "in-moving-frame: frame"),
-    (ns.InMovingFrame, {"frame": lambda t: ([t, 0, 0], 1)}, "in-moving-frame: frame"),
-    (ns.InMovingFrame, {"frame": lambda t: ([t, 0, 0], -np.eye(3))}, "in-moving-frame: frame"),
-    (ns.InMovingFrame, {"frame": lambda t: ([t, 0, 0], 2 * np.eye(3))}, "in-moving-frame: frame"),
-    (ns.InMovingFrame, {"frame": lambda t: t.nothing}, "in-moving-frame: frame"),
-    (ns.InMovingFrame, {"frame": lambda: [0, 0, 0]}, "in-moving-frame: frame"),
+    (ns.constraints.RollingDisc, {"radius": -0.1}, "rolling-disc: radius"),
+    (ns.constraints.RollingDisc, {"radius": 0}, "rolling-disc: radius"),
+    (ns.constraints.RollingDisc, {"axle": "+y"}, "rolling-disc: axle"),
+    (ns.constraints.RollingDisc, {"normal": "up"}, "rolling-disc: normal"),
+    (ns.constraints.RollingSphere, {"radius": None}, "rolling-sphere: radius"),
+    (ns.constraints.RollingSphere, {"normal": (0, 0)}, "rolling-sphere: normal"),
+    (ns.constraints.PlaneContact, {"point": 0}, "plane-contact: point"),
+    (ns.constraints.PlaneContact, {"normal": [0, 0, 0]}, "plane-contact: normal"),
+    (ns.constraints.SphereContact, {"center": "here"}, "sphere-contact: center"),
+    (ns.constraints.SphereContact, {"radius": "big"}, "sphere-contact: radius"),
+    (ns.constraints.CylinderContact, {"axis": (0, 0, np.nan)}, "cylinder-contact: axis"),
+    (ns.constraints.CylinderContact, {"radius": np.inf}, "cylinder-contact: radius"),
+    (ns.constraints.CylinderContact, {"point": None}, "cylinder-contact: point"),
+    (ns.constraints.RemoteCenter, {"point": [[0, 0, 0]]}, "remote-center: point"),
+    (ns.constraints.RemoteCenter, {"shaft": "shaft"}, "remote-center: shaft"),
+    (ns.constraints.ToolAxis, {"axis": (0, 0, 1)}, "tool-axis: axis"),
+    (ns.constraints.ToolAxis, {"direction": (0, 0, 0)}, "tool-axis: direction"),
+    (ns.constraints.ToolAxis, {"angle": 45}, "tool-axis: angle"),
+    (ns.constraints.ToolAxis, {"angle": -0.1}, "tool-axis: angle"),
+    (ns.constraints.ToolAxis, {"surface": "a"}, "tool-axis: surface"),
+    (ns.constraints.SurfaceContact, {"unit": 3}, "surface-contact: unit"),
+    (ns.constraints.SurfaceContact, {"surface": 3}, "surface-contact: surface"),
+    (ns.constraints.SurfaceContact, {"surface": lambda p: p}, "surface-contact: surface"),
+    (ns.constraints.SurfaceContact, {"surface": lambda p: p[7]}, "surface-contact: surface"),
+    (ns.constraints.SurfaceContact, {"surface": lambda p: 1.0}, "surface-contact: surface"),
+    (ns.constraints.InMovingFrame, {"constraint": 3}, "in-moving-frame: constraint"),
+    (
+        ns.constraints.InMovingFrame,
+        {"constraint": ns.Blade},
+        r"in-moving-frame: constraint .* Blade\(\)",
+    ),
+    (
+        ns.constraints.InMovingFrame,
+        {"constraint": "knife"},
+        "in-moving-frame: constraint.* known are",
+    ),
+    (
+        ns.constraints.InMovingFrame,
+        {"constraint": "blade(edge='q')"},
+        "in-moving-frame: constraint.* edge",
+    ),
+    (
+        ns.constraints.InMovingFrame,
+        {"constraint": "rules.py:flat"},
+        "in-moving-frame: constraint .* file",
+    ),
+    (ns.constraints.InMovingFrame, {"amplitude": 0.1}, "in-moving-frame: amplitude"),
+    (ns.constraints.InMovingFrame, {"period": 0}, "in-moving-frame: period"),
+    (ns.constraints.InMovingFrame, {"phase": None}, "in-moving-frame: phase"),
+    (
+        ns.constraints.InMovingFrame,
+        {"rotation_amplitude": (1, 2)},
+        "in-moving-frame: rotation_amplitude",
+    ),
+    (ns.constraints.InMovingFrame, {"velocity": "fast"}, "in-moving-frame: velocity"),
+    (ns.constraints.InMovingFrame, {"frame": 3}, "in-moving-frame: frame"),
+    (ns.constraints.InMovingFrame, {"frame": lambda t: t}, "in-moving-frame: frame"),
+    (ns.constraints.InMovingFrame, {"frame": lambda t: [t, 0]}, "in-moving-frame: frame"),
+    (ns.constraints.InMovingFrame, {"frame": lambda t: ([t, 0, 0], 1)}, "in-moving-frame: frame"),
+    (
+        ns.constraints.InMovingFrame,
+        {"frame": lambda t: ([t, 0, 0], -np.eye(3))},
+        "in-moving-frame: frame",
+    ),
+    (
+        ns.constraints.InMovingFrame,
+        {"frame": lambda t: ([t, 0, 0], 2 * np.eye(3))},
+        "in-moving-frame: frame",
+    ),
+    (ns.constraints.InMovingFrame, {"frame": lambda t: t.nothing}, "in-moving-frame: frame"),
+    (ns.constraints.InMovingFrame, {"frame": lambda: [0, 0, 0]}, "in-moving-frame: frame"),
 ]
 
 
@@ -814,9 +860,7 @@ BAD: list[tuple[type, dict[str, Any], str]] = [
     ids=[f"{b[2].split(' .')[0]} {i}" for i, b in enumerate(BAD)],
 )
 def test_wrong_arguments_are_refused_by_name(kind: Any, arguments: Any, said: str) -> None:
-    with pytest.raises(ns.ConstraintError, match=said) as caught:
-        kind(**arguments)
-    assert "\n" not in str(caught.value)
+    assert re.search(said, refusal(ns.errors.ConstraintError, kind, **arguments))
 
 
 @pytest.mark.parametrize(
@@ -865,16 +909,14 @@ def test_wrong_arguments_are_refused_by_name(kind: Any, arguments: Any, said: st
     ],
 )
 def test_a_formula_that_is_none_is_refused_with_what_is_known(surface: str) -> None:
-    with pytest.raises(ns.ConstraintError, match="surface-contact: surface") as caught:
-        ns.SurfaceContact(surface)
-    message = str(caught.value)
-    assert "\n" not in message
+    message = refusal(ns.errors.ConstraintError, ns.constraints.SurfaceContact, surface)
+    assert "surface-contact: surface" in message
     assert len(message) < 300
     assert "x, y, z" in message or "does not depend on the position" in message
 
 
 def test_a_power_of_powers_takes_no_time() -> None:
-    ns.SurfaceContact("x + 9**9**9**9**9")
+    ns.constraints.SurfaceContact("x + 9**9**9**9**9")
 
 
 def test_no_limit_on_accelerations_moves_with_a_frame() -> None:
@@ -882,8 +924,8 @@ def test_no_limit_on_accelerations_moves_with_a_frame() -> None:
     def gentle(motion: Any) -> Any:
         return 1 - ca.sumsqr(motion.linear_acceleration)
 
-    with pytest.raises(ns.ConstraintError, match=r"in-moving-frame: .*'gentle'"):
-        ns.InMovingFrame(gentle)
+    with pytest.raises(ns.errors.ConstraintError, match=r"in-moving-frame: .*'gentle'"):
+        ns.constraints.InMovingFrame(gentle)
 
 
 # -------------------------------------------------------------------- held, step by step
@@ -903,35 +945,20 @@ def smooth(seed: int) -> ns.PoseTrajectory:
 
 
 @cache
-def primitive(seed: int) -> ns.PoseDMP:
-    return ns.PoseDMP.fit(smooth(seed), basis_functions=20)
-
-
-def constrained(constraints: Sequence[ns.Constraint], seed: int) -> ns.ConstrainedDMP:
-    """Couple a primitive that knows nothing of the constraints."""
-    plain = primitive(seed)
-    return ns.ConstrainedDMP(
-        position=plain.position,
-        orientation=plain.orientation,
-        phase=plain.phase,
-        duration=plain.duration,
-        steps=plain.steps,
-        constraints=tuple(constraints),
-        regular=plain,
-        inverse_metric=FULL,
-    )
+def primitive(seed: int) -> ns.ConstrainedDMP:
+    return ns.learn(smooth(seed), basis_functions=20)
 
 
 def start_of(seed: int) -> Instant:
     plain = primitive(seed)
     still = np.zeros(3)
-    return Instant(0.0, plain.position.start, plain.orientation.start.as_matrix(), still, still)
+    return Instant(0.0, plain.start_position, plain.start_rotation.as_matrix(), still, still)
 
 
 def starting_on(name: str, rng: Rng, i: Instant) -> Any:
     """Draw a constraint that a pose satisfies."""
     if name == "in moving frame":
-        moving = ns.InMovingFrame(
+        moving = ns.constraints.InMovingFrame(
             amplitude=three(rng, 0.01),
             period=float(rng.uniform(0.5, 4)),
             phase=float(rng.uniform(-4, 4)),
@@ -980,7 +1007,7 @@ def compatible(names: Sequence[str], rng: Rng, start: Instant) -> list[Any]:
     """Draw constraints that the start satisfies and that leave it free to move."""
     while True:
         constraints = [starting_on(name, rng, start) for name in names]
-        inner = {c.inner.name for c in constraints if isinstance(c, ns.InMovingFrame)}
+        inner = {c.inner.name for c in constraints if isinstance(c, ns.constraints.InMovingFrame)}
         # A tool cannot keep its axis to the room and to a frame that turns in it.
         if inner & {"needle", "tool-axis"} and ABOUT_ROTATION & set(names):
             continue
@@ -1015,17 +1042,9 @@ def worst_residual(names: Sequence[str], seed: int) -> float:
     rng = np.random.default_rng(seed)
     plain = seed % 5
     constraints = compatible(names, rng, start_of(plain))
-    motion = constrained(constraints, plain).rollout()
+    motion = constrained(constraints, FULL, plain=primitive(plain)).rollout()
     # As reported, and again from poses alone.
-    h = np.diff(motion.times)[:, None]
-    turns = (motion.rotations[1:] * motion.rotations[:-1].inv()).as_rotvec()
-    again = ConstraintSystem(constraints).residuals(
-        motion.times[1:],
-        motion.positions[1:],
-        motion.rotations[1:].as_quat(scalar_first=True),
-        np.diff(motion.positions, axis=0) / h,
-        turns / h,
-    )
+    again = residuals(motion, constraints)
     return float(max(np.abs(motion.constraint_residuals).max(), np.abs(again).max()))
 
 
@@ -1051,8 +1070,9 @@ def test_any_three_that_are_compatible_are_held_together(names: Any, seed: int) 
 def test_a_wheel_that_also_touches_its_plane_is_held() -> None:
     # Its height is asked twice, of the pose and of the velocity: dependent rows, no contradiction.
     start = start_of(0)
-    plane = ns.PlaneContact(point=start.p, normal=(1, 2, 3))
-    motion = constrained([ns.Wheel(normal=(1, 2, 3)), plane], 0).rollout()
+    plane = ns.constraints.PlaneContact(point=start.p, normal=(1, 2, 3))
+    rules = [ns.Wheel(normal=(1, 2, 3)), plane]
+    motion = constrained(rules, FULL, plain=primitive(0)).rollout()
     assert np.abs(motion.constraint_residuals).max() <= 1e-10
 
 
@@ -1061,10 +1081,10 @@ def test_a_start_beside_the_constraint_comes_back_to_it(name: str) -> None:
     rng = np.random.default_rng(2)
     start = start_of(0)
     constraint = starting_on(name, rng, start)
-    motion = constrained([constraint], 0).rollout(
+    motion = constrained([constraint], FULL, plain=primitive(0)).rollout(
         start_position=start.p + [0.02, -0.01, 0.01],
         start_rotation=Rotation.from_rotvec([0.1, 0.05, -0.1]) * Rotation.from_matrix(start.R),
     )
-    residuals = np.abs(motion.constraint_residuals).max(axis=1)
-    assert residuals[0] > 1e-3
-    assert residuals[-1] < 1e-6 * residuals[0]
+    off = np.abs(motion.constraint_residuals).max(axis=1)
+    assert off[0] > 1e-3
+    assert off[-1] < 1e-6 * off[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from motions import eased
 from noslip.demonstrations.excision import (
     NOISE_POSITION,
     NOISE_ROTATION,
@@ -33,7 +34,7 @@ def excision_session(seed: int, noise: float = 1.0) -> tuple[PoseTrajectory, np.
             from_here, to_there = positions[-1][-1], cut.positions[0]
             pause = [np.full(int(rng.uniform(0.3, 1.0) * RATE), value) for value in (0.0, 1.0)]
             u = np.linspace(0, 1, int(rng.uniform(0.8, 1.4) * RATE))
-            s = np.concatenate([pause[0], u**3 * (10 - 15 * u + 6 * u**2), pause[1]])
+            s = np.concatenate([pause[0], eased(u), pause[1]])
             lift = np.outer(0.12 * s * (1 - s), [0, 0, 1])
             positions.append(from_here + np.outer(s, to_there - from_here) + lift)
             quaternions.append(Slerp([0, 1], ends)(s).as_quat())

@@ -86,7 +86,7 @@ def test_the_primitive_of_aligned_copies_has_a_smaller_spread_and_a_truer_path(s
     motions = copies(motion, np.random.default_rng(seed))
     found = []
     for given_motions in (motions, align(motions)):
-        primitive = ns.PoseDMP.fit(given_motions)
+        primitive = ns.learn(given_motions)
         spread = Spread.about(primitive, given_motions)
         path = primitive.rollout().positions
         # Of each sample to the path, whatever its time.

@@ -137,7 +137,7 @@ def names_of_a_page() -> dict[str, Any]:
         "LEAD": 0.00125,
         "normal": np.array([0.0, 0.0, 1.0]),
         "wrench": np.outer(workshop.session_force(), [0, 0, 1]),
-        "goals": dmp.position.goal + np.linspace(0, 0.01, 8)[:, None] * [0, 1, 0],
+        "goals": dmp.goal_position + np.linspace(0, 0.01, 8)[:, None] * [0, 1, 0],
         "durations": np.linspace(2.0, 4.0, 8),
         "turned": turn * dmp.rollout().rotations[-1],
         "R0": hand.rotations[0],
@@ -145,7 +145,7 @@ def names_of_a_page() -> dict[str, Any]:
         "p0": np.array([0.2, 0.1, 0.0]),
         "g": np.array([0.2, 0.2, 0.0]),
         "Rg": Rotation.from_euler("z", np.pi / 2) * dmp.rollout().rotations[-1],
-        "where_the_goal_is": dmp.position.goal + np.array([0.0, 0.002, 0.0]),
+        "where_the_goal_is": dmp.goal_position + np.array([0.0, 0.002, 0.0]),
     }
     names["where_the_tool_is"] = Measured(names)
     return names

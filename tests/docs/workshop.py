@@ -12,9 +12,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import eased
 
 S = np.linspace(0, 1, 241)
-U = S**3 * (10 - 15 * S + 6 * S**2)
+U = eased(S)
 REST, CUTS = 80, 4
 
 
@@ -91,8 +92,8 @@ def furnish(folder: Path, rules: str) -> None:
     arm = (files("noslip.robots") / "panda.xml").read_text(encoding="utf-8")
     (folder / "my_arm.xml").write_text(arm.replace('site name="tool"', 'site name="scalpel_tip"'))
     for name, make in MOTIONS.items():
-        ns.write_recording(make(), folder / f"{name}.csv")
-    ns.write_recording(session(), folder / "session.csv")
+        ns.recordings.write_recording(make(), folder / f"{name}.csv")
+    ns.recordings.write_recording(session(), folder / "session.csv")
     add_column(folder / "session.csv", "fz", session_force())
     excision = folder / "noslip-demo" / "excision"
     for name, count in {"recordings": 4, "runs": 2, "cuts": 2}.items():

@@ -10,6 +10,7 @@ pytest.importorskip("mujoco", reason="the extra robots is not installed")
 pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
+from motions import eased
 from noslip import robots
 from noslip.figures import executed_slip, joint_limits
 
@@ -17,7 +18,7 @@ from noslip.figures import executed_slip, joint_limits
 @pytest.fixture(scope="module")
 def tracked() -> robots.TrackedMotion:
     s = np.linspace(0, 1, 501)
-    u = s**3 * (10 - 15 * s + 6 * s**2)
+    u = eased(s)
     motion = ns.PoseTrajectory(s, u[:, None] * [0.1, 0, 0], Rotation.identity(501), name="line")
     arm = robots.panda()
     placement = robots.Placement(np.array([0.4, 0.0, 0.3]), Rotation.identity())

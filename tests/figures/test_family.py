@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from panels import panel, title_of
 from scipy.spatial.transform import Rotation
 
 import noslip
@@ -34,7 +35,8 @@ def family(count, rise=0.0):
         name = f"goal_{index:03}"
         motions[name] = cut(0.1, 0.03 + 0.1 * index / count, rise * index / count)
         end, turn = motions[name].positions[-1], motions[name].rotations[-1]
-        goals[name] = (
+        goals[name] = noslip.Boundary(
+            1,
             end + [0, 1e-6 * index, 0],
             turn * Rotation.from_euler("x", 0.01 * index / count),
         )
@@ -48,9 +50,9 @@ def drawn(count, rise=0.0, constraints=BLADE):
 @pytest.fixture(scope="module")
 def every_figure():
     motions, goals = family(3)
-    lost = {**goals, "lost": (np.array([0.1, 0.0, 0.0]), None)}
-    free = dict.fromkeys(goals, (None, None))
-    exact = {name: (m.positions[-1], m.rotations[-1]) for name, m in motions.items()}
+    lost = {**goals, "lost": noslip.Boundary(1, [0.1, 0.0, 0.0])}
+    free = dict.fromkeys(goals, noslip.Boundary(1))
+    exact = {name: noslip.Boundary.keeping(m, 1, "pose") for name, m in motions.items()}
     resting = noslip.PoseTrajectory(
         np.arange(9.0), np.ones((9, 3)), Rotation.identity(9), name="resting"
     )
@@ -63,18 +65,9 @@ def every_figure():
         "free": figures.adapted_family(ORIGINAL, motions, free),
         "exact": figures.adapted_family(ORIGINAL, motions, exact, BLADE),
         "resting": figures.adapted_family(
-            resting, {"still": resting}, {"still": ([1.0, 1.0, 1.1], None)}, BLADE
+            resting, {"still": resting}, {"still": noslip.Boundary(1, [1.0, 1.0, 1.1])}, BLADE
         ),
     }
-
-
-def panel(figure, ylabel):
-    (found,) = [ax for ax in figure.axes if ax.get_ylabel().replace("\n", " ") == ylabel]
-    return found
-
-
-def title_of(figure):
-    return figure.get_suptitle().replace("\n", " ")
 
 
 def values_of(ax):
@@ -144,7 +137,7 @@ def test_the_paths_carry_the_positions_with_ticks_across():
 
 def test_the_title_says_how_far_the_goals_are_and_how_near_the_ends(every_figure):
     motions, goals = family(100)
-    away = max(np.linalg.norm(p - ORIGINAL.positions[-1]) for p, _ in goals.values())
+    away = max(np.linalg.norm(goal.position - ORIGINAL.positions[-1]) for goal in goals.values())
     told = title_of(every_figure["hundred"])
     assert told.startswith(f"100 goals up to {100 * away / ORIGINAL.path_length:.3g} % of the path")
     assert "ends within 0.1 mm and 0.573°, residual " in told
@@ -187,7 +180,7 @@ def test_what_is_exactly_zero_is_marked_at_the_foot(every_figure):
 
 
 def test_what_is_left_free_has_no_error(every_figure):
-    assert end_errors(ORIGINAL, (None, None)) == (None, None)
+    assert end_errors(ORIGINAL, noslip.Boundary(1)) == (None, None)
     assert [ax.get_ylabel() for ax in every_figure["free"].axes] == ["y (mm)"]
 
 

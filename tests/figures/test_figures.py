@@ -4,7 +4,6 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from itertools import combinations, pairwise
 
 import matplotlib as mpl
@@ -16,9 +15,12 @@ from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
+from panels import panel, title_of
 from scipy.spatial.transform import Rotation
 
 import noslip
+from learned import under
+from motions import numerical_example
 from noslip import figures
 from noslip.constraints.check import step_residuals
 from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
@@ -44,22 +46,9 @@ def upright(motion):
     return [motion.angular_velocity[0], motion.angular_velocity[1]]
 
 
-def numerical_example(samples=100):
-    """The paper's, more coarsely sampled."""
-    t = np.arange(samples) / samples
-    x, y = np.sin(np.pi * t) ** 2, np.sin(np.pi * t / 2) ** 3
-    angles = np.column_stack([0 * t, np.full(samples, np.pi / 4), np.arctan2(y, x)])
-    return noslip.PoseTrajectory(
-        times=t,
-        positions=np.column_stack([x, y, 0 * t]),
-        rotations=Rotation.from_euler("xyz", angles),
-        name="numerical example",
-    )
-
-
 @pytest.fixture(scope="module")
 def motions():
-    demonstration = numerical_example()
+    demonstration = numerical_example(100)
     dmp = noslip.learn(demonstration, BLADE, basis_functions=30)
     return {
         "demonstration": demonstration,
@@ -116,12 +105,12 @@ def recording():
 @pytest.fixture(scope="module")
 def blade_dmp():
     """Learned without limits, which then have something to do."""
-    return noslip.learn(numerical_example(), BLADE, basis_functions=30)
+    return noslip.learn(numerical_example(100), BLADE, basis_functions=30)
 
 
 @pytest.fixture(scope="module")
 def limited(blade_dmp):
-    return replace(blade_dmp, constraints=tuple(LIMITED)).rollout()
+    return under(blade_dmp, LIMITED).rollout()
 
 
 @noslip.velocity_constraint
@@ -147,7 +136,7 @@ EVERY = [
 
 @pytest.fixture(scope="module")
 def yielding(blade_dmp):
-    return replace(blade_dmp, constraints=tuple(EVERY), inverse_metric=(1.0,) * 6).rollout()
+    return under(blade_dmp, EVERY, inverse_metric=(1.0,) * 6).rollout()
 
 
 @pytest.fixture(scope="module")
@@ -182,17 +171,6 @@ def every_figure(motions, cuts, trained, resting, recording, limited, yielding):
         "adjustments": figures.orientation_adjustments(cuts, trained),
         "adjustments resting": figures.orientation_adjustments(resting, resting),
     }
-
-
-def title_of(figure):
-    return figure.get_suptitle().replace("\n", " ")
-
-
-def panel(figure, ylabel):
-    """The axes over time of that y label; its line breaks do not count."""
-    over_time = [ax for ax in figure.axes if not ax.get_title().startswith("path")]
-    (found,) = [ax for ax in over_time if ax.get_ylabel().replace("\n", " ") == ylabel]
-    return found
 
 
 def curves(ax):
@@ -579,7 +557,7 @@ def test_spread_tells_how_many_violate_a_limit(motions, limited, every_figure):
 
 
 def test_forces_of_limits_alone_are_shown_too(blade_dmp):
-    rollout = replace(blade_dmp, constraints=(SPEED,)).rollout()
+    rollout = under(blade_dmp, (SPEED,)).rollout()
     assert not rollout.constraint_names
     ax = panel(figures.compare_motions(rollout, SPEED), "constraint's linear acceleration (m/s²)")
     wanted = np.linalg.norm(rollout.constraint_forces[:, :3], axis=1)
@@ -699,7 +677,7 @@ def test_history_says_what_gave_way_and_shows_turning_forces(every_figure, yield
 
 
 def test_history_of_a_violated_equality_shows_it_on_a_linear_axis(blade_dmp):
-    table = replace(blade_dmp, constraints=(stay_on_table,))
+    table = under(blade_dmp, (stay_on_table,))
     off = table.rollout(start_position=[0, 0, 0.3])
     figure = figures.constraint_history(off, stay_on_table)
     (line,) = rows_of(figure)[0][0].get_lines()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Polygon
+from panels import panel, title_of
 from scipy.spatial.transform import Rotation
 
 import noslip
@@ -60,15 +61,6 @@ def every_figure(dmp):
     }
 
 
-def panel(figure, ylabel):
-    (found,) = [
-        ax
-        for ax in figure.axes
-        if ax.get_ylabel().replace("\n", " ") == ylabel and "start" not in ax.get_title()
-    ]
-    return found
-
-
 def path_of(figure):
     (found,) = [ax for ax in figure.axes if "start" in ax.get_title()]
     return found
@@ -87,10 +79,6 @@ def bands(ax):
             at_half = outline[np.isclose(outline[:, 0], 50), 1]
             found.append((at_half.max(), at_half.min()))
     return found
-
-
-def title_of(figure):
-    return figure.get_suptitle().replace("\n", " ")
 
 
 def test_every_figure_has_finite_content_units_and_seven_panels(every_figure):

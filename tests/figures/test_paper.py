@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import runpy
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from learned import under
 from noslip import figures
 from noslip.errors import InputError
 from noslip.figures.learned_spread import QUANTITIES, turns
@@ -95,9 +95,9 @@ def test_ellipses_lie_along_the_path(dmp):
 
 
 def test_one_constraint_of_a_rollout_is_drawn_as_it_was(dmp):
-    box = ns.Box(upper=(0.2, 0.01, 1.0))
+    box = ns.constraints.Box(upper=(0.2, 0.01, 1.0))
     held = (ns.Blade(), box)
-    motion = replace(dmp, constraints=held).rollout()
+    motion = under(dmp, held).rollout()
     drawn = {}
     for show, axis in (("residual", "margin (m)"), ("multiplier", "multiplier (m/s²)")):
         ax = figures.column_figure().subplots()

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import eased
 from noslip.demonstrations.segmentation import segment
 from noslip.figures.segments import recording_cuts
 
@@ -17,7 +18,7 @@ def recording():
     x = [np.zeros(50)]
     for number, count in enumerate((100, 30, 100)):
         u = np.arange(1, count + 1) / count
-        s = u**3 * (10 - 15 * u + 6 * u**2)
+        s = eased(u)
         x += [0.1 * (number + s), np.full(50, 0.1 * (number + 1))]
     x = np.concatenate(x)
     path = np.column_stack([x, 0.5 * x, 0 * x])

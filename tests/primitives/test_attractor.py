@@ -9,18 +9,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from noslip import InputError, OrientationDMP, PoseDMP, PositionDMP
-from noslip.primitives.attractor import Attractor
-from noslip.primitives.basis import Basis
-from noslip.primitives.forcing import ForcingTerm
-from noslip.primitives.phase import Phase
-from noslip.primitives.winding import Winding
-
-Floats = NDArray[np.float64]
+from noslip import ConstrainedDMP
+from noslip._typing import Floats
+from noslip.errors import InputError
+from noslip.law.attractor import Attractor
+from noslip.law.basis import Basis
+from noslip.law.clock import Phase
+from noslip.law.forcing import ForcingTerm
+from noslip.law.law import Law
+from noslip.law.space import Goal
+from noslip.law.winding import Winding
+from refusals import refusal
 
 OVERDAMPED, CRITICAL, UNDERDAMPED = (25.0, 2.0), (25.0, 6.25), (25.0, 60.0)
 DAMPINGS = [OVERDAMPED, CRITICAL, UNDERDAMPED]
@@ -39,23 +41,21 @@ def solution(attractor: Attractor, times: Floats, value: Floats, velocity: Float
     return np.asarray((expm(companion(attractor) * times[:, None, None]) @ state)[:, 0] + GOAL)
 
 
-def unforced(attractor: Attractor, velocity: Floats = VELOCITY) -> PoseDMP:
+def unforced(attractor: Attractor, velocity: Floats = VELOCITY) -> ConstrainedDMP:
     """Build a primitive of one second that nothing but its goal moves; it turns about z alone."""
     basis = Basis(5, Phase())
-    force = ForcingTerm(basis, np.zeros((5, 3)))
-    return PoseDMP(
-        PositionDMP(attractor, force, START, GOAL, velocity),
-        OrientationDMP(
-            attractor,
-            force,
-            Rotation.from_rotvec([0, 0, 0.9]).as_quat(scalar_first=True),
-            Winding(np.array([[1.0, 0.0, 0.0, 0.0]])),
-            np.array([0, 0, 1.5]),
-        ),
-        Phase(),
+    force = ForcingTerm(basis, np.zeros((5, 6)))
+    turned = Rotation.from_rotvec([0, 0, 0.9]).as_quat(scalar_first=True)
+    law = Law(
+        attractor,
+        force,
+        np.concatenate([START, turned]),
+        np.concatenate([velocity, [0, 0, 1.5]]),
+        Goal(GOAL, Winding(np.array([[1.0, 0.0, 0.0, 0.0]]))),
         duration=1.0,
         steps=200,
     )
+    return ConstrainedDMP(law)
 
 
 positive = st.floats(0.05, 200, allow_subnormal=False)
@@ -166,13 +166,13 @@ def test_long_and_short_steps_in_turn_settle_at_the_goal() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(DAMPINGS), st.floats(-4, 0))
-def test_demonstrated_targets_reproduce_any_samples(
+def test_demonstrated_pulls_reproduce_any_samples(
     seed: int, damping: tuple[float, float], exponent: float
 ) -> None:
     rng = np.random.default_rng(seed)
     attractor, h = Attractor(*damping), 10**exponent
     values = rng.normal(size=(9, 2))
-    targets = attractor.demonstrated_target(values, np.diff(values, axis=0) / h, h)
+    targets = values[1:-1] + attractor.demonstrated_pull(np.diff(values, axis=0) / h, h)
     # The recursion written with the poles: x+ = S x - P x- + K x*.
     transition = expm(companion(attractor) * h)
     product, total = np.exp(-attractor.alpha * h), np.trace(transition)
@@ -193,7 +193,7 @@ def test_a_primitive_holds_its_goal_for_a_thousand_durations() -> None:
 def test_the_time_scale_is_the_duration() -> None:
     # tau^2 x'' with tau the duration: ten times slower, the same path.
     dmp = unforced(Attractor())
-    slow = replace(dmp, duration=10.0)
+    slow = replace(dmp, law=replace(dmp.law, duration=10.0))
     fast, same = dmp.rollout(), slow.rollout()
     assert same.times[-1] == pytest.approx(10.0)
     np.testing.assert_allclose(same.positions, fast.positions, rtol=0, atol=1e-13)
@@ -205,6 +205,4 @@ def test_the_time_scale_is_the_duration() -> None:
 @pytest.mark.parametrize("name", ["alpha", "beta"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_constants_must_be_positive(name: str, value: float) -> None:
-    with pytest.raises(InputError, match=f"{name} must be positive") as caught:
-        Attractor(**{name: value})
-    assert "\n" not in str(caught.value)
+    assert f"{name} must be positive" in refusal(InputError, Attractor, **{name: value})

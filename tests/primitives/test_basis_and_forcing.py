@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from noslip import InputError, PositionDMP
-from noslip.primitives.attractor import Attractor
-from noslip.primitives.basis import Basis
-from noslip.primitives.forcing import ForcingTerm
-from noslip.primitives.phase import Phase
-
-Floats = NDArray[np.float64]
+from noslip._typing import Floats
+from noslip.errors import InputError
+from noslip.law.attractor import Attractor
+from noslip.law.basis import Basis
+from noslip.law.clock import Phase
+from noslip.law.fitting import demonstrated_forces
+from noslip.law.forcing import ForcingTerm
+from noslip.law.space import POSE
 
 rates = st.floats(0.05, 20)
 counts = st.integers(1, 120)
@@ -141,6 +141,16 @@ def stacked_system(
     return np.vstack(rows), np.vstack(forces)
 
 
+def fit_positions(
+    attractor: Attractor, basis: Basis, paths: list[Floats], ridge: float
+) -> ForcingTerm:
+    """The forces that the positions of demonstrations ask for, which do not turn."""
+    points = [np.hstack([path, np.tile([1.0, 0, 0, 0], (len(path), 1))]) for path in paths]
+    goal = POSE.goal(points)
+    forces = [demonstrated_forces(attractor, goal, p)[:, :3] for p in points]
+    return ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge)
+
+
 @pytest.mark.parametrize("ridge", [1e-6, 1e-3, 1.0])
 @pytest.mark.parametrize("demonstrations", [1, 3])
 def test_the_fit_is_the_ridge_solution_of_the_stacked_system(
@@ -159,7 +169,7 @@ def test_the_fit_is_the_ridge_solution_of_the_stacked_system(
         np.vstack([forces, np.zeros((basis.count, 3))]),
         rcond=None,
     )[0]
-    fitted = PositionDMP.fit(attractor, basis, paths, ridge=ridge).forcing
+    fitted = fit_positions(attractor, basis, paths, ridge)
     np.testing.assert_allclose(fitted.weights, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
     np.testing.assert_allclose(
         rows @ fitted.weights, rows @ expected, rtol=0, atol=1e-7 * np.abs(forces).max()
@@ -170,7 +180,7 @@ def test_more_ridge_means_smaller_weights() -> None:
     times = np.linspace(0, 1, 200)
     path = np.column_stack([times**2, np.sin(3 * times), 0 * times])
     sizes = [
-        np.linalg.norm(PositionDMP.fit(Attractor(), Basis(50), [path], ridge=ridge).forcing.weights)
+        np.linalg.norm(fit_positions(Attractor(), Basis(50), [path], ridge).weights)
         for ridge in (1e-6, 1e-3, 1.0, 1e3)
     ]
     assert sizes == sorted(sizes, reverse=True)

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
+from scipy.spatial.transform import Rotation
 
-from noslip.projection.blend import spread
+from noslip._typing import Floats
+from noslip.boundary import Boundary, sample_of
+from noslip.projection.blend import spread, through
+from noslip.trajectory import PoseTrajectory
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 counts = st.integers(1, 5)
 
 
@@ -25,11 +27,18 @@ def known(seed: int, count: int, size: int = 3) -> dict[float, Floats]:
     return {float(k): rng.normal(size=size) for k in (0.0, *inside, 1.0)}
 
 
-def hermite(values: dict[float, Floats], at: Floats, slope: Floats | None = None) -> Floats:
-    """SciPy's quintic with these values and, at all of them, no slope and no curvature."""
+def hermite(
+    values: dict[float, Floats],
+    at: Floats,
+    slope: Floats | None = None,
+    last_slope: Floats | None = None,
+) -> Floats:
+    """SciPy's quintic with these values and, but for slopes given, no slope and no curvature."""
     ends = np.stack([[v, 0 * v, 0 * v] for v in values.values()])
     if slope is not None:
         ends[0, 1] = slope
+    if last_slope is not None:
+        ends[-1, 1] = last_slope
     return np.asarray(BPoly.from_derivatives(list(values), ends)(at))
 
 
@@ -47,6 +56,58 @@ def test_a_slope_at_the_first_place_changes_the_first_stretch_alone(seed: int, c
     np.testing.assert_allclose(found, hermite(values, at, slope), rtol=0, atol=1e-12)
     after = at >= list(values)[1]
     np.testing.assert_array_equal(found[after], spread(values, at)[after])
+
+
+@given(seeds, counts)
+def test_a_slope_at_the_last_place_changes_the_last_stretch_alone(seed: int, count: int) -> None:
+    values, at = known(seed, count), np.linspace(0, 1, 301)
+    first, last = np.random.default_rng(seed + 1).normal(size=(2, 3))
+    for slope in (None, first):
+        found = spread(values, at, slope, last)
+        np.testing.assert_allclose(found, hermite(values, at, slope, last), rtol=0, atol=1e-12)
+    before = at < list(values)[-2]
+    np.testing.assert_array_equal(found[before], spread(values, at, first)[before])
+
+
+@given(seeds, st.floats(0.2, 0.8))
+def test_a_motion_is_moved_through_poses_and_velocities(seed: int, middle: float) -> None:
+    errors = []
+    for count in (201, 801):
+        rng = np.random.default_rng(seed)
+        s = np.linspace(0, 1, count)
+        free = PoseTrajectory(
+            3 * s,
+            np.outer(s, rng.normal(size=3)) + np.outer(s**2, rng.normal(size=3)),
+            Rotation.from_rotvec(np.outer(s, rng.normal(size=3))),
+        )
+        asked = [
+            Boundary(
+                at,
+                rng.normal(size=3),
+                Rotation.from_rotvec(0.3 * rng.normal(size=3)) * free.rotations[k],
+                *(rng.normal(size=(2, 3)) if at in (0, 1) else ()),
+            )
+            for at, k in ((0.0, 0), (round(200 * middle) / 200, round(200 * middle)), (1.0, -1))
+        ]
+        moved = through(free, asked)
+        for boundary in asked:
+            k = sample_of(boundary.at, count)
+            np.testing.assert_array_equal(moved.positions[k], boundary.position)
+            assert (moved.rotations[k] * boundary.rotation.inv()).magnitude() <= 1e-12
+        found = PoseTrajectory(moved.times, moved.positions, moved.rotations)
+        errors.append(
+            [
+                [
+                    np.abs(found.linear_velocities[k] - boundary.linear_velocity).max(),
+                    np.abs(found.angular_velocities[k] - boundary.angular_velocity).max(),
+                ]
+                for k, boundary in ((0, asked[0]), (-1, asked[-1]))
+            ]
+        )
+    # Positions to the differences' own error; turns to third order in the turn besides.
+    coarse, fine = np.array(errors)
+    assert np.all(fine[:, 0] <= coarse[:, 0] / 8 + 1e-9)
+    assert np.all(fine[:, 1] <= coarse[:, 1] / 4 + 0.02)
 
 
 @given(seeds, st.sets(st.integers(1, 99), max_size=4))

@@ -9,29 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import Constraint, ConstraintError, PoseTrajectory, velocity_constraint
+from noslip import Constraint, PoseTrajectory, velocity_constraint
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
+from noslip.errors import ConstraintError
 from noslip.projection.feasibility import project_pose, require_consistent
+from refusals import refusal
+from strategies import seeds, triple, unit
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 FULL = (1.0,) * 6
-
-
-def unit(rng: np.random.Generator) -> Floats:
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def triple(vector: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z
 
 
 def through(rng: np.random.Generator, p: Floats, R: Rotation, names: Sequence[str]) -> Any:
@@ -39,19 +29,19 @@ def through(rng: np.random.Generator, p: Floats, R: Rotation, names: Sequence[st
     lower, upper = p - rng.uniform(0.01, 0.3, 3), p + rng.uniform(0.01, 0.3, 3)
     away = np.cross(unit(rng), axis := unit(rng))
     rules: dict[str, Constraint] = {
-        "plane": ns.PlaneContact(point=triple(p), normal=triple(unit(rng))),
-        "sphere": ns.SphereContact(center=triple(p - 0.5 * unit(rng)), radius=0.5),
-        "cylinder": ns.CylinderContact(
+        "plane": ns.constraints.PlaneContact(point=triple(p), normal=triple(unit(rng))),
+        "sphere": ns.constraints.SphereContact(center=triple(p - 0.5 * unit(rng)), radius=0.5),
+        "cylinder": ns.constraints.CylinderContact(
             point=triple(p - 0.4 * away / np.linalg.norm(away)), axis=triple(axis), radius=0.4
         ),
-        "remote center": ns.RemoteCenter(point=triple(p + 0.3 * R.apply([0, 0, 1]))),
-        "tool axis": ns.ToolAxis(axis="x", direction=triple(R.apply([1, 0, 0]))),
-        "tilt": ns.ToolAxis(
+        "remote center": ns.constraints.RemoteCenter(point=triple(p + 0.3 * R.apply([0, 0, 1]))),
+        "tool axis": ns.constraints.ToolAxis(axis="x", direction=triple(R.apply([1, 0, 0]))),
+        "tilt": ns.constraints.ToolAxis(
             axis="x",
             direction=triple(u := unit(rng)),
             angle=float(np.arccos(R.apply([1, 0, 0]) @ u)),
         ),
-        "box": ns.Box(lower=triple(lower), upper=triple(upper)),
+        "box": ns.constraints.Box(lower=triple(lower), upper=triple(upper)),
     }
     return [rules[name] for name in names]
 
@@ -159,11 +149,11 @@ def test_flat_constraints_and_boxes_are_projected_onto_exactly(seed: int) -> Non
     rng = np.random.default_rng(seed)
     p, normal, on = rng.normal(size=3), unit(rng), rng.normal(size=3)
     quaternion = Rotation.random(random_state=rng).as_quat(scalar_first=True)
-    plane = ns.PlaneContact(point=triple(on), normal=triple(normal))
+    plane = ns.constraints.PlaneContact(point=triple(on), normal=triple(normal))
     found, turned = project_pose(plane, 0.0, p, quaternion)
     np.testing.assert_allclose(found, p - normal * (normal @ (p - on)), rtol=0, atol=1e-12)
     np.testing.assert_allclose(turned, quaternion, rtol=0, atol=1e-15)
-    box = ns.Box(lower=(-0.5, -0.2, None), upper=(0.5, None, 0.1))
+    box = ns.constraints.Box(lower=(-0.5, -0.2, None), upper=(0.5, None, 0.1))
     found, _ = project_pose(box, 0.0, p, quaternion)
     inside = np.clip(p, [-0.5, -0.2, -np.inf], [0.5, np.inf, 0.1])
     np.testing.assert_allclose(found, inside, rtol=0, atol=1e-11)
@@ -187,13 +177,16 @@ def test_velocity_constraints_leave_every_pose() -> None:
 
 
 def test_a_pose_that_no_constraint_allows_is_refused_by_name() -> None:
-    rules = [ns.PlaneContact(), ns.PlaneContact(point=(0, 0, 1))]
-    with pytest.raises(ConstraintError, match="plane-contact and plane-contact 2") as caught:
-        project_pose(rules, 0.0, (0, 0, 0.3), (1, 0, 0, 0))
-    assert "\n" not in str(caught.value)
+    rules = [ns.constraints.PlaneContact(), ns.constraints.PlaneContact(point=(0, 0, 1))]
+    message = refusal(ConstraintError, project_pose, rules, 0.0, (0, 0, 0.3), (1, 0, 0, 0))
+    assert "plane-contact and plane-contact 2" in message
     with pytest.raises(ConstraintError, match="tool-axis"):
         project_pose(
-            ns.ToolAxis(), 0.0, (0, 0, 0), (0.8, 0.6, 0, 0), inverse_metric=(1, 1, 1, 0, 0, 0)
+            ns.constraints.ToolAxis(),
+            0.0,
+            (0, 0, 0),
+            (0.8, 0.6, 0, 0),
+            inverse_metric=(1, 1, 1, 0, 0, 0),
         )
 
 
@@ -219,33 +212,36 @@ HARMLESS: list[Constraint] = [
     ns.Blade(),
     ns.KeepOutSphere(center=(0, 0, 5), radius=0.1),
     ns.SpeedLimit(speed=50.0),
-    ns.HalfSpace(point=(0, 0, -3)),
-    ns.ToolAxis(axis="y", direction=(0, 1, 0), angle=0.5),
+    ns.constraints.HalfSpace(point=(0, 0, -3)),
+    ns.constraints.ToolAxis(axis="y", direction=(0, 1, 0), angle=0.5),
 ]
 CONTRADICTIONS: dict[str, list[Constraint]] = {
-    "planes": [ns.PlaneContact(), ns.PlaneContact(point=(0, 0, 0.1))],
+    "planes": [ns.constraints.PlaneContact(), ns.constraints.PlaneContact(point=(0, 0, 0.1))],
     "sphere off a plane": [
-        ns.PlaneContact(point=(0, 0, -0.5)),
-        ns.SphereContact(center=(0, 0, 0.5), radius=0.7),
+        ns.constraints.PlaneContact(point=(0, 0, -0.5)),
+        ns.constraints.SphereContact(center=(0, 0, 0.5), radius=0.7),
     ],
     "two speeds": [pace(1, "one"), pace(2, "two")],
     "a box that excludes a plane": [
-        ns.PlaneContact(point=(0, 0, 0.3)),
-        ns.Box(upper=(None, None, 0.2), lower=(None, None, -1)),
+        ns.constraints.PlaneContact(point=(0, 0, 0.3)),
+        ns.constraints.Box(upper=(None, None, 0.2), lower=(None, None, -1)),
     ],
     "two boxes": [
-        ns.Box(lower=(0.5, None, None), upper=(0.6, None, None)),
-        ns.Box(lower=(0.7, None, None), upper=(0.8, None, None)),
+        ns.constraints.Box(lower=(0.5, None, None), upper=(0.6, None, None)),
+        ns.constraints.Box(lower=(0.7, None, None), upper=(0.8, None, None)),
     ],
     "an obstacle around all of a small sphere": [
-        ns.SphereContact(center=(0, 0, 0), radius=0.1),
+        ns.constraints.SphereContact(center=(0, 0, 0), radius=0.1),
         ns.KeepOutSphere(center=(0, 0, 0.01), radius=0.3),
     ],
-    "two angles": [ns.ToolAxis(axis="x", angle=1.3), ns.ToolAxis(axis="x", angle=0.9)],
+    "two angles": [
+        ns.constraints.ToolAxis(axis="x", angle=1.3),
+        ns.constraints.ToolAxis(axis="x", angle=0.9),
+    ],
     "three planes": [
-        ns.PlaneContact(normal=(0, 0, 1)),
-        ns.PlaneContact(normal=(0, 1, 1), point=(0, 0, 0.2)),
-        ns.PlaneContact(normal=(0, 1, 0), point=(0, 0.9, 0)),
+        ns.constraints.PlaneContact(normal=(0, 0, 1)),
+        ns.constraints.PlaneContact(normal=(0, 1, 1), point=(0, 0, 0.2)),
+        ns.constraints.PlaneContact(normal=(0, 1, 0), point=(0, 0.9, 0)),
     ],
 }
 
@@ -264,10 +260,8 @@ def test_a_planted_contradiction_is_named_and_nothing_else(name: str, seed: int)
     rules = [*culprits, *others]
     order = rng.permutation(len(rules))
     system = ConstraintSystem([rules[i] for i in order])
-    with pytest.raises(ConstraintError, match="contradict each other") as caught:
-        require_consistent(system, CUT)
-    message = str(caught.value)
-    assert "\n" not in message
+    message = refusal(ConstraintError, require_consistent, system, CUT)
+    assert "contradict each other" in message
     for constraint, label in zip(system.constraints, system.names, strict=True):
         assert (repr(label) in message) == any(constraint is rule for rule in culprits), message
     with pytest.raises(ConstraintError, match="contradict each other"):
@@ -319,9 +313,11 @@ def test_constraints_that_the_start_satisfies_raise_no_alarm_along_a_demonstrati
 def test_soft_limits_contradict_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rules: list[Constraint] = [
-        ns.PlaneContact(),
-        ns.Box(lower=(None, None, 0.5), priority=int(rng.integers(1, 5)), upper=(None,) * 3),
-        ns.HalfSpace(point=(0, 0, -1), normal=(0, 0, -1), priority=1),
+        ns.constraints.PlaneContact(),
+        ns.constraints.Box(
+            lower=(None, None, 0.5), priority=int(rng.integers(1, 5)), upper=(None,) * 3
+        ),
+        ns.constraints.HalfSpace(point=(0, 0, -1), normal=(0, 0, -1), priority=1),
         ns.KeepOutSphere(center=triple(START), radius=3.0, priority=2),
         ns.SpeedLimit(speed=1e-3, priority=3),
     ]
@@ -330,7 +326,7 @@ def test_soft_limits_contradict_nothing(seed: int) -> None:
 
 def test_a_single_constraint_or_none_is_consistent() -> None:
     require_consistent(ConstraintSystem(), CUT)
-    require_consistent(ConstraintSystem(ns.PlaneContact(point=(0, 0, 40))), CUT)
+    require_consistent(ConstraintSystem(ns.constraints.PlaneContact(point=(0, 0, 40))), CUT)
 
 
 def test_looking_for_contradictions_takes_little_time() -> None:
@@ -342,8 +338,8 @@ def test_looking_for_contradictions_takes_little_time() -> None:
     system = ConstraintSystem(rules)
     taken = []
     for _ in range(5):
-        begin = time.perf_counter()
+        begin = time.process_time()
         require_consistent(system, CUT)
-        taken.append(time.perf_counter() - begin)
-    # Typically 5 ms; a loaded machine takes longer.
+        taken.append(time.process_time() - begin)
+    # Typically 5 ms of the processor.
     assert min(taken) <= 0.1

@@ -9,23 +9,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from measures import slip
+from motions import along
 from noslip import (
     Blade,
-    ConvergenceError,
-    InputError,
-    Instant,
-    PlaneContact,
+    Boundary,
     PoseTrajectory,
     position_constraint,
     project_trajectory,
     velocity_constraint,
 )
+from noslip.constraints import Instant, PlaneContact
+from noslip.errors import ConvergenceError, InputError
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 BLADE = Blade()
 LAST = 200
 
@@ -37,17 +36,15 @@ def askew(seed: int) -> PoseTrajectory:
     x = np.outer(s, [1.5, 0, 0])
     for k in (1, 2):
         x += np.outer(np.sin(np.pi * k * s + rng.uniform(0, 6)), 0.1 * rng.uniform(-1, 1, 3) / k)
-    v = np.gradient(x, s, axis=0)
-    yaw, pitch = np.arctan2(v[:, 1], v[:, 0]), -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
     error = np.outer(np.sin(np.pi * rng.uniform(0.5, 2) * s), 0.15 * rng.uniform(-1, 1, 3))
-    rotations = Rotation.from_rotvec(error) * Rotation.from_euler("ZY", np.stack([yaw, pitch], 1))
+    rotations = Rotation.from_rotvec(error) * along(x, s)
     return PoseTrajectory(s, x, rotations, name=f"cut {seed}")
 
 
-def slip(motion: PoseTrajectory) -> Floats:
-    """Lateral speed of each step, by NumPy alone."""
-    v = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
-    return np.einsum("ki,ki->k", motion.rotations.as_matrix()[1:, :, 1], v)
+def kept(motion: PoseTrajectory, what: dict[int, Any]) -> list[Boundary]:
+    """What a motion has at some of its samples."""
+    last = len(motion) - 1
+    return [Boundary.keeping(motion, k / last, part) for k, part in what.items()]
 
 
 def turned(one: PoseTrajectory, other: PoseTrajectory, k: int) -> float:
@@ -74,12 +71,14 @@ def test_kept_samples_stay_and_the_blade_does_not_slip(seed: int, what: list[Any
     motion = askew(seed)
     places = np.linspace(0, LAST, len(what) + 2).astype(int)[1:-1]
     keep = dict(zip(places.tolist(), what, strict=True))
-    found = project_trajectory(motion, BLADE, keep=keep, position_weight=10).trajectory
+    found = project_trajectory(
+        motion, BLADE, boundaries=kept(motion, keep), position_weight=10
+    ).trajectory
     assert np.abs(slip(found)).max() <= 1e-10
-    for k, kept in keep.items():
-        if kept in ("pose", "position"):
+    for k, part in keep.items():
+        if part in ("pose", "position"):
             np.testing.assert_array_equal(found.positions[k], motion.positions[k])
-        if kept in ("pose", "rotation"):
+        if part in ("pose", "rotation"):
             assert turned(found, motion, k) <= 1e-14
 
 
@@ -92,17 +91,21 @@ def test_only_what_is_kept_stays(seed: int) -> None:
     moved = np.abs(found.positions - motion.positions).max(axis=1)
     k = int(np.argmax(moved[1:-1])) + 1
     assert moved[k] > 1e-6
-    kept = project_trajectory(motion, BLADE, position_weight=10, keep={k: "rotation"}).trajectory
-    assert np.abs(kept.positions[k] - motion.positions[k]).max() > 1e-9
-    kept = project_trajectory(motion, BLADE, position_weight=10, keep={k: "position"}).trajectory
-    assert turned(kept, motion, k) > 1e-9
+    found = project_trajectory(
+        motion, BLADE, position_weight=10, boundaries=kept(motion, {k: "rotation"})
+    ).trajectory
+    assert np.abs(found.positions[k] - motion.positions[k]).max() > 1e-9
+    found = project_trajectory(
+        motion, BLADE, position_weight=10, boundaries=kept(motion, {k: "position"})
+    ).trajectory
+    assert turned(found, motion, k) > 1e-9
 
 
 def test_keeping_nothing_changes_nothing() -> None:
     motion = askew(3)
     plain = project_trajectory(motion, BLADE).trajectory
-    for keep in (None, {}, {50: "free"}):
-        found = project_trajectory(motion, BLADE, keep=keep).trajectory
+    for boundaries in ((), kept(motion, {50: "free"})):
+        found = project_trajectory(motion, BLADE, boundaries=boundaries).trajectory
         np.testing.assert_array_equal(found.positions, plain.positions)
 
 
@@ -112,7 +115,9 @@ def test_keeping_nothing_changes_nothing() -> None:
 def test_of_a_feasible_trajectory_any_samples_can_be_kept(seed: int, places: set[int]) -> None:
     feasible = project_trajectory(askew(seed), BLADE).trajectory
     keep: dict[int, Any] = dict.fromkeys(places, "pose")
-    found = project_trajectory(feasible, BLADE, start="pose", end="pose", keep=keep).trajectory
+    found = project_trajectory(
+        feasible, BLADE, start="pose", end="pose", boundaries=kept(feasible, keep)
+    ).trajectory
     assert np.abs(found.positions - feasible.positions).max() < 1e-8
     assert max(turned(found, feasible, k) for k in range(LAST + 1)) < 1e-7
 
@@ -128,7 +133,7 @@ def test_the_second_sample_kept_with_the_first_keeps_the_first_velocity(seed: in
         feasible.times, feasible.positions, Rotation.from_rotvec(error) * feasible.rotations
     )
     found = project_trajectory(
-        motion, BLADE, start="pose", keep={1: "pose"}, position_weight=10
+        motion, BLADE, start="pose", boundaries=kept(motion, {1: "pose"}), position_weight=10
     ).trajectory
     for before, after in zip(feasible.step_velocities(), found.step_velocities(), strict=True):
         np.testing.assert_allclose(after[0], before[0], rtol=0, atol=1e-11)
@@ -141,32 +146,42 @@ def test_samples_that_contradict_the_constraint_fail_clearly() -> None:
     keep: dict[int, Any] = {100: "pose", 101: "pose"}
     assert abs(slip(motion)[100]) > 1e-3
     with pytest.raises(ConvergenceError, match="no trajectory near it"):
-        project_trajectory(motion, BLADE, keep=keep)
-    result = project_trajectory(motion, BLADE, keep=keep, on_failure="return")
+        project_trajectory(motion, BLADE, boundaries=kept(motion, keep))
+    result = project_trajectory(motion, BLADE, boundaries=kept(motion, keep), on_failure="return")
     assert not result.converged and result.residual > 1e-4
 
 
 @pytest.mark.parametrize("what", ["position", "pose"])
 def test_a_kept_sample_off_a_surface_fails_clearly(what: Any) -> None:
     with pytest.raises(ConvergenceError, match="plane-contact"):
-        project_trajectory(askew(1), PlaneContact(point=(0, 0, 5)), keep={70: what})
+        motion = askew(1)
+        project_trajectory(
+            motion, PlaneContact(point=(0, 0, 5)), boundaries=kept(motion, {70: what})
+        )
 
 
-@pytest.mark.parametrize("index", [0, LAST, LAST + 1, -1, 10_000])
-def test_ends_and_samples_that_there_are_not_are_refused(index: int) -> None:
-    with pytest.raises(InputError, match=r"^keep: samples between the ends are 1 to 199, got"):
-        project_trajectory(askew(1), BLADE, keep={index: "pose"})
+@pytest.mark.parametrize("at", [0.2 / LAST, 1 - 0.2 / LAST, 100.2 / LAST])
+def test_a_sample_can_have_one_boundary_only(at: float) -> None:
+    motion = askew(1)
+    ends = {"start": "pose", "end": "pose"}
+    with pytest.raises(InputError, match="falls on an end or on another via; 201 samples"):
+        project_trajectory(
+            motion,
+            BLADE,
+            **ends,
+            boundaries=[*kept(motion, {100: "pose"}), Boundary(at, [0, 0, 0])],
+        )
 
 
-@pytest.mark.parametrize("index", [1.5, "3", None])
-def test_what_is_no_sample_number_is_refused(index: Any) -> None:
-    with pytest.raises(InputError, match="keep"):
-        project_trajectory(askew(1), BLADE, keep={index: "pose"})
+@pytest.mark.parametrize("what", [(0.5, [0, 0, 0]), "pose", None])
+def test_what_is_no_boundary_is_refused(what: Any) -> None:
+    with pytest.raises(InputError, match="expected a Boundary"):
+        project_trajectory(askew(1), BLADE, boundaries=[what])
 
 
 def test_an_unknown_part_of_a_sample_is_refused() -> None:
-    with pytest.raises(InputError, match=r"^keep\[7\] must be free, position, rotation or pose"):
-        project_trajectory(askew(1), BLADE, keep={7: "everything"})
+    with pytest.raises(InputError, match=r"must be free, position, rotation or pose"):
+        Boundary.keeping(askew(1), 0.5, "everything")  # type: ignore[arg-type]
 
 
 @given(seeds)
@@ -180,7 +195,7 @@ def test_with_the_position_held_a_kept_rotation_still_stays(seed: int) -> None:
         motion.times, motion.positions, Rotation.from_rotvec(error) * motion.rotations
     )
     found = project_trajectory(
-        askew_again, BLADE, hold_position=True, keep={100: "rotation"}
+        askew_again, BLADE, hold_position=True, boundaries=kept(askew_again, {100: "rotation"})
     ).trajectory
     np.testing.assert_array_equal(found.positions, motion.positions)
     assert turned(found, askew_again, 100) <= 1e-14
@@ -224,7 +239,8 @@ def test_samples_are_kept_of_a_long_recording_too() -> None:
     # Beyond 4000 samples, a projection without kept samples goes by way of fewer.
     base = askew(2)
     long = base.resampled(times=np.linspace(0, 1, 4201))
-    found = project_trajectory(long, BLADE, keep={1234: "pose", 3000: "position"}).trajectory
+    boundaries = kept(long, {1234: "pose", 3000: "position"})
+    found = project_trajectory(long, BLADE, boundaries=boundaries).trajectory
     np.testing.assert_array_equal(found.positions[[1234, 3000]], long.positions[[1234, 3000]])
     assert turned(found, long, 1234) <= 1e-14
     assert np.abs(slip(found)).max() <= 1e-10

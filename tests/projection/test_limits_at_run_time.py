@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import ConstrainedDMP, Constraint, Motion, PoseDMP, PoseTrajectory
+from learned import constrained, fitted
+from measures import assert_same_poses
+from noslip import ConstrainedDMP, Constraint, Motion
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
+from strategies import seeds, triple, unit
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 FULL = (1.0,) * 6
 STEPS = 200
 
@@ -33,71 +33,24 @@ CURVED = pytest.mark.xfail(
 )
 
 
-def smooth(seed: int = 0) -> PoseTrajectory:
-    """A curved cut along x, held askew."""
-    rng = np.random.default_rng(seed)
-    s = np.linspace(0, 1, 301)
-    waves = [0.1 * np.outer(np.sin(np.pi * k * s), rng.normal(size=3)) / k for k in (1, 2)]
-    positions = np.column_stack([s, 0.3 * s**2, 0 * s]) + sum(waves) * [1, 1, 0.3]
-    v = np.gradient(positions, s, axis=0)
-    angles = np.column_stack([np.arctan2(v[:, 1], v[:, 0]) + 0.3 * np.sin(4 * s), 0.3 + 0.2 * s])
-    return PoseTrajectory(times=s, positions=positions, rotations=Rotation.from_euler("ZY", angles))
-
-
-@cache
-def primitive(seed: int = 0) -> PoseDMP:
-    return PoseDMP.fit(smooth(seed), basis_functions=30)
-
-
 @cache
 def free_motion(seed: int = 0) -> Motion:
-    return primitive(seed).rollout()
-
-
-def constrained(
-    constraints: Sequence[Constraint],
-    metric: Sequence[float] = POSITION_ONLY,
-    seed: int = 0,
-    **settings: Any,
-) -> ConstrainedDMP:
-    """Couple a primitive that knows nothing of the constraints."""
-    plain = primitive(seed)
-    return ConstrainedDMP(
-        position=plain.position,
-        orientation=plain.orientation,
-        phase=plain.phase,
-        duration=plain.duration,
-        steps=plain.steps,
-        constraints=tuple(constraints),
-        regular=plain,
-        inverse_metric=tuple(metric),
-        **settings,
-    )
+    return fitted(seed).rollout()
 
 
 def shared(length: float, constraints: Sequence[Constraint] = ()) -> tuple[float, ...]:
     return inverse_metric(ConstraintSystem(constraints), "shared", length, 1.0)
 
 
-def wall(x: float, **settings: Any) -> ns.HalfSpace:
+def wall(x: float, **settings: Any) -> ns.constraints.HalfSpace:
     """The tool stays at smaller x; all demonstrations lead there."""
-    return ns.HalfSpace(point=(x, 0, 0), normal=(-1, 0, 0), **settings)
+    return ns.constraints.HalfSpace(point=(x, 0, 0), normal=(-1, 0, 0), **settings)
 
 
 def accelerations(motion: Motion) -> Floats:
     """Of each step but the first, from velocities alone, shape (N - 2, 6)."""
     velocities = np.hstack([motion.linear_velocities, motion.angular_velocities])
     return np.asarray(np.diff(velocities[1:], axis=0) / motion.times[1])
-
-
-def triple(vector: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z
-
-
-def unit(rng: np.random.Generator) -> Floats:
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def allowed(margins: Floats, rate: float, h: float) -> Floats:
@@ -120,14 +73,14 @@ def idle_limits(seed: int) -> list[Constraint]:
     motion = free_motion(seed)
     far = float(np.abs(motion.positions).max()) + 50
     return [
-        ns.HalfSpace(point=(0, 0, -far)),
+        ns.constraints.HalfSpace(point=(0, 0, -far)),
         ns.DepthLimit(depth=far),
-        ns.Box(lower=(-far,) * 3, upper=(far,) * 3),
+        ns.constraints.Box(lower=(-far,) * 3, upper=(far,) * 3),
         ns.KeepOutSphere(center=(0, 0, far), radius=0.1),
-        ns.KeepOutCapsule(start=(0, far, 0), end=(far, far, 0), radius=0.1),
+        ns.constraints.KeepOutCapsule(start=(0, far, 0), end=(far, far, 0), radius=0.1),
         ns.SpeedLimit(speed=1e3),
-        ns.AngularRateLimit(rate=1e3),
-        ns.AccelerationLimit(linear=1e5, angular=1e6),
+        ns.constraints.AngularRateLimit(rate=1e3),
+        ns.constraints.AccelerationLimit(linear=1e5, angular=1e6),
         ns.keep_nonnegative(lambda m: m.linear_velocity[0] + 100),
         ns.keep_nonnegative(lambda m: 100 + m.position[1] + m.angular_velocity[2]),
     ]
@@ -136,8 +89,7 @@ def idle_limits(seed: int) -> list[Constraint]:
 @pytest.mark.parametrize("index", range(10))
 def test_a_limit_that_is_never_met_changes_no_bit_of_an_unconstrained_motion(index: int) -> None:
     motion = constrained([idle_limits(0)[index]], FULL).rollout()
-    np.testing.assert_array_equal(motion.positions, free_motion().positions)
-    np.testing.assert_array_equal(motion.rotations.as_quat(), free_motion().rotations.as_quat())
+    assert_same_poses(motion, free_motion())
     np.testing.assert_array_equal(motion.limit_multipliers, 0.0)
     np.testing.assert_array_equal(motion.row_forces, 0.0)
     assert motion.gave_way == ()
@@ -187,17 +139,17 @@ def least(free: Floats, A: Floats, b: Floats, G: Floats, c: Floats) -> Floats:
 @settings(max_examples=8)
 def test_each_step_is_the_quadratic_programs_solution(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    start = primitive().position.start
+    start = fitted().start_position
     normals = np.array([unit(rng) for _ in range(2)])
     normals[0] = -np.array([1, *rng.uniform(-0.5, 0.5, 2)])
     normals[0] /= np.linalg.norm(normals[0])
     gaps = rng.uniform(0.02, 0.4, 2)
     limits = [
-        ns.HalfSpace(point=triple(start - gap * n), normal=triple(n))
+        ns.constraints.HalfSpace(point=triple(start - gap * n), normal=triple(n))
         for gap, n in zip(gaps, normals, strict=True)
     ]
     dmp = constrained([ns.Blade(), *limits])
-    rate, h = dmp.barrier_rate, 1 / STEPS
+    rate, h = dmp.rule.barrier_rate, 1 / STEPS
     state = dmp.initial_state()
     margins = [gaps - h * normals @ state.linear_velocity, gaps]
     pushed = 0
@@ -295,7 +247,7 @@ def test_a_start_outside_is_pulled_in_like_a_critically_damped_oscillator(
 
 def test_a_start_outside_of_a_velocity_limit_is_projected_onto_it() -> None:
     limit = ns.SpeedLimit(speed=0.3)
-    assert np.linalg.norm(primitive().position.start_velocity) > 0.5
+    assert np.linalg.norm(fitted().position.start_velocity) > 0.5
     motion = constrained([limit]).rollout()
     assert motion.margins.min() >= -1e-12
     outside = constrained([limit]).rollout(project_start="nothing")
@@ -332,7 +284,7 @@ def test_a_limit_that_is_met_and_left_again_leaves_no_jump() -> None:
 def test_no_step_accelerates_more_than_its_limit(linear: float, h: float) -> None:
     own = np.linalg.norm(accelerations(free_motion())[:, :3], axis=1).max()
     assert own > linear
-    motion = constrained([ns.AccelerationLimit(linear=linear)]).rollout(time_step=h)
+    motion = constrained([ns.constraints.AccelerationLimit(linear=linear)]).rollout(time_step=h)
     found = np.linalg.norm(accelerations(motion)[:, :3], axis=1)
     assert found.max() <= linear + 1e-9
     assert found.max() >= linear - 1e-6
@@ -342,14 +294,16 @@ def test_no_step_accelerates_more_than_its_limit(linear: float, h: float) -> Non
 
 def test_no_step_turns_with_more_acceleration_than_its_limit() -> None:
     own = np.linalg.norm(accelerations(free_motion())[:, 3:], axis=1).max()
-    motion = constrained([ns.AccelerationLimit(linear=None, angular=0.5 * own)], FULL).rollout()
+    motion = constrained(
+        [ns.constraints.AccelerationLimit(linear=None, angular=0.5 * own)], FULL
+    ).rollout()
     found = np.linalg.norm(accelerations(motion)[:, 3:], axis=1)
     assert found.max() <= 0.5 * own + 1e-9
 
 
 @pytest.mark.parametrize("linear", [4.0, 8.0, 30.0])
 def test_a_wall_holds_against_a_soft_acceleration_limit_which_is_reported(linear: float) -> None:
-    dmp = constrained([wall(0.5), ns.AccelerationLimit(linear=linear, priority=1)])
+    dmp = constrained([wall(0.5), ns.constraints.AccelerationLimit(linear=linear, priority=1)])
     motion = dmp.rollout()
     assert motion.positions[:, 0].max() <= 0.5 + 1e-9
     (gave_way,) = motion.gave_way
@@ -363,14 +317,14 @@ def test_a_wall_holds_against_a_soft_acceleration_limit_which_is_reported(linear
 @pytest.mark.parametrize("linear", [4.0, 8.0, 30.0])
 def test_what_a_soft_acceleration_limit_gives_way_by_is_what_the_wall_needs(linear: float) -> None:
     alone = np.linalg.norm(accelerations(constrained([wall(0.5)]).rollout())[:, :3], axis=1).max()
-    dmp = constrained([wall(0.5), ns.AccelerationLimit(linear=linear, priority=1)])
+    dmp = constrained([wall(0.5), ns.constraints.AccelerationLimit(linear=linear, priority=1)])
     found = np.linalg.norm(accelerations(dmp.rollout())[:, :3], axis=1).max()
     assert found <= 1.5 * alone
 
 
 @pytest.mark.parametrize("linear", [4.0, 8.0, 30.0])
 def test_an_acceleration_limit_holds_against_a_soft_wall(linear: float) -> None:
-    dmp = constrained([wall(0.5, priority=1), ns.AccelerationLimit(linear=linear)])
+    dmp = constrained([wall(0.5, priority=1), ns.constraints.AccelerationLimit(linear=linear)])
     motion = dmp.rollout()
     found = np.linalg.norm(accelerations(motion)[:, :3], axis=1)
     assert found.max() <= linear + 1e-6
@@ -380,7 +334,7 @@ def test_an_acceleration_limit_holds_against_a_soft_wall(linear: float) -> None:
 @CURVED
 @pytest.mark.parametrize("linear", [4.0, 8.0])
 def test_two_hard_limits_that_cannot_both_hold_do_not_fling_the_tool_away(linear: float) -> None:
-    dmp = constrained([wall(0.5), ns.AccelerationLimit(linear=linear)])
+    dmp = constrained([wall(0.5), ns.constraints.AccelerationLimit(linear=linear)])
     motion = dmp.rollout()
     assert len(motion.gave_way) >= 1
     alone = np.linalg.norm(accelerations(constrained([wall(0.5)]).rollout())[:, :3], axis=1).max()
@@ -391,7 +345,7 @@ def test_two_hard_limits_that_cannot_both_hold_do_not_fling_the_tool_away(linear
 def test_contradicting_limits_give_way_in_the_order_of_their_priorities(priorities: Any) -> None:
     # Three places of which each excludes the others; they are pulled in at 100 per duration.
     slabs = [
-        ns.Box(lower=(x, None, None), upper=(x + 0.02, None, None), priority=p)
+        ns.constraints.Box(lower=(x, None, None), upper=(x + 0.02, None, None), priority=p)
         for x, p in zip((0.1, 0.2, 0.3), priorities, strict=True)
     ]
     motion = constrained(slabs).rollout()
@@ -402,8 +356,10 @@ def test_contradicting_limits_give_way_in_the_order_of_their_priorities(prioriti
 
 
 def test_what_gave_way_is_recomputed_from_the_positions() -> None:
-    soft = ns.HalfSpace(point=(0.4, 0, 0), normal=(-1, 0, 0), priority=2)
-    motion = constrained([soft, ns.HalfSpace(point=(0.5, 0, 0), normal=(1, 0, 0))]).rollout()
+    soft = ns.constraints.HalfSpace(point=(0.4, 0, 0), normal=(-1, 0, 0), priority=2)
+    motion = constrained(
+        [soft, ns.constraints.HalfSpace(point=(0.5, 0, 0), normal=(1, 0, 0))]
+    ).rollout()
     violation = motion.positions[:, 0] - 0.4
     found = {g.name: g for g in motion.gave_way}["half-space"]
     worst = int(np.argmax(violation))
@@ -443,7 +399,7 @@ def test_forces_of_the_rows_add_up(metric: Any) -> None:
     idle = motion.limit_multipliers == 0
     np.testing.assert_array_equal(motion.row_forces[:, 1:][idle], 0.0)
     assert motion.limit_multipliers.min() >= -1e-9 * scale
-    with pytest.raises(ns.InputError, match="no constraint 'needle'"):
+    with pytest.raises(ns.errors.InputError, match="no constraint 'needle'"):
         motion.force_of("needle")
 
 
@@ -463,10 +419,10 @@ REPEATED: dict[str, Callable[[], list[Constraint]]] = {
         ns.KeepOutSphere(center=triple(free_motion().positions[100] + [0, 0.02, 0.01]), radius=0.08)
     ],
     "speed": lambda: [ns.SpeedLimit(speed=0.8)],
-    "box": lambda: [ns.Box(upper=(0.5, 0.1, 1.0))],
+    "box": lambda: [ns.constraints.Box(upper=(0.5, 0.1, 1.0))],
     "blade and half-space": lambda: [ns.Blade(), wall(0.5)],
-    "turning radius": lambda: [ns.TurningRadius(radius=0.6)],
-    "acceleration": lambda: [ns.AccelerationLimit(linear=0.5)],
+    "turning radius": lambda: [ns.constraints.TurningRadius(radius=0.6)],
+    "acceleration": lambda: [ns.constraints.AccelerationLimit(linear=0.5)],
 }
 
 
@@ -523,10 +479,10 @@ def test_steps_of_uneven_length_keep_the_limits() -> None:
 @pytest.mark.parametrize("h", [1 / 200, 1 / 1000])
 @pytest.mark.parametrize("rate", [5.0, 30.0])
 def test_a_start_off_both_levels_decays_exponentially_beside_limits(rate: float, h: float) -> None:
-    start = primitive().position.start
+    start = fitted().start_position
     rules: list[Constraint] = [
         ns.Blade(),
-        ns.PlaneContact(point=triple(start + [0, 0, 0.02])),
+        ns.constraints.PlaneContact(point=triple(start + [0, 0, 0.02])),
         wall(0.9),
     ]
     motion = constrained(rules).rollout(time_step=h, pull_in=rate)
@@ -549,31 +505,35 @@ def equalities(rng: np.random.Generator, p: Floats, R: Rotation, lever: float) -
 
     def plane() -> Constraint:
         r = arm()
-        return ns.PlaneContact(point=triple(p + R.apply(r)), normal=triple(unit(rng)), **at(r))
+        return ns.constraints.PlaneContact(
+            point=triple(p + R.apply(r)), normal=triple(unit(rng)), **at(r)
+        )
 
     def sphere() -> Constraint:
         r = arm()
         center = p + R.apply(r) - 0.8 * unit(rng)
-        return ns.SphereContact(center=triple(center), radius=0.8, **at(r))
+        return ns.constraints.SphereContact(center=triple(center), radius=0.8, **at(r))
 
     def cylinder() -> Constraint:
         r, axis = arm(), unit(rng)
         away = np.cross(axis, unit(rng))
         center = p + R.apply(r) - 0.6 * away / np.linalg.norm(away) + 0.3 * axis
-        return ns.CylinderContact(point=triple(center), axis=triple(axis), radius=0.6, **at(r))
+        return ns.constraints.CylinderContact(
+            point=triple(center), axis=triple(axis), radius=0.6, **at(r)
+        )
 
     def remote_center() -> Constraint:
         r = arm()
         away = rng.uniform(0.25, 1) * R.apply([0, 0, 1])
-        return ns.RemoteCenter(point=triple(p + R.apply(r) + away), **at(r))
+        return ns.constraints.RemoteCenter(point=triple(p + R.apply(r) + away), **at(r))
 
     def tool_axis() -> Constraint:
         index, toward = int(rng.integers(3)), unit(rng)
         axis = R.apply(np.eye(3)[index])
         if rng.random() < 0.4:
-            return ns.ToolAxis(axis="xyz"[index], direction=triple(axis))
+            return ns.constraints.ToolAxis(axis="xyz"[index], direction=triple(axis))
         angle = float(np.arccos(toward @ axis))
-        return ns.ToolAxis(axis="xyz"[index], direction=triple(toward), angle=angle)
+        return ns.constraints.ToolAxis(axis="xyz"[index], direction=triple(toward), angle=angle)
 
     def wheel() -> Constraint:
         normal = triple(R.apply([0, 0, 1])) if rng.random() < 0.5 else None
@@ -609,7 +569,7 @@ def limits(rng: np.random.Generator, p: Floats, motion: Motion) -> dict[str, Any
     def half_space() -> Constraint:
         normal = unit(rng)
         point = p - normal * rng.uniform(0.01, 0.3) * size
-        return ns.HalfSpace(point=triple(point), normal=triple(normal))
+        return ns.constraints.HalfSpace(point=triple(point), normal=triple(normal))
 
     def depth() -> Constraint:
         depth = float(rng.uniform(0.01, 0.1) * size)
@@ -617,12 +577,14 @@ def limits(rng: np.random.Generator, p: Floats, motion: Motion) -> dict[str, Any
 
     def box() -> Constraint:
         lower, upper = np.minimum(p, path.min(0) * 0.8), np.maximum(p, path.max(0) * 0.8)
-        return ns.Box(lower=triple(lower - 0.01), upper=triple(upper + 0.01))
+        return ns.constraints.Box(lower=triple(lower - 0.01), upper=triple(upper + 0.01))
 
     def capsule() -> Constraint:
         start = near()
         end = start + 0.2 * size * unit(rng)
-        return ns.KeepOutCapsule(start=triple(start), end=triple(end), radius=0.05 * size)
+        return ns.constraints.KeepOutCapsule(
+            start=triple(start), end=triple(end), radius=0.05 * size
+        )
 
     return {
         "half-space": half_space,
@@ -631,9 +593,13 @@ def limits(rng: np.random.Generator, p: Floats, motion: Motion) -> dict[str, Any
         "sphere": lambda: ns.KeepOutSphere(center=triple(near()), radius=0.15 * size),
         "capsule": capsule,
         "speed": lambda: ns.SpeedLimit(speed=float(rng.uniform(0.3, 1.2) * fast)),
-        "rate": lambda: ns.AngularRateLimit(rate=float(rng.uniform(0.3, 1.2) * turning)),
-        "forward": lambda: ns.ForwardOnly(edge=str(rng.choice(["x", "y", "-x"]))),
-        "radius": lambda: ns.TurningRadius(radius=float(rng.uniform(0.001, 0.05) * size)),
+        "rate": lambda: ns.constraints.AngularRateLimit(
+            rate=float(rng.uniform(0.3, 1.2) * turning)
+        ),
+        "forward": lambda: ns.constraints.ForwardOnly(edge=str(rng.choice(["x", "y", "-x"]))),
+        "radius": lambda: ns.constraints.TurningRadius(
+            radius=float(rng.uniform(0.001, 0.05) * size)
+        ),
     }
 
 
@@ -641,8 +607,8 @@ def composition(seed: int, lever: float = 0.0, shortest: float = 1e-3) -> Constr
     """Up to three equalities, up to three limits and a metric; None where the rows depend."""
     rng = np.random.default_rng(seed)
     which = int(rng.integers(7))
-    plain, motion = primitive(which), free_motion(which)
-    p, R = plain.position.start, plain.orientation.start
+    plain, motion = fitted(which), free_motion(which)
+    p, R = plain.start_position, plain.start_rotation
     chosen: list[Constraint] = []
     for rules in (equalities(rng, p, R, lever), limits(rng, p, motion)):
         names = rng.choice(list(rules), int(rng.integers(0, 4)), replace=False)
@@ -677,7 +643,7 @@ def holds(dmp: ConstrainedDMP, seed: int) -> int:
     size = float(np.ptp(free_motion().positions, axis=0).max())
     taken = 0
     for trial, steps in enumerate((200, 1000, 300)):
-        goal = dmp.position.goal + (rng.normal(size=3) * 0.2 * size if trial else 0)
+        goal = dmp.goal_position + (rng.normal(size=3) * 0.2 * size if trial else 0)
         duration = float(10 ** rng.uniform(-1, 2)) if trial == 2 else 1.0
         motion = dmp.rollout(goal_position=goal, duration=duration, time_step=duration / steps)
         fast = max(1.0, 1 / duration)
@@ -721,25 +687,25 @@ def test_random_compositions_of_points_off_the_origin_hold(seed: int) -> None:
 
 @pytest.mark.parametrize("h", [1 / 200, 1 / 1000, 1 / 5000])
 def test_a_remote_center_is_held_by_the_position_alone(h: float) -> None:
-    start, turn = primitive().position.start, primitive().orientation.start
-    rule = ns.RemoteCenter(point=triple(start + 0.5 * turn.apply([0, 0, 1])))
+    start, turn = fitted().start_position, fitted().start_rotation
+    rule = ns.constraints.RemoteCenter(point=triple(start + 0.5 * turn.apply([0, 0, 1])))
     motion = constrained([rule]).rollout(time_step=h)
     assert np.abs(motion.constraint_residuals).max() <= 1e-12
 
 
 def levers() -> dict[str, list[Constraint]]:
     """Constraints of points far off the origin, through the start."""
-    start, turn = primitive().position.start, primitive().orientation.start
+    start, turn = fitted().start_position, fitted().start_rotation
     r = (-0.08, -0.14, 0.03)
     center = start + turn.apply(r) - [0, 0, 0.8]
     axle = (-0.055, 0.098, -0.031)
     angle = float(np.arccos(turn.apply([1, 0, 0])[2]))
     return {
-        "sphere": [ns.SphereContact(center=triple(center), radius=0.8, **at(r))],
+        "sphere": [ns.constraints.SphereContact(center=triple(center), radius=0.8, **at(r))],
         "wheel": [ns.Wheel(normal=triple(turn.apply([0, 0, 1])), **at(axle))],
         "remote center at an angle": [
-            ns.RemoteCenter(point=triple(start + 0.5 * turn.apply([0, 0, 1]))),
-            ns.ToolAxis(axis="x", direction=(0, 0, 1), angle=angle),
+            ns.constraints.RemoteCenter(point=triple(start + 0.5 * turn.apply([0, 0, 1]))),
+            ns.constraints.ToolAxis(axis="x", direction=(0, 0, 1), angle=angle),
         ],
     }
 
@@ -749,7 +715,7 @@ def reaching(name: str) -> tuple[Motion, ...]:
     """Motions to goals all round, in the default length of a shared metric: that of a step."""
     dmp = constrained(levers()[name], shared(free_motion().path_length / STEPS))
     rng = np.random.default_rng(0)
-    goals = dmp.position.goal + 0.3 * rng.normal(size=(40, 3))
+    goals = dmp.goal_position + 0.3 * rng.normal(size=(40, 3))
     return tuple(dmp.rollout(goal_position=goal) for goal in goals)
 
 

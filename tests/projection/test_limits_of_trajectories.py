@@ -8,22 +8,18 @@ import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from measures import slip
+from motions import along, waving
 from noslip import Blade, Constraint, PoseTrajectory, project_trajectory
+from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
-from noslip.projection.trajectory import (
-    POSITION_SMOOTHING,
-    POSITION_WEIGHT,
-    ROTATION_SMOOTHING,
-    ProjectedTrajectory,
-)
+from noslip.projection.request import LEARNING
+from noslip.projection.result import ProjectedTrajectory
+from strategies import seeds
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 BLADE = Blade()
 
 
@@ -31,15 +27,9 @@ def cut(seed: int, count: int = 201) -> PoseTrajectory:
     """A random smooth curve of 1.5 m in 2 s, with the edge a little beside its path."""
     rng = np.random.default_rng(seed)
     s = np.linspace(0, 1, count)
-    x = np.outer(s, [1.5, 0, 0])
-    for k in (1, 2):
-        phase, size = rng.uniform(0, 6), rng.normal(size=3)
-        x += np.outer(np.sin(np.pi * k * s + phase), size / np.linalg.norm(size)) * 0.12 / k
-    v = np.gradient(x, s, axis=0)
-    yaw = np.arctan2(v[:, 1], v[:, 0]) + 0.2 * np.sin(3 * s + rng.uniform(0, 6))
-    pitch = -np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
-    rotations = Rotation.from_euler("ZY", np.column_stack([yaw, pitch]))
-    return PoseTrajectory(2 * s, x, rotations, name=f"cut {seed}")
+    x = waving(rng, s, 2)
+    beside = Rotation.from_euler("z", 0.2 * np.sin(3 * s + rng.uniform(0, 6)))
+    return PoseTrajectory(2 * s, x, beside * along(x, s), name=f"cut {seed}")
 
 
 def speeds(motion: PoseTrajectory) -> Floats:
@@ -53,19 +43,21 @@ def binding(name: str, given: PoseTrajectory) -> Constraint:
     middle = given.positions[len(given) // 2]
     if name == "half-space":
         top = given.positions[:, 1].max()
-        return ns.HalfSpace(point=(0, top - 0.02, 0), normal=(0, -1, 0))
+        return ns.constraints.HalfSpace(point=(0, top - 0.02, 0), normal=(0, -1, 0))
     if name == "keep-out sphere":
         return ns.KeepOutSphere(center=middle + [0, 0.03, 0.02], radius=0.1)
     if name == "keep-out capsule":
-        return ns.KeepOutCapsule(start=middle + [0, 0.02, -0.2], end=middle + [0, 0.02, 0.2])
+        return ns.constraints.KeepOutCapsule(
+            start=middle + [0, 0.02, -0.2], end=middle + [0, 0.02, 0.2]
+        )
     if name == "speed":
         return ns.SpeedLimit(speed=0.95 * speeds(given).max())
     if name == "angular rate":
         turns = given.step_velocities()[1]
-        return ns.AngularRateLimit(rate=0.9 * np.linalg.norm(turns, axis=1).max())
+        return ns.constraints.AngularRateLimit(rate=0.9 * np.linalg.norm(turns, axis=1).max())
     if name == "acceleration":
         bend = np.diff(given.positions, 2, axis=0) / given.period**2
-        return ns.AccelerationLimit(linear=0.9 * np.linalg.norm(bend, axis=1).max())
+        return ns.constraints.AccelerationLimit(linear=0.9 * np.linalg.norm(bend, axis=1).max())
     raise AssertionError(name)
 
 
@@ -85,9 +77,7 @@ def test_limits_are_kept_and_the_blade_does_not_slip(name: str, seed: int) -> No
     assert found.residual <= 1e-10
     assert found.margins.shape == (len(demonstration), 1)
     assert found.margins.min() >= -1e-7
-    lateral = found.trajectory.rotations[1:].apply([0, 1, 0])
-    slip = np.sum(lateral * found.trajectory.step_velocities()[0], axis=1)
-    assert np.abs(slip).max() <= 1e-10
+    assert np.abs(slip(found.trajectory)).max() <= 1e-10
     # The margins are those of the motion itself.
     system = ConstraintSystem(limit)
     if limit.level != "acceleration":
@@ -112,9 +102,9 @@ def test_limits_that_are_kept_anyway_change_nothing(seed: int) -> None:
     demonstration = cut(seed)
     without = project_trajectory(demonstration, BLADE)
     limits = [
-        ns.Box(lower=(-9, -9, -9), upper=(9, 9, 9)),
+        ns.constraints.Box(lower=(-9, -9, -9), upper=(9, 9, 9)),
         ns.SpeedLimit(speed=50.0),
-        ns.AccelerationLimit(linear=1e4, angular=1e5),
+        ns.constraints.AccelerationLimit(linear=1e4, angular=1e5),
     ]
     found = project_trajectory(demonstration, [BLADE, *limits])
     np.testing.assert_allclose(
@@ -150,9 +140,9 @@ def weights(given: PoseTrajectory) -> tuple[Floats, Floats]:
     h = 1 / (count - 1)
     speed = speeds(given)
     relative = np.concatenate([speed[:1], speed]) / np.concatenate([speed[:1], speed]).mean()
-    size = np.full((count, 6), POSITION_WEIGHT * h)
+    size = np.full((count, 6), LEARNING.position * h)
     size[:, :3] = h * (relative[:, None] + 1e-3)
-    bend = np.array([ROTATION_SMOOTHING] * 3 + [POSITION_SMOOTHING] * 3) / h**3
+    bend = np.array([LEARNING.rotation_smoothing] * 3 + [LEARNING.position_smoothing] * 3) / h**3
     return size, bend
 
 
@@ -227,8 +217,8 @@ def test_the_result_is_the_one_that_ipopt_finds(name: str) -> None:
 
 def test_soft_limits_are_left_out_the_least_important_first() -> None:
     demonstration = cut(3)
-    inside = ns.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
-    outside = ns.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0), priority=2)
+    inside = ns.constraints.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
+    outside = ns.constraints.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0), priority=2)
     slow = ns.SpeedLimit(speed=5.0, priority=1)
     found = project_trajectory(demonstration, [BLADE, inside, outside, slow])
     assert found.left_out == ("half-space 2",)
@@ -236,16 +226,18 @@ def test_soft_limits_are_left_out_the_least_important_first() -> None:
 
 
 def test_hard_limits_that_contradict_each_other_are_refused_by_name() -> None:
-    inside = ns.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
-    outside = ns.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0))
-    with pytest.raises(ns.ConstraintError, match="'half-space' and 'half-space 2' contradict"):
+    inside = ns.constraints.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
+    outside = ns.constraints.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0))
+    with pytest.raises(
+        ns.errors.ConstraintError, match="'half-space' and 'half-space 2' contradict"
+    ):
         ns.learn(cut(3), [BLADE, inside, outside])
 
 
 def test_what_learning_cannot_heed_is_left_to_the_run_time() -> None:
     # A wall across the path of a position that is held: the projection has nothing to give.
     demonstration = cut(4)
-    wall = ns.HalfSpace(point=(0.7, 0, 0), normal=(-1, 0, 0))
+    wall = ns.constraints.HalfSpace(point=(0.7, 0, 0), normal=(-1, 0, 0))
     dmp = ns.learn(demonstration, [BLADE, wall], hold_position=True)
     assert dmp.record[0].left_out == ("half-space",)
     motion = dmp.rollout()

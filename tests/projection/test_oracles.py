@@ -19,19 +19,18 @@ import pytest
 import sympy as sp
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson, solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
-from noslip import Blade, Constraint, Instant, position_constraint, velocity_constraint
-from noslip.constraints import ConstraintSystem
-from noslip.primitives.stepping import StepSymbols
+from noslip import Blade, Constraint, position_constraint, velocity_constraint
+from noslip._typing import Floats
+from noslip.constraints import ConstraintSystem, Instant
+from noslip.law.step import StepSymbols
 from noslip.projection.pointwise import POSITION_ONLY, coupling, gauss_acceleration
 from noslip.rotations import Expression
 
-Floats = NDArray[np.float64]
 Pair = tuple[Expression, Expression]
 External = Callable[[StepSymbols], Pair]
 

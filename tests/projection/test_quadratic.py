@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from noslip._typing import Floats
 from noslip.projection.quadratic import REGULAR, Pushes, least_push
+from strategies import seeds, unit
 
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 MOST_ROWS = 8
 HARD = 1e9
 
@@ -109,11 +108,6 @@ def nearest(problem: Problem) -> tuple[Floats, float] | None:
             if (G @ change - c).min() >= -1e-10 * max(1, np.abs(change).max()):
                 return change, condition
     return None
-
-
-def unit(rng: np.random.Generator, size: int) -> Floats:
-    vector = rng.normal(size=size)
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def adversarial(rng: np.random.Generator, *, opposite: bool = False, parallel: bool = True) -> Any:

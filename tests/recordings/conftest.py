@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from noslip import InputError, PoseTrajectory, load_demonstrations
+import refusals
+from noslip import PoseTrajectory, load_demonstrations
+from noslip.errors import InputError
 
 
 @pytest.fixture(scope="session")
@@ -28,10 +30,7 @@ def refusal() -> Callable[..., str]:
     """Return the one line with which a recording is refused; it begins with the path."""
 
     def refuse(path: Path, **options: object) -> str:
-        with pytest.raises(InputError) as caught:
-            load_demonstrations(path, **options)
-        message = str(caught.value)
-        assert "\n" not in message
+        message = refusals.refusal(InputError, load_demonstrations, path, **options)
         assert message.startswith(str(path))
         return message
 

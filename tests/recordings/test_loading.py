@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import refusals
 from noslip import PoseTrajectory
 from noslip.errors import InputError
 from noslip.recordings import load_demonstrations
@@ -47,10 +48,7 @@ def write(tmp_path: Path) -> Write:
 
 def refusal(path: str | Path | list[str], **arguments: float) -> str:
     """Return the message of the refusal: one line that starts with the file."""
-    with pytest.raises(InputError) as caught:
-        load_demonstrations(path, **arguments)
-    message = str(caught.value)
-    assert "\n" not in message
+    message = refusals.refusal(InputError, load_demonstrations, path, **arguments)
     if isinstance(path, (str, Path)):
         assert message.startswith(f"{path}: ")
     return message

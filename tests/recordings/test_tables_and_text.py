@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from noslip import MissingDependencyError, load_demonstrations
+from noslip import load_demonstrations
+from noslip.errors import MissingDependencyError
 from noslip.recordings import bag_topics, write_bag, write_recording
 
 COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import struct
 from pathlib import Path
@@ -12,8 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from noslip import InputError, PoseTrajectory, load_demonstrations
+from noslip import PoseTrajectory, load_demonstrations
+from noslip.errors import InputError
 from noslip.recordings import bag_topics, write_bag, write_joints, write_recording
+from refusals import refusal
 
 
 def load(path: Path, **options: str) -> PoseTrajectory:
@@ -192,9 +195,7 @@ GOOD = {
 )
 def test_joints_that_are_refused(tmp_path, change, words) -> None:
     pytest.importorskip("rosbags", reason="needs the extra bags")
-    with pytest.raises(InputError, match=words) as caught:
-        write_bag(tmp_path / "bag", **GOOD | change)
-    assert "\n" not in str(caught.value)
+    assert re.search(words, refusal(InputError, write_bag, tmp_path / "bag", **GOOD | change))
     assert not list(tmp_path.iterdir())
 
 

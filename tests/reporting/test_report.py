@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
+import inspect
 import os
 import re
 import shlex
@@ -23,7 +25,10 @@ from matplotlib.image import imread
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.cli import main
+from learned import under
+from noslip.boundary import Boundary
+from noslip.cli import adapt, main
+from noslip.cli.learn import Learning
 from noslip.constraints.catalog import CATALOG, parse_constraint
 from noslip.errors import InputError, MissingDependencyError
 from noslip.reporting import report, to_html, to_pdf, write_report
@@ -141,7 +146,7 @@ def alone(folder):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Leave the pictures out, where tables and words are what is tested."""
-    monkeypatch.setattr("noslip.reporting.content._pictures", lambda *_: [])
+    monkeypatch.setattr("noslip.reporting.content.pictures", lambda *_: [])
 
 
 # ---------------------------------------------------------------- nothing from outside
@@ -249,7 +254,7 @@ def test_figures_of_merit_are_those_of_the_motions(page, folder, recordings):
         assert cell("peak speed") == pytest.approx(top_speed(motion))
         turned = (motion.rotations[1:] * motion.rotations[:-1].inv()).magnitude()
         assert cell("peak angular speed") == pytest.approx((turned / np.diff(motion.times)).max())
-        off = np.linalg.norm(motion.positions[-1] - dmp.position.goal)
+        off = np.linalg.norm(motion.positions[-1] - dmp.goal_position)
         assert cell("end: distance from the learned goal") == pytest.approx(off, abs=1e-12)
     pushed = np.linalg.norm(dmp.rollout().constraint_forces[:, :3], axis=1).max()
     text, value = page.cell("Figures of merit", "peak constraint acceleration, linear", "optimized")
@@ -297,7 +302,7 @@ def test_a_violated_constraint_is_told(folder, recordings, undrawn):
     dmp = ns.load_primitive(folder / "cut.json")
     slow = ns.SpeedLimit(speed=0.05, priority=1)
     advance = ns.velocity_constraint(name="advance")(lambda m: m.linear_velocity[0] - 0.06)
-    replace(dmp, constraints=(slow, advance)).save(path)
+    under(dmp, (slow, advance)).save(path)
     told = report(path, recordings)
     assert not told.holds and told.verdict == "violated: speed-limit"
     page = Page(to_html(told))
@@ -378,11 +383,11 @@ def test_declarations_are_understood_again():
         ns.Blade(lateral="z", edge="-x", reference_point=(0.0, 0.01, 0.0)),
         ns.Needle(),
         ns.SpeedLimit(speed=0.3, priority=2),
-        ns.Box(lower=(-1, -1, 0), upper=(1, 1, 1)),
-        ns.Box(upper=(np.inf, np.inf, 0.1)),
+        ns.constraints.Box(lower=(-1, -1, 0), upper=(1, 1, 1)),
+        ns.constraints.Box(upper=(np.inf, np.inf, 0.1)),
         ns.KeepOutSphere(center=(0.1, 0, 0), radius=0.02),
-        ns.SurfaceContact(surface="z - 0.1*x**2"),
-        ns.TurningRadius(radius=0.2),
+        ns.constraints.SurfaceContact(surface="z - 0.1*x**2"),
+        ns.constraints.TurningRadius(radius=0.2),
     ]
     for constraint in constraints:
         assert parse_constraint(declaration(constraint)) == constraint
@@ -390,39 +395,125 @@ def test_declarations_are_understood_again():
     assert {type(c) for c in constraints} <= set(CATALOG.values())
 
 
+def carried_out(lines, monkeypatch):
+    for line in lines:
+        if line.startswith("#"):
+            continue
+        monkeypatch.setattr(sys, "argv", shlex.split(line))
+        with pytest.raises(SystemExit) as stop:
+            main()
+        assert not stop.value.code, line
+
+
+def assert_same_to_the_bit(again, first):
+    assert dataclasses.replace(again, history=first.history) == first
+    assert again.rollout() == first.rollout()
+    assert [origin.verb for origin in again.history] == [origin.verb for origin in first.history]
+
+
+EVERY_OPTION = {
+    "basis_functions": 30,
+    "alpha": 20.0,
+    "beta": 5.0,
+    "alpha_s": 1.5,
+    "ridge": 1e-5,
+    "start": "position",
+    "end": "rotation",
+    "position_weight": 2e4,
+    "position_smoothing": 2e-6,
+    "rotation_smoothing": 1e-5,
+    "metric": "shared",
+    "metric_length": 0.02,
+    "stabilization": 10.0,
+    "barrier_rate": 50.0,
+    "project_start": True,
+}
+
+
 @pytest.mark.parametrize(
     "settings",
     [
         {},
-        {"basis_functions": 30, "barrier_rate": 50.0, "rotation_smoothing": 1e-5},
+        EVERY_OPTION,
         {"hold_position": True},
-        {"metric": "shared"},
-        {"metric": "shared", "metric_length": 0.02},
-        {"metric": [1.0, 1.0, 1.0, 2.0, 2.0, 4.0]},
+        {"metric": "position"},
+        {"metric": [1.0, 1.0, 1.0, 2.0, np.inf, 4.0]},
     ],
 )
-def test_the_commands_make_the_same_primitive_again(
-    settings, folder, tmp_path, monkeypatch, capsys
-):
+def test_the_commands_make_the_same_primitive_again(settings, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     cut().to_csv("my cut.csv")
     (demonstration,) = ns.load_demonstrations("my cut.csv")
-    dmp = ns.learn(demonstration, [ns.Blade(), LIMIT], **settings)
-    before = dmp.save("first.json")
-    learned, rolled, checked, _ = commands(dmp, "again.json", ["my cut.csv"])
-    for line in (learned, rolled, checked):
-        monkeypatch.setattr(sys, "argv", shlex.split(line))
-        with pytest.raises(SystemExit) as stop:
-            main()
-        assert not stop.value.code
-    first, again = (ns.load_primitive(path) for path in (before, "again.json"))
-    np.testing.assert_allclose(again.inverse_metric, first.inverse_metric, rtol=1e-9)
-    np.testing.assert_allclose(again.rollout().positions, first.rollout().positions, atol=1e-9)
-    np.testing.assert_array_equal(
-        again.orientation.forcing.weights, first.orientation.forcing.weights
-    )
-    assert again.barrier_rate == first.barrier_rate
+    first = ns.learn(demonstration, [ns.Blade(), LIMIT], **settings)
+    learned, rolled, checked, _ = commands(first, "again.json", ["my cut.csv"])
+    carried_out([learned, rolled, checked], monkeypatch)
+    assert_same_to_the_bit(ns.load_primitive("again.json"), first)
     capsys.readouterr()
+
+
+ADAPTED = [
+    {"goal_position": [0.31, -0.02, 0.01], "goal_rotation": Rotation.from_rotvec([0.1, 0.2, -0.3])},
+    {
+        "start_position": [0.0, -0.01, 0.0],
+        "start_rotation": Rotation.from_rotvec([0.03, -0.01, 0.2]),
+        "start_velocity": [0.2, 0.0, -0.01],
+        "goal_velocity": 0,
+        "duration": 1.3,
+        "samples": 301,
+        "position_weight": 20.0,
+        "position_smoothing": 2e-2,
+        "rotation_smoothing": 2e-4,
+    },
+    {"goal_position": np.array([0.28, 0.02, 0.0]), "scaling": "difference", "end": "position"},
+    {
+        "via": [
+            (0.3, np.array([0.1, 0.01, 0.0])),
+            (0.5, None, Rotation.from_rotvec([0.02, 0.05, 0.1])),
+            Boundary(0.7, [0.2, 0.01, 0.0], Rotation.from_rotvec([0.0, 0.05, 0.2])),
+        ]
+    },
+]
+
+
+@pytest.mark.parametrize(
+    "asked", [ADAPTED[:1], ADAPTED[1:2], ADAPTED[2:3], ADAPTED[3:], ADAPTED[:3]]
+)
+def test_the_commands_adapt_it_again(asked, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    cut().to_csv("cut.csv")
+    (demonstration,) = ns.load_demonstrations("cut.csv")
+    first = ns.learn(demonstration, [ns.Blade()], basis_functions=30)
+    for options in asked:
+        first = first.adapt(**options)
+    carried_out(commands(first, "again.json", ["cut.csv"])[: len(asked) + 1], monkeypatch)
+    assert_same_to_the_bit(ns.load_primitive("again.json"), first)
+    capsys.readouterr()
+
+
+def test_what_was_replanned_is_said_to_be_python_alone():
+    dmp = ns.learn(cut(), [ns.Blade()], basis_functions=30)
+    state = dmp.initial_state()
+    for _ in range(20):
+        state = dmp.step(state, 0.01)
+    learned, comment, *_ = commands(dmp.replan(state), "again.json", ["cut.csv"])
+    assert learned.startswith("noslip learn")
+    assert comment == "# then re-planned in Python from its state at 0.2 s"
+
+
+@pytest.mark.parametrize(
+    ("group", "function"), [(Learning, ns.learn), (None, ns.ConstrainedDMP.adapt)]
+)
+def test_each_option_of_python_is_one_of_the_command(group, function):
+    known = inspect.signature(function).parameters
+    names = {name for name, p in known.items() if p.kind is p.KEYWORD_ONLY and name != "progress"}
+    if group is None:
+        offered = set(inspect.signature(adapt.run).parameters)
+        assert names <= offered
+        assert offered - names == {"primitive", "out", "goals", "figure", "as_json"}
+    else:
+        defaults = {f.name: f.default for f in dataclasses.fields(group)}
+        assert set(defaults) == names
+        assert all(known[name].default == default for name, default in defaults.items())
 
 
 def test_own_constraints_and_preparation_are_in_the_commands(folder, alone):

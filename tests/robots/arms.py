@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from motions import eased
 from noslip import PoseTrajectory
-
-Floats = NDArray[np.float64]
+from noslip._typing import Floats
 
 # Modified Denavit-Hartenberg rows of the arm as its manufacturer publishes them: a, d, alpha.
 PUBLISHED = (
@@ -46,24 +45,12 @@ def published_motion(times: Floats, joints: Floats) -> PoseTrajectory:
     return PoseTrajectory(times, poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]))
 
 
-def lateral_speeds(motion: PoseTrajectory) -> Floats:
-    """Speed along the tool's y axis in each step, by NumPy and SciPy alone."""
-    velocities = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
-    return np.asarray(np.einsum("ki,ki->k", motion.rotations[1:].apply([0, 1, 0]), velocities))
-
-
-def smooth(count: int) -> Floats:
-    """Rise from 0 to 1 that begins and ends at rest."""
-    s = np.linspace(0, 1, count)
-    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
-
-
 def arc(
     *, duration: float = 2.0, step: float = 1e-3, radius: float = 0.12, angle: float = 1.0
 ) -> PoseTrajectory:
     """A blade along an arc from the origin, z up, without slip in any step."""
     count = round(duration / step) + 1
-    heading = angle * smooth(count)
+    heading = angle * eased(np.linspace(0, 1, count))
     # Each step goes along the edge as it stands at the step's end.
     ahead = Rotation.from_euler("z", heading[:, None])
     ways = ahead[1:].apply([1.0, 0, 0]) * (radius * np.diff(heading))[:, None]
@@ -74,7 +61,7 @@ def arc(
 def line(toward: Floats, *, duration: float = 2.0, step: float = 2e-3) -> PoseTrajectory:
     """Straight from the origin, without turning; x ahead in the direction of the way."""
     count = round(duration / step) + 1
-    positions = smooth(count)[:, None] * np.asarray(toward, dtype=float)
+    positions = eased(np.linspace(0, 1, count))[:, None] * np.asarray(toward, dtype=float)
     heading = np.arctan2(toward[1], toward[0])
     turns = Rotation.from_euler("z", np.full((count, 1), heading))
     return PoseTrajectory(step * np.arange(count), positions, turns, name="line")

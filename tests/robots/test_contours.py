@@ -11,9 +11,10 @@ pytest.importorskip("mujoco", reason="the extra robots is not installed")
 pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
+from measures import slip
 from noslip import robots
 
-from .arms import lateral_speeds, published_motion
+from .arms import published_motion
 from .test_tracking import assert_kept
 
 pytestmark = pytest.mark.recordings
@@ -55,7 +56,7 @@ def test_a_contour_is_executed_without_slip(recordings: Path, name: str) -> None
     real = robots.execute(tracked, noise=1.0, delay=0.001)
     for done in (ideal, real):
         executed = published_motion(tracked.times, done.joint_positions)
-        way = float(np.abs(lateral_speeds(executed)) @ np.diff(tracked.times))
+        way = float(np.abs(slip(executed)) @ np.diff(tracked.times))
         assert done.slip_distance[0] == pytest.approx(way, rel=1e-6)
         assert way * BETTER <= slipped["filtered"]
         assert done.errors.position.max() <= 1e-4
@@ -65,7 +66,7 @@ def test_a_contour_is_executed_without_slip(recordings: Path, name: str) -> None
 
 
 def slip_distance(motion: ns.PoseTrajectory) -> float:
-    return float(np.abs(lateral_speeds(motion)) @ np.diff(motion.times))
+    return float(np.abs(slip(motion)) @ np.diff(motion.times))
 
 
 def assert_inside(arm: robots.Robot, done: robots.Execution) -> None:

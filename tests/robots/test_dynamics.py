@@ -13,9 +13,10 @@ pytest.importorskip("mujoco", reason="the extra robots is not installed")
 pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
+from measures import slip
 from noslip import robots
 
-from .arms import arc, lateral_speeds, published_motion
+from .arms import arc, published_motion
 
 BLADE = ns.Blade()
 
@@ -35,7 +36,7 @@ def test_an_ideal_arm_follows_to_the_hundredth_of_a_millimeter(
     executed = published_motion(tracked.times, done.joint_positions)
     off = np.linalg.norm(executed.positions - tracked.commanded.positions, axis=1)
     assert off.max() <= 2e-5
-    speeds = lateral_speeds(executed)
+    speeds = slip(executed)
     assert done.slip[:, 0] == pytest.approx(speeds, abs=1e-9)
     assert done.slip_distance[0] == pytest.approx(np.abs(speeds).sum() * 1e-3, rel=1e-6)
     assert done.slip_distance[0] <= 5e-5
@@ -72,7 +73,7 @@ def test_torques_stay_within_their_limits_or_the_arm_is_lost(
     feeble = robots.track(
         weak, arc(duration=1.5), placement=tracked.placement, start=tracked.joint_positions[0]
     )
-    with pytest.raises(ns.ConvergenceError, match=r"out of control at 0\.\d+ s"):
+    with pytest.raises(ns.errors.ConvergenceError, match=r"out of control at 0\.\d+ s"):
         robots.execute(feeble)
     barely = robots.panda().with_limits(torque=[30, 30, 30, 16, 3, 3, 3])
     done = robots.execute(
@@ -100,7 +101,7 @@ def test_what_touches_nothing_keeps_its_distance(tracked: robots.TrackedMotion) 
 def test_arguments_are_checked(
     tracked: robots.TrackedMotion, arguments: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(ns.InputError, match=message):
+    with pytest.raises(ns.errors.InputError, match=message):
         robots.execute(tracked, **arguments)  # type: ignore[arg-type]
 
 
@@ -108,7 +109,7 @@ def test_another_rate_than_the_controllers_is_refused(tracked: robots.TrackedMot
     coarse = robots.track(
         robots.panda(), arc(step=0.01), placement=tracked.placement, time_step=0.01
     )
-    with pytest.raises(ns.InputError, match="1 kHz"):
+    with pytest.raises(ns.errors.InputError, match="1 kHz"):
         robots.execute(coarse)
 
 

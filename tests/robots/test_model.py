@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("mujoco", reason="the extra robots is not installed")
 
-from noslip import InputError, MissingDependencyError, robots
+from noslip import robots
+from noslip.errors import InputError, MissingDependencyError
 
 from .arms import published_forward
 

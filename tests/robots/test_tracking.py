@@ -17,11 +17,13 @@ pytest.importorskip("mujoco", reason="the extra robots is not installed")
 pytest.importorskip("daqp", reason="the extra robots is not installed")
 
 import noslip as ns
+from measures import slip
 from noslip import robots
 from noslip.constraints.system import as_system
 from noslip.robots.kinematics import Chord, InverseKinematics
+from strategies import unit
 
-from .arms import Floats, arc, lateral_speeds, line, published_motion
+from .arms import Floats, arc, line, published_motion
 
 BLADE = ns.Blade()
 SLIP = 1e-6
@@ -44,7 +46,7 @@ def assert_kept(tracked: robots.TrackedMotion) -> None:
     """Everything that was promised, by kinematics of the tests' own."""
     arm, times = tracked.robot, tracked.times
     executed = published_motion(times, tracked.joint_positions)
-    assert np.abs(lateral_speeds(executed)).max() <= SLIP
+    assert np.abs(slip(executed)).max() <= SLIP
     off = np.linalg.norm(executed.positions - tracked.commanded.positions, axis=1)
     turned = (executed.rotations * tracked.commanded.rotations.inv()).magnitude()
     assert off.max() <= OFF
@@ -96,7 +98,7 @@ def test_whatever_is_asked_a_step_does_not_slip_and_keeps_the_limits(
     assert solved is not None
     times = np.array([0.0, step])
     executed = published_motion(times, np.array([q, solved.positions]))
-    assert np.abs(lateral_speeds(executed)).max() <= 1e-8
+    assert np.abs(slip(executed)).max() <= 1e-8
     assert np.all(np.abs(solved.velocities) <= arm.velocity_limits * (1 + 1e-9))
     assert np.all((solved.positions >= arm.lower) & (solved.positions <= arm.upper))
 
@@ -130,11 +132,6 @@ def test_bounds_leave_room_to_brake(seed: int, step: float, fast: float) -> None
         assert np.all(np.abs(x) <= arm.velocity_limits * (1 + 1e-9))
 
 
-def unit(random: np.random.Generator) -> Floats:
-    direction = random.normal(size=3)
-    return np.asarray(direction / np.linalg.norm(direction))
-
-
 def test_what_joints_cannot_do_falls_along_the_path(arm: robots.Robot) -> None:
     """Ten times too slow, the tool falls behind its target, by any amount but sideways."""
     slow = arm.with_limits(velocity=0.1 * arm.velocity_limits)
@@ -152,14 +149,14 @@ def test_what_joints_cannot_do_falls_along_the_path(arm: robots.Robot) -> None:
     positions = CubicSpline(commanded.times, commanded.positions)(tracked.clock)
     rotations = Slerp(commanded.times, commanded.rotations)(tracked.clock)
     executed = published_motion(tracked.times, tracked.joint_positions)
-    assert np.abs(lateral_speeds(executed)).max() <= SLIP
+    assert np.abs(slip(executed)).max() <= SLIP
     assert np.linalg.norm(executed.positions - positions, axis=1).max() <= OFF
     assert (executed.rotations * rotations.inv()).magnitude().max() <= TURNED
     assert np.allclose(executed.positions[-1], tracked.commanded.positions[-1], atol=1e-4)
 
 
 def test_without_rows_and_bounds_a_step_is_minks(arm: robots.Robot) -> None:
-    mink = pytest.importorskip("mink", reason="the extra robots is not installed")
+    mink = pytest.importorskip("mink", reason="an oracle, of the extra dev")
     free = arm.with_limits(velocity=1e6, acceleration=1e9)
     chord = Chord(as_system([]), np.zeros(3), STANDING)
     ik = InverseKinematics(free, chord, arm.home)
@@ -191,7 +188,7 @@ def test_without_rows_and_bounds_a_step_is_minks(arm: robots.Robot) -> None:
     [
         [BLADE],
         # Said twice, and a place besides: rows that depend on each other do no harm.
-        [BLADE, BLADE, ns.PlaneContact()],
+        [BLADE, BLADE, ns.constraints.PlaneContact()],
     ],
     ids=["blade", "blade twice and a plane"],
 )
@@ -213,7 +210,7 @@ def test_the_placement_may_be_turned_and_tilted(arm: robots.Robot) -> None:
     motion = arc()
     turn = Rotation.from_euler("ZY", [0.7, 0.4])
     tilted = robots.Placement(np.array([0.4, 0.1, 0.35]), turn)
-    tracked = robots.track(arm, motion, [BLADE, ns.PlaneContact()], placement=tilted)
+    tracked = robots.track(arm, motion, [BLADE, ns.constraints.PlaneContact()], placement=tilted)
     assert_kept(tracked)
     height = (tracked.executed.positions - tilted.position) @ turn.apply([0, 0, 1])
     assert np.abs(height).max() <= 1e-8
@@ -256,7 +253,7 @@ def test_the_clock_starts_and_stops_smoothly() -> None:
 
 def test_a_constraint_that_depends_on_time_does_not_stand_ramps(arm: robots.Robot) -> None:
     @ns.position_constraint
-    def keeps_pace(motion: ns.Instant) -> object:
+    def keeps_pace(motion: ns.constraints.Instant) -> object:
         return motion.position[0] - 0.1 * motion.time
 
     count = 1001
@@ -264,7 +261,7 @@ def test_a_constraint_that_depends_on_time_does_not_stand_ramps(arm: robots.Robo
     steady = ns.PoseTrajectory(
         times, times[:, None] * [0.1, 0, 0], Rotation.identity(count), name="steady"
     )
-    with pytest.raises(ns.InputError, match=r"steady: 'keeps pace' .* ramp=0"):
+    with pytest.raises(ns.errors.InputError, match=r"steady: 'keeps pace' .* ramp=0"):
         robots.track(arm, steady, keeps_pace, placement=at(arm, steady, 0.4, 0, 0.3))
 
 
@@ -282,7 +279,7 @@ def test_a_constraint_that_depends_on_time_does_not_stand_ramps(arm: robots.Robo
 def test_arguments_are_checked(
     arm: robots.Robot, arguments: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(ns.InputError, match=message):
+    with pytest.raises(ns.errors.InputError, match=message):
         robots.track(arm, arc(step=0.01), BLADE, **arguments)  # type: ignore[arg-type]
 
 
@@ -341,7 +338,7 @@ def test_at_the_edge_of_reach_no_joint_jumps(arm: robots.Robot) -> None:
     assert tracked.errors.position[-1] > 0.05
     assert_within_limits(arm, tracked.times, tracked.joint_positions)
     executed = published_motion(tracked.times, tracked.joint_positions)
-    assert np.abs(lateral_speeds(executed)).max() <= SLIP
+    assert np.abs(slip(executed)).max() <= SLIP
     assert np.linalg.norm(executed.positions, axis=1).max() < 1.2
 
 
@@ -417,10 +414,7 @@ def test_limits_that_nobody_gave_are_not_kept(tmp_path: Path) -> None:
     assert arm.unknown_limits == ("position", "velocity", "acceleration", "torque")
     motion = arc(step=5e-3)
     tracked = robots.track(arm, motion, BLADE, placement=at(arm, motion, 0.4, 0, 0.3))
-    assert (
-        np.abs(lateral_speeds(published_motion(tracked.times, tracked.joint_positions))).max()
-        <= SLIP
-    )
+    assert np.abs(slip(published_motion(tracked.times, tracked.joint_positions))).max() <= SLIP
     assert tracked.margins.position == tracked.margins.velocity == 1.0
 
 

@@ -13,15 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from noslip._typing import Floats
+from noslip.control.steering import LARGEST_TURN, turn_that_allows
 from noslip.experiments.numerical_example import demonstration
-from noslip.runtime.steering import LARGEST_TURN, turn_that_allows
-
-Floats = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
+from strategies import seeds, unit
 
 
 @cache
@@ -35,11 +33,6 @@ def length() -> float:
 
 
 STEP = primitive().duration / primitive().steps
-
-
-def unit(rng: np.random.Generator) -> Floats:
-    x = rng.normal(size=3)
-    return np.asarray(x / np.linalg.norm(x))
 
 
 def run(
@@ -95,7 +88,7 @@ def test_a_pushed_tool_reaches_the_goal_and_never_slips(
         direction = dmp.rollout().rotations[k].as_matrix()[:, 1]
     states = run(controller, {k: size * length() * direction})
     assert residual(states) <= 1e-10
-    off, turned = misses(states[-1], dmp.position.goal, dmp.orientation.goal)
+    off, turned = misses(states[-1], dmp.goal_position, dmp.goal_rotation)
     assert off <= 1e-3
     assert turned <= 1.0
     assert not any(plan.failure for plan in controller.replanned)
@@ -107,8 +100,8 @@ def test_a_goal_that_moves_is_reached(seed: int, when: float) -> None:
     rng = np.random.default_rng(seed)
     dmp = primitive()
     controller = dmp.controller(time_step=STEP)
-    goal = dmp.position.goal + 0.2 * length() * unit(rng)
-    turned_goal = Rotation.from_rotvec(0.5 * unit(rng)) * dmp.orientation.goal
+    goal = dmp.goal_position + 0.2 * length() * unit(rng)
+    turned_goal = Rotation.from_rotvec(0.5 * unit(rng)) * dmp.goal_rotation
     asked = {int(when * dmp.steps): (goal, turned_goal)}
     states = run(controller, goals=asked)
     assert residual(states) <= 1e-10
@@ -146,7 +139,7 @@ def test_noise_of_measurement_does_not_make_it_slip_or_miss() -> None:
     pushes = {k: 1e-5 * length() * rng.normal(size=3) for k in range(dmp.steps)}
     states = run(controller, pushes)
     assert residual(states) <= 1e-10
-    assert misses(states[-1], dmp.position.goal, dmp.orientation.goal)[0] <= 2e-3
+    assert misses(states[-1], dmp.goal_position, dmp.goal_rotation)[0] <= 2e-3
 
 
 def test_a_tool_that_is_held_is_waited_for() -> None:
@@ -169,7 +162,7 @@ def test_a_tool_that_is_held_is_waited_for() -> None:
     while not controller.done:
         state = controller.step(state)
         assert np.abs(state.constraint_residuals).max() <= 1e-10
-    off, turned = misses(state, dmp.position.goal, dmp.orientation.goal)
+    off, turned = misses(state, dmp.goal_position, dmp.goal_rotation)
     assert off <= 2e-3
     assert turned <= 1.0
 
@@ -180,7 +173,7 @@ def test_a_goal_that_no_motion_reaches_is_told_and_the_old_one_kept() -> None:
     heading = np.arctan2(0.4 * np.cos(2 * t), 1.0)
     dmp = ns.learn(
         ns.PoseTrajectory(t, flat, Rotation.from_euler("z", heading)),
-        [ns.Blade(), ns.PlaneContact()],
+        [ns.Blade(), ns.constraints.PlaneContact()],
     )
     controller = dmp.controller(time_step=dmp.duration / dmp.steps)
     state = controller.step(goal=[1.0, 0.2, 0.1])
@@ -188,7 +181,7 @@ def test_a_goal_that_no_motion_reaches_is_told_and_the_old_one_kept() -> None:
         state = controller.step(state)
         assert np.abs(state.constraint_residuals).max() <= 1e-10
     assert "plane-contact" in controller.replanned[0].failure
-    np.testing.assert_allclose(state.position, dmp.position.goal, atol=2e-3)
+    np.testing.assert_allclose(state.position, dmp.goal_position, atol=2e-3)
 
 
 def test_cycles_that_come_late_are_caught_up_with() -> None:
@@ -198,7 +191,7 @@ def test_cycles_that_come_late_are_caught_up_with() -> None:
     while not controller.done:
         state = controller.step(controller.state, time_step=STEP * rng.choice([0.5, 1, 1, 3]))
         assert np.abs(state.constraint_residuals).max() <= 1e-10
-    assert misses(state, dmp.position.goal, dmp.orientation.goal)[0] <= 3e-3
+    assert misses(state, dmp.goal_position, dmp.goal_rotation)[0] <= 3e-3
 
 
 def test_reset_begins_anew() -> None:
@@ -221,17 +214,17 @@ def test_reset_begins_anew() -> None:
     ],
 )
 def test_wrong_options_are_named(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(ns.InputError, match=said):
+    with pytest.raises(ns.errors.InputError, match=said):
         primitive().controller(**options)
 
 
 def test_wrong_steps_are_named() -> None:
     controller = primitive().controller(time_step=STEP)
-    with pytest.raises(ns.InputError, match="measured_state"):
+    with pytest.raises(ns.errors.InputError, match="measured_state"):
         controller.step(np.zeros(3))
-    with pytest.raises(ns.InputError, match="goal"):
+    with pytest.raises(ns.errors.InputError, match="goal"):
         controller.step(goal=[1, 2])
-    with pytest.raises(ns.InputError, match="time_step"):
+    with pytest.raises(ns.errors.InputError, match="time_step"):
         controller.step(time_step=-1)
 
 
@@ -272,7 +265,7 @@ def test_steering_is_bounded_and_nothing_where_the_tool_rests() -> None:
 
 
 def test_constraints_on_poses_do_not_steer() -> None:
-    system = ns.learn(demonstration(), [ns.PlaneContact()]).system
+    system = ns.learn(demonstration(), [ns.constraints.PlaneContact()]).system
     identity = np.array([1.0, 0, 0, 0])
     assert not steering(system, 1.0, 0.0, np.zeros(3), identity, *np.eye(3)).any()
 
@@ -295,8 +288,8 @@ CASES: dict[str, Any] = {
     "steep phase": lambda: ns.learn(demonstration(), [ns.Blade()], alpha_s=10.0),
     "few basis functions": lambda: ns.learn(demonstration(), [ns.Needle()], basis_functions=9),
     "limits": lambda: ns.learn(demonstration(), [ns.Blade(), ns.SpeedLimit(speed=2.0)]),
-    "breathing": lambda: ns.learn(demonstration(), [ns.InMovingFrame(ns.Blade())]),
-    "off its surface": lambda: ns.learn(demonstration(), [ns.PlaneContact()]),
+    "breathing": lambda: ns.learn(demonstration(), [ns.constraints.InMovingFrame(ns.Blade())]),
+    "off its surface": lambda: ns.learn(demonstration(), [ns.constraints.PlaneContact()]),
 }
 
 
@@ -309,7 +302,7 @@ def turning_over() -> ns.PoseTrajectory:
 
 def start_of(name: str, dmp: ns.ConstrainedDMP) -> ns.State:
     off = [0, 0, 0.02] if name == "off its surface" else [0, 0, 0]
-    return dmp.initial_state(start_position=dmp.position.start + off, project_start="nothing")
+    return dmp.initial_state(start_position=dmp.start_position + off, project_start="nothing")
 
 
 def agrees(state: ns.State, expected: ns.State) -> None:
@@ -424,7 +417,7 @@ def test_it_pauses_on_its_path_and_goes_on(either: str) -> None:
     path = motion.positions
     off = [np.linalg.norm(path - s.position, axis=1).min() for s in states]
     assert max(off) <= 2e-3 * length()
-    assert misses(states[-1], dmp.position.goal, dmp.orientation.goal)[0] <= 2e-3
+    assert misses(states[-1], dmp.goal_position, dmp.goal_rotation)[0] <= 2e-3
     assert controller.replanned == []
 
 
@@ -441,8 +434,8 @@ def test_a_halted_tool_moves_along_with_what_moves(either: str) -> None:
 
 def test_a_goal_may_be_a_position_a_rotation_or_both(either: str) -> None:
     dmp = primitive()
-    goal = dmp.position.goal + [0.05, 0.02, 0.0]
-    turned = Rotation.from_rotvec([0, 0, 0.1]) * dmp.orientation.goal
+    goal = dmp.goal_position + [0.05, 0.02, 0.0]
+    turned = Rotation.from_rotvec([0, 0, 0.1]) * dmp.goal_rotation
     for asked in (goal, turned, (goal, turned)):
         controller = dmp.controller(time_step=STEP)
         for _ in range(200):
@@ -454,8 +447,8 @@ def test_a_goal_may_be_a_position_a_rotation_or_both(either: str) -> None:
         assert (
             misses(
                 state,
-                dmp.position.goal if asked is turned else goal,
-                dmp.orientation.goal if asked is goal else turned,
+                dmp.goal_position if asked is turned else goal,
+                dmp.goal_rotation if asked is goal else turned,
             )[0]
             <= 1e-3
         )
@@ -465,7 +458,7 @@ def test_a_goal_may_be_a_position_a_rotation_or_both(either: str) -> None:
 def test_what_is_not_finite_is_refused_and_changes_nothing(field: str, either: str) -> None:
     controller = primitive().controller(time_step=STEP)
     state = controller.step()
-    with pytest.raises(ns.InputError, match="not finite"):
+    with pytest.raises(ns.errors.InputError, match="not finite"):
         controller.step(replace(state, **{field: np.array([0, np.nan, 0])}))
     np.testing.assert_array_equal(controller.state.position, state.position)
 
@@ -481,8 +474,8 @@ def test_without_plans_it_steers_and_waits_and_takes_no_goals(either: str) -> No
     # Beyond the tolerance the phase stands.
     assert pushed.phase == pytest.approx(state.phase, rel=1e-12)
     assert controller.replanned == []
-    with pytest.raises(ns.InputError, match="makes no plans"):
-        controller.step(goal=dmp.position.goal)
+    with pytest.raises(ns.errors.InputError, match="makes no plans"):
+        controller.step(goal=dmp.goal_position)
 
 
 def test_a_goal_out_of_all_proportion_is_not_planned_for() -> None:

@@ -7,7 +7,7 @@ import json
 import re
 import shutil
 import subprocess
-import sys
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.cli import main
 from noslip.experiments.numerical_example import demonstration
 from noslip.runtime import export
 
@@ -49,12 +48,13 @@ CASES: dict[str, Any] = {
     "few basis functions": lambda: ns.learn(moving(), [ns.Needle()], basis_functions=12),
     "steep phase": lambda: ns.learn(moving(), [ns.Blade()], alpha_s=12.0),
     "underdamped": lambda: ns.learn(moving(), [ns.Blade()], beta=10.0),
-    "breathing": lambda: ns.learn(moving(), [ns.InMovingFrame(ns.Blade())]),
+    "breathing": lambda: ns.learn(moving(), [ns.constraints.InMovingFrame(ns.Blade())]),
     "limits": lambda: ns.learn(
         demonstration(), [ns.Blade(), ns.DepthLimit(depth=0.1), ns.SpeedLimit(speed=3.0)]
     ),
     "a limit that pushes": lambda: ns.learn(
-        moving(), [ns.SpeedLimit(speed=0.11, priority=1), ns.PlaneContact(normal=(0.1, 0, -1))]
+        moving(),
+        [ns.SpeedLimit(speed=0.11, priority=1), ns.constraints.PlaneContact(normal=(0.1, 0, -1))],
     ),
     "replanned": lambda: (dmp := primitive("blade")).replan(dmp.step(dmp.initial_state(), 1e-3)),
 }
@@ -141,7 +141,7 @@ def test_the_generated_test_fails_where_the_motion_differs(tmp_path: Path, uncou
 @needs_compiler
 def test_another_primitive_needs_no_new_code(tmp_path: Path, uncounted: None) -> None:
     dmp = primitive("blade")
-    other = dmp.adapt(goal_position=dmp.position.goal + [0.3, 0.2, 0.1], duration=2.5)
+    other = dmp.adapt(goal_position=dmp.goal_position + [0.3, 0.2, 0.1], duration=2.5)
     dmp.export_c(tmp_path / "one", name="cut")
     other.export_c(tmp_path / "two", name="cut")
     first, second = ((tmp_path / part / "noslip.c").read_text() for part in ("one", "two"))
@@ -222,31 +222,25 @@ def test_the_header_tells_the_instructions_of_a_step(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["", "2cut", "my-cut", "double", "noslip", "a b"])
 def test_a_name_that_c_does_not_allow_is_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ns.InputError, match="identifier of C"):
+    with pytest.raises(ns.errors.InputError, match="identifier of C"):
         primitive("blade").export_c(tmp_path / "out", name=name)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("")
-    with pytest.raises(ns.InputError, match="is a file"):
+    with pytest.raises(ns.errors.InputError, match="is a file"):
         primitive("blade").export_c(tmp_path / "out")
 
 
 def test_the_command_writes_the_files_and_names_them_after_the_primitive(
-    tmp_path: Path,
-    uncounted: None,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, uncounted: None, noslip: Callable[..., Any]
 ) -> None:
     file = primitive("blade").save(tmp_path / "my cut.json")
     out = tmp_path / "c"
-    monkeypatch.setattr(sys, "argv", ["noslip", "export", str(file), "--out", str(out), "--json"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-        raise SystemExit(0)
-    assert stop.value.code in (0, None)
-    told = json.loads(capsys.readouterr().out)
+    result = noslip("export", file, "--out", out, "--json")
+    assert result.code == 0
+    told = json.loads(result.out)
     assert sorted(Path(path).name for path in told["files"]) == sorted(
         path.name for path in out.iterdir()
     )

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip.experiments.numerical_example import demonstration
+from noslip.runtime.stepper import stepper_of
 
 COUNT = 7
 
@@ -23,7 +24,7 @@ def primitive(name: str = "blade") -> ns.ConstrainedDMP:
         "blade": [ns.Blade()],
         "free": [],
         "limits": [ns.Blade(), ns.SpeedLimit(speed=2.0)],
-        "breathing": [ns.InMovingFrame(ns.Blade())],
+        "breathing": [ns.constraints.InMovingFrame(ns.Blade())],
     }
     return ns.learn(demonstration(), constraints[name])
 
@@ -32,10 +33,10 @@ def variants(dmp: ns.ConstrainedDMP) -> dict[str, Any]:
     rng = np.random.default_rng(0)
     turns = Rotation.from_rotvec(0.3 * rng.normal(size=(COUNT, 3)))
     return {
-        "goals": dmp.position.goal + 0.1 * rng.normal(size=(COUNT, 3)),
-        "goal_rotations": turns * dmp.orientation.goal,
-        "starts": dmp.position.start + 0.05 * rng.normal(size=(COUNT, 3)),
-        "start_rotations": turns.inv() * dmp.orientation.start,
+        "goals": dmp.goal_position + 0.1 * rng.normal(size=(COUNT, 3)),
+        "goal_rotations": turns * dmp.goal_rotation,
+        "starts": dmp.start_position + 0.05 * rng.normal(size=(COUNT, 3)),
+        "start_rotations": turns.inv() * dmp.start_rotation,
         "durations": rng.uniform(0.5, 3.0, COUNT),
     }
 
@@ -73,13 +74,13 @@ def test_compiled_they_are_those_of_one_by_one(name: str, compiling: Path) -> No
     # A primitive of its own: what one test compiles no other must find.
     dmp = primitive.__wrapped__(name)
     same_as_one_by_one(dmp, variants(dmp))
-    assert dmp.stepper.native.library is not None
+    assert stepper_of(dmp.rule).native.library is not None
 
 
 def test_without_a_compiler_too() -> None:
     dmp = primitive()
     same_as_one_by_one(dmp, variants(dmp))
-    assert dmp.stepper.native.library is None
+    assert stepper_of(dmp.rule).native.library is None
 
 
 @pytest.mark.parametrize("name", ["goals", "durations", "start_rotations"])
@@ -90,7 +91,7 @@ def test_what_is_not_given_is_the_primitives_own(name: str) -> None:
 
 def test_it_holds_little_more_than_its_result(compiling: Path) -> None:
     dmp = primitive.__wrapped__()
-    goals = dmp.position.goal + 0.1 * np.random.default_rng(1).normal(size=(400, 3))
+    goals = dmp.goal_position + 0.1 * np.random.default_rng(1).normal(size=(400, 3))
     dmp.rollout_many(goals=goals[:2])
     tracemalloc.start()
     motions = dmp.rollout_many(goals=goals)
@@ -116,5 +117,5 @@ def test_it_holds_little_more_than_its_result(compiling: Path) -> None:
     ],
 )
 def test_wrong_arguments_are_named(given: dict[str, Any], said: str) -> None:
-    with pytest.raises(ns.InputError, match=said):
+    with pytest.raises(ns.errors.InputError, match=said):
         primitive().rollout_many(**given)

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import eased, gentle_cut
 
 CENTER, RADIUS = (0.05, -0.03, 0.0), 0.012
 
@@ -17,7 +18,7 @@ CENTER, RADIUS = (0.05, -0.03, 0.0), 0.012
 def demonstration(rolled: float = 0.0, name: str = "cut.csv") -> ns.PoseTrajectory:
     """The blade's yaw follows the path; rolled by an angle (rad) about z, it slips."""
     s = np.linspace(0, 1, 401)
-    u = s**3 * (10 - 15 * s + 6 * s**2)
+    u = eased(s)
     path = np.column_stack([0.1 * u, 0.02 * np.sin(2 * np.pi * u), 0 * u])
     yaw = np.arctan(0.4 * np.pi * np.cos(2 * np.pi * u)) + rolled
     return ns.PoseTrajectory(4 * s, path, Rotation.from_euler("z", yaw), name=name)
@@ -41,19 +42,18 @@ def slipping() -> ns.PoseTrajectory:
 
 @pytest.fixture(scope="session")
 def primitive(cut: ns.PoseTrajectory) -> ns.ConstrainedDMP:
-    rules = [ns.Blade(), ns.PlaneContact(), ns.KeepOutSphere(center=CENTER, radius=RADIUS)]
+    rules = [
+        ns.Blade(),
+        ns.constraints.PlaneContact(),
+        ns.KeepOutSphere(center=CENTER, radius=RADIUS),
+    ]
     return ns.learn(cut, rules, basis_functions=30)
 
 
 @pytest.fixture(scope="session")
 def cut_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A primitive of a gentle curve, which an arm can follow in 1.5 s."""
-    s = np.linspace(0, 1, 151)
-    u = s**3 * (10 - 15 * s + 6 * s**2)
-    path = np.column_stack([0.1 * u, 0.02 * np.sin(np.pi * u), 0 * u])
-    yaw = Rotation.from_euler("z", 0.4 * np.cos(np.pi * s))
-    gentle = ns.PoseTrajectory(1.5 * s, path, yaw, name="cut.csv")
-    dmp = ns.learn(gentle, [ns.Blade(), ns.PlaneContact()])
+    dmp = ns.learn(gentle_cut(), [ns.Blade(), ns.constraints.PlaneContact()])
     return dmp.save(tmp_path_factory.mktemp("primitive") / "cut.json")
 
 

@@ -32,9 +32,9 @@ path = np.column_stack([0.1 * u, 0.002 * np.sin(6 * np.pi * u), 0 * u])
 hand = ns.PoseTrajectory(4 * s, path, Rotation.identity(len(s)), name="demonstration.csv")
 rules = [
     ns.KeepOutSphere(center=(0.03, -0.004, 0.0), radius=0.012),
-    ns.KeepOutCapsule(start=(0.07, 0.006, 0.0), end=(0.09, 0.03, 0.0), radius=0.01),
+    ns.constraints.KeepOutCapsule(start=(0.07, 0.006, 0.0), end=(0.09, 0.03, 0.0), radius=0.01),
     ns.Blade(),
-    ns.PlaneContact(),
+    ns.constraints.PlaneContact(),
 ]
 dmp = ns.learn(hand, rules, metric="shared")
 

@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from refusals import refusal
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 pytest.importorskip("mujoco", reason="the extra robots is not installed")
@@ -89,7 +90,7 @@ def test_a_model_of_ones_own_is_found_again(simulate, tmp_path):
     assert arm.robot.name == "arm.xml"
     assert len(arm.parts) == len(robots.panda(table=None).model.geom_type)
     model.unlink()
-    with pytest.raises(ns.InputError, match=r"field model: .*arm\.xml is not there"):
+    with pytest.raises(ns.errors.InputError, match=r"field model: .*arm\.xml is not there"):
         read_simulation(folder)
 
 
@@ -268,9 +269,13 @@ def test_a_saved_page_has_the_arm_and_moves_it(tmp_path, arm_folder):
         ("summary.json", lambda text: text.replace('"panda"', '"ur5"', 1), "there is panda"),
         ("summary.json", lambda text: text.replace('"blade"', '"sword"'), "no constraint is"),
         ("summary.json", lambda text: text.replace('"quaternion"', '"q"'), "quaternion"),
-        ("joints.csv", lambda text: text.replace(",", ";"), "not a table of numbers"),
-        ("joints.csv", lambda text: re.sub(r",[^,\n]*\n", "\n", text), "expected 15 finite"),
-        ("executed.csv", None, "cannot be read"),
+        ("joints.csv", lambda text: text.replace(",", "|"), "expected the columns"),
+        (
+            "joints.csv",
+            lambda text: re.sub(r",[^,\n]*\n", "\n", text),
+            "expected the columns t, q1",
+        ),
+        ("executed.csv", None, "no such file"),
         ("executed.csv", lambda text: text[: len(text) // 2].rpartition("\n")[0], "simulate again"),
         ("tool.csv", None, "tool.csv"),
     ],
@@ -281,7 +286,5 @@ def test_a_damaged_folder_is_refused_in_one_line(arm_folder, tmp_path, file, cha
         (folder / file).unlink()
     else:
         (folder / file).write_text(change((folder / file).read_text()))
-    with pytest.raises(ns.InputError, match=message) as refused:
-        read_simulation(folder)
-    assert "\n" not in str(refused.value)
+    assert re.search(message, refusal(ns.errors.InputError, read_simulation, folder))
     assert json.loads((arm_folder / "summary.json").read_text())["robot"] == "panda"

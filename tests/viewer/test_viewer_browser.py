@@ -22,7 +22,7 @@ from matplotlib.image import imread
 from playwright.sync_api import sync_playwright
 
 from noslip.viewer import Page, read_simulation, save_page
-from noslip.viewer.page import GIZMO
+from noslip.viewer.goal_panel import GIZMO
 
 CHROMIUM = os.environ.get("NOSLIP_CHROMIUM") or shutil.which("chromium")
 pytestmark = [
@@ -279,7 +279,7 @@ def test_another_motion_is_looked_at(tab, page, artifacts):
 
 def test_a_goal_that_is_typed_moves_the_path(tab, page, primitive, artifacts):
     open_tab(tab, "Change")
-    goal = primitive.position.goal + [0.01, 0.0, 0.0]
+    goal = primitive.goal_position + [0.01, 0.0, 0.0]
     fill(tab, "Goal (m)", f"{goal[0]:.4f}")
     tab.view.get_by_text("residual at most").wait_for()
     motion = page.entry.track.motion
@@ -301,8 +301,8 @@ def test_a_goal_off_the_plane_is_explained(tab, page, primitive):
 
 def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artifacts):
     # The gizmo's first arrow, which is the tool's x axis at the goal.
-    axis = primitive.orientation.goal.apply([1.0, 0.0, 0.0])
-    goal = primitive.position.goal
+    axis = primitive.goal_rotation.apply([1.0, 0.0, 0.0])
+    goal = primitive.goal_position
     grip = goal + 0.95 * GIZMO * page.drawing.size * axis
     there = grip + 0.02 * axis
     mouse = tab.view.mouse
@@ -313,26 +313,26 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
     mouse.move(*pixel(page, 0.5 * (grip + there)), steps=3)
     time.sleep(0.5)
     mouse.move(*pixel(page, there), steps=3)
-    until(lambda: page.entry.wish.goal_position is not None, "the goal to be dragged")
+    until(lambda: page.entry.wish.goal.position is not None, "the goal to be dragged")
     tab.view.screenshot(path=artifacts / "dragged.png")
     mouse.up()
     until(lambda: len(page.entry.track.motion) > 300, "the motion at full resolution")
-    moved = page.entry.wish.goal_position - goal
+    moved = page.entry.wish.goal.position - goal
     assert moved == pytest.approx(0.02 * axis, abs=6e-3)
     assert np.cross(moved, axis) == pytest.approx(np.zeros(3), abs=1e-6)
     motion = page.entry.track.motion
-    assert np.linalg.norm(motion.positions[-1] - page.entry.wish.goal_position) < 1e-4
+    assert np.linalg.norm(motion.positions[-1] - page.entry.wish.goal.position) < 1e-4
     assert np.abs(motion.constraint_residuals).max() < EXACT
     tab.view.get_by_role("button", name="As learned").click()
-    until(lambda: page.entry.wish.goal_position is None, "the motion as learned")
+    until(lambda: page.entry.wish.goal.position is None, "the motion as learned")
 
 
 def test_a_pushed_tool_comes_back(tab, page, artifacts):
     choose(tab, "Speed", "0.5x")
     tab.view.get_by_role("button", name="Run in the control loop").click()
-    until(lambda: page._run is not None and page._run.clock > 1.2, "the tool to run")
+    until(lambda: page.pushes.run is not None and page.pushes.run.clock > 1.2, "the tool to run")
     tab.view.get_by_role("button", name="Push now").click()
-    run = page._run
+    run = page.pushes.run
     assert run is not None
     until(lambda: run.off(page.entry.track.motion.positions) > 1e-3, "the push")
     tab.view.screenshot(path=artifacts / "pushed.png")
@@ -345,8 +345,8 @@ def test_a_pushed_tool_comes_back(tab, page, artifacts):
 def test_a_tool_that_is_dragged_while_it_runs_is_pushed(tab, page, artifacts):
     choose(tab, "Speed", "0.1x")
     tab.view.get_by_role("button", name="Run in the control loop").click()
-    until(lambda: page._run is not None and page._run.clock > 0.2, "the tool to run")
-    run = page._run
+    until(lambda: page.pushes.run is not None and page.pushes.run.clock > 0.2, "the tool to run")
+    run = page.pushes.run
     # It hardly moves between two pictures; the grip's first arrow lies along the tool's x axis.
     tool = run.states[-1]
     axis = tool.rotation.apply([1.0, 0.0, 0.0])
@@ -355,7 +355,7 @@ def test_a_tool_that_is_dragged_while_it_runs_is_pushed(tab, page, artifacts):
     mouse.move(*pixel(page, grip))
     time.sleep(1.0)
     mouse.down()
-    until(lambda: page._held, "the tool to be held")
+    until(lambda: page.pushes.held, "the tool to be held")
     held = len(run.states)
     there = grip + 0.015 * axis
     mouse.move(*pixel(page, 0.5 * (grip + there)), steps=3)

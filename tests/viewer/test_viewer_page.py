@@ -82,12 +82,12 @@ def test_it_is_served_to_this_machine_alone(cut):
 
 
 def test_an_address_that_is_not_ours_is_refused(cut):
-    with pytest.raises(ns.InputError, match=r"nothing can be served at 203\.0\.113\.7"):
+    with pytest.raises(ns.errors.InputError, match=r"nothing can be served at 203\.0\.113\.7"):
         Page({"cut.csv": cut}, host="203.0.113.7")
 
 
 def test_there_must_be_something_to_show():
-    with pytest.raises(ns.InputError, match="needs a recording or a primitive"):
+    with pytest.raises(ns.errors.InputError, match="needs a recording or a primitive"):
         Page({})
 
 
@@ -110,26 +110,26 @@ def test_a_follower_is_told_where_the_tool_is(primitive):
 
 
 def test_a_follower_of_nothing_is_refused(cut):
-    with pytest.raises(ns.InputError, match=r"no motion 'cut'; there are cut\.csv"):
+    with pytest.raises(ns.errors.InputError, match=r"no motion 'cut'; there are cut\.csv"):
         Page({"cut.csv": cut}, followers={"cut": Arm()})
 
 
 def test_a_new_goal_changes_path_residual_and_duration(primitive):
     with opened({"cut.json": primitive}) as page:
-        goal = primitive.position.goal + [0.01, 0.0, 0.0]
+        goal = primitive.goal_position + [0.01, 0.0, 0.0]
 
         def ask() -> None:
-            page._goal.value, page._duration.value = tuple(goal), 6.0
-            page._wish_from_numbers()
+            page.goals.goal.value, page.goals.duration.value = tuple(goal), 6.0
+            page.goals.ask_for_numbers()
 
         done(page, ask)
         motion = page.entry.track.motion
         assert np.linalg.norm(motion.positions[-1] - goal) < 1e-4
         assert np.abs(motion.constraint_residuals).max() < EXACT
         assert page.duration == pytest.approx(6.0, rel=1e-3)
-        assert "residual at most" in page._change_note.content
+        assert "residual at most" in page.goals.note.content
         done(page, lambda: page._seek(5.9))
-        done(page, page._as_learned)
+        done(page, page.goals.undo)
         assert page.time == page.duration == pytest.approx(4.0)
         assert page.entry.track.motion.positions == pytest.approx(primitive.rollout().positions)
 
@@ -139,13 +139,13 @@ def test_what_cannot_be_done_is_told_and_the_motion_stays(primitive):
         before = page.entry.track
 
         def ask() -> None:
-            page._goal.value = tuple(primitive.position.goal + [0.0, 0.0, 0.01])
-            page._wish_from_numbers()
+            page.goals.goal.value = tuple(primitive.goal_position + [0.0, 0.0, 0.01])
+            page.goals.ask_for_numbers()
 
         done(page, ask)
         assert page.entry.track is before
-        assert "no such motion" in page._change_note.content
-        assert "plane-contact" in page._change_note.content
+        assert "no such motion" in page.goals.note.content
+        assert "plane-contact" in page.goals.note.content
 
 
 def test_a_fault_is_told_and_the_page_lives(cut, capsys):
@@ -201,59 +201,61 @@ def test_a_broken_file_is_told_and_changes_nothing(primitive):
 def test_a_pushed_run_on_the_page_leaves_a_trail_until_something_changes(primitive):
     with opened({"cut.json": primitive}) as page:
         page._speed.value = "4x"
-        done(page, page._start_run)
-        done(page, page._push)
+        done(page, page.pushes.start)
+        done(page, page.pushes.push)
         end = time.monotonic() + 20
-        while page._run is not None and time.monotonic() < end:
+        while page.pushes.run is not None and time.monotonic() < end:
             time.sleep(0.05)
         done(page)
-        assert "arrived" in page._push_note.content and not page.playing
+        assert "arrived" in page.pushes.note.content and not page.playing
         assert "pushed" in page.drawing._nodes["cut.json"]
-        done(page, page._as_learned)
+        done(page, page.goals.undo)
         assert "pushed" not in page.drawing._nodes["cut.json"]
 
 
 def test_a_tool_that_is_held_waits_and_is_pushed_to_where_it_is_released(primitive):
     with opened({"cut.json": primitive}) as page:
-        assert not page._grip.visible
+        assert not page.pushes.grip.visible
         page._speed.value = "0.25x"
-        done(page, page._start_run)
-        run = page._run
+        done(page, page.pushes.start)
+        run = page.pushes.run
         end = time.monotonic() + 20
         while run.clock < 0.3 and time.monotonic() < end:
             time.sleep(0.02)
-        assert page._grip.visible and not page._gizmos["goal"].visible
-        done(page, lambda: page._pull(False))
+        assert page.pushes.grip.visible and not page.goals.gizmos["goal"].visible
+        done(page, lambda: page.pushes.pull(False))
         held = len(run.states)
         tool = run.states[-1].position
         time.sleep(0.3)
         assert len(run.states) == held
-        assert page._grip.position == pytest.approx(tool)
+        assert page.pushes.grip.position == pytest.approx(tool)
 
         def release() -> None:
-            page._grip.position = tool + [0.0, 0.006, 0.0]
-            page._pull(True)
+            page.pushes.grip.position = tool + [0.0, 0.006, 0.0]
+            page.pushes.pull(True)
 
         done(page, release)
-        assert page._push_by.value == pytest.approx((0.0, 0.006, 0.0), abs=1e-7)
+        assert page.pushes.by.value == pytest.approx((0.0, 0.006, 0.0), abs=1e-7)
         page._speed.value = "4x"
-        while page._run is not None and time.monotonic() < end:
+        while page.pushes.run is not None and time.monotonic() < end:
             time.sleep(0.05)
         done(page)
         jump = run.states[held].position - tool
         assert jump[1] == pytest.approx(0.006, abs=2e-3)
         assert run.goal_error < 2e-3 and run.residual < EXACT
-        assert not page._grip.visible and page._gizmos["goal"].visible
+        assert not page.pushes.grip.visible and page.goals.gizmos["goal"].visible
 
 
 def test_a_tool_that_does_not_run_cannot_be_pulled(primitive):
     with opened({"cut.json": primitive}) as page:
-        done(page, lambda: page._pull(True))
-        assert page._run is None and not page._notice.visible
+        done(page, lambda: page.pushes.pull(True))
+        assert page.pushes.run is None and not page._notice.visible
 
 
 def test_what_moves_is_drawn_where_it_is(cut):
-    moving = ns.InMovingFrame(ns.PlaneContact(), amplitude=(0.0, 0.0, 0.01), period=4.0)
+    moving = ns.constraints.InMovingFrame(
+        ns.constraints.PlaneContact(), amplitude=(0.0, 0.0, 0.01), period=4.0
+    )
     with opened({"cut.csv": cut}, constraints=[moving]) as page:
         nodes = [node for node, _ in page.drawing._shapes]
         assert len(nodes) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from textwrap import indent
 from typing import Annotated
 
 import typer
@@ -26,8 +27,8 @@ from noslip.cli import (
 )
 from noslip.errors import ConvergenceError, NoslipError
 
-EXIT_VIOLATED = 1
-EXIT_USAGE = 2
+EXIT_VIOLATED, EXIT_USAGE = 1, 2
+"""What a script tells apart: a constraint that is violated, and a call that is wrong."""
 
 app = typer.Typer(
     name="noslip",
@@ -44,9 +45,16 @@ PANELS = {
     "Look at them": (plot, view, report),
     "To the robot": (simulate, export),
 }
+"""The commands by what a person does with them, in the order in which that is done."""
 for panel, commands in PANELS.items():
     for command in commands:
-        app.command(name=command.NAME, epilog=command.EXAMPLES, rich_help_panel=panel)(command.run)
+        # A command's module has its name, and examples below the first line of what it says.
+        _, _, examples = (command.__doc__ or "").partition("\n\n")
+        app.command(
+            name=command.__name__.rpartition(".")[2],
+            epilog=f"\nExamples:\n\n{indent(examples, '  ')}",
+            rich_help_panel=panel,
+        )(command.run)
 
 
 def _print_version(wanted: bool) -> None:

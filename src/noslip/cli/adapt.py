@@ -1,95 +1,106 @@
-"""``noslip adapt``: a primitive and new goals in, primitives that end there out."""
+"""``noslip adapt``: a primitive and new goals in, primitives that end there out.
+
+noslip adapt excision.json --goal-position 0.05,0.01,0 --out longer.json
+
+noslip adapt excision.json --goal-position 0.05,0.01,0 --goal-rotation 1,0,0,0 --duration 6
+--via 0.5:0.02,0.02,0 --figure longer.png --out longer.json
+
+noslip adapt excision.json --goals goals.csv --figure family.png --out family/
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._files import write_beside
 from noslip._pose_checks import Source
 from noslip._pose_csv import POSITION, QUATERNION
-from noslip.adaptation import Via
+from noslip._typing import Floats
+from noslip.boundary import Boundary, End, twist
 from noslip.cli import options, output
+from noslip.cli.outcome import Outcome, csv_text, told, told_together
 from noslip.cli.plot import FORMATS
-from noslip.comparison import compare
-from noslip.constraints.check import amount, check
+from noslip.constraints.check import check
 from noslip.errors import InputError, NoslipError
 from noslip.figures import adapted_family, save_figure
-from noslip.figures.family import Goal, end_errors
-from noslip.learning import ConstrainedDMP
-from noslip.named_columns import NamedColumns, records_text
-from noslip.primitives.pose import Motion
-from noslip.primitives.scaling import Scaling
-from noslip.projection.trajectory import End
+from noslip.figures.family import end_errors
+from noslip.law.scaling import Scaling
+from noslip.merit import figures_of_merit
+from noslip.named_columns import NamedColumns
+from noslip.primitive import ConstrainedDMP
+from noslip.projection.request import ADAPTING
+from noslip.runtime.motion import Motion
 from noslip.saving import load_primitive
 
-NAME = "adapt"
 SUMMARY = "summary.csv"
-EXAMPLES = """
-Examples:
-
-  noslip adapt excision.json --goal-position 0.05,0.01,0 --out longer.json
-
-  noslip adapt excision.json --goal-position 0.05,0.01,0 --goal-rotation 1,0,0,0 --duration 6
-  --via 0.5:0.02,0.02,0 --figure longer.png --out longer.json
-
-  noslip adapt excision.json --goals goals.csv --figure family.png --out family/
-"""
+"""In the folder, beside the primitives, none of which can have its name: they are JSON."""
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
+"""What every file system takes for a name."""
 _COLUMNS = (POSITION, QUATERNION, ("duration",))
+"""Of numbers, in a file of goals; those of a group are there together or not at all."""
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
+"""The same, for people."""
 
 Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
+"""An option that is a position."""
+Velocity = Annotated[
+    str | None,
+    options.optional(
+        "VX,VY,VZ[,WX,WY,WZ]", "m/s and rad/s, 0 at rest; by default whatever suits the motion."
+    ),
+]
+"""An option that is a twist."""
 Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
+"""An option that is a rotation."""
+
+
+_Row = tuple[Boundary, float | None]
+"""Of a file of goals: goal and duration (s)."""
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What became of one goal: a row of the summary.
+class _Asked:
+    """What a primitive is to be adapted to; what is free or None stays its own."""
 
-    Attributes
-    ----------
-    name : str
-    converged : bool
-        Whether there is a primitive; if not, ``message`` says why and the rest is None.
-    holds : bool or None
-        Whether its motion keeps every constraint and hard limit.
-    end_position_error_m, end_rotation_error_deg : float or None
-        From the goal to the end of the motion; None of what is left free.
-    residual_peak : float or None
-        Of the equalities, in their units (SI).
-    angular_speed_peak_rad_s, angular_speed_ratio : float or None
-        The latter over that of the original primitive, None if that never turns.
-    iterations : int or None
-        Of the projection.
-    duration_s : float or None
-    message : str
-        Why it failed, or what a person should know.
-    """
+    goal: Boundary
+    start: Boundary
+    via: tuple[Boundary, ...]
+    duration: float | None
+    end: End
+    others: Mapping[str, Any]
 
-    name: str
-    converged: bool
-    holds: bool | None = None
-    end_position_error_m: float | None = None
-    end_rotation_error_deg: float | None = None
-    residual_peak: float | None = None
-    angular_speed_peak_rad_s: float | None = None
-    angular_speed_ratio: float | None = None
-    iterations: int | None = None
-    duration_s: float | None = None
-    message: str = ""
+    def adapted(self, dmp: ConstrainedDMP) -> ConstrainedDMP:
+        return dmp.adapt(
+            goal_position=self.goal.position,
+            goal_rotation=self.goal.rotation,
+            goal_velocity=_velocity(self.goal),
+            start_position=self.start.position,
+            start_rotation=self.start.rotation,
+            start_velocity=_velocity(self.start),
+            duration=self.duration,
+            via=self.via,
+            end=self.end,
+            **self.others,
+        )
 
-    @property
-    def failed(self) -> bool:
-        """Whether there is no primitive, or one that breaks its constraints."""
-        return not (self.converged and self.holds)
+    def goal_of(self, dmp: ConstrainedDMP) -> Boundary:
+        """Where a motion should end: what was asked for, else the primitive's own goal."""
+        own = self.goal.pose_or(dmp.goal_position, dmp.goal_rotation)
+        return Boundary(1.0, *own).part(self.end)
+
+
+def _velocity(boundary: Boundary) -> Floats | None:
+    linear, angular = boundary.linear_velocity, boundary.angular_velocity
+    return None if linear is None or angular is None else np.concatenate([linear, angular])
 
 
 def run(
@@ -111,23 +122,17 @@ def run(
     ] = None,
     goal_position: Point = None,
     goal_rotation: Turn = None,
+    goal_velocity: Velocity = None,
     start_position: Point = None,
     start_rotation: Turn = None,
-    start_velocity: Annotated[
-        str | None,
-        typer.Option(
-            metavar="VX,VY,VZ[,WX,WY,WZ]",
-            help="m/s and rad/s; by default whatever suits the motion.",
-            show_default=False,
-        ),
-    ] = None,
+    start_velocity: Velocity = None,
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="Seconds.", show_default=False)
     ] = None,
     via: Annotated[
         list[str],
         typer.Option(
-            metavar="AT:X,Y,Z[,QW,QX,QY,QZ]",
+            metavar="AT:[X,Y,Z][,QW,QX,QY,QZ]",
             help="To pass at a fraction of the duration, 0 < AT < 1; repeatable.",
             show_default=False,
         ),
@@ -139,7 +144,19 @@ def run(
             "or turned and stretched as a whole."
         ),
     ] = "none",
-    end: Annotated[End, typer.Option(help="What of the goal is kept to.")] = "pose",
+    start: options.Kept = "pose",
+    end: options.Kept = "pose",
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Of the projection; by default one a step, up to 2001.",
+            show_default=False,
+        ),
+    ] = None,
+    position_weight: options.PositionWeight = ADAPTING.position,
+    position_smoothing: options.PositionSmoothing = ADAPTING.position_smoothing,
+    rotation_smoothing: options.RotationSmoothing = ADAPTING.rotation_smoothing,
     figure: Annotated[
         Path | None,
         typer.Option(
@@ -159,31 +176,45 @@ def run(
     """
     if figure is not None and options.output(figure, "--figure") and figure.suffix not in FORMATS:
         raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
-    wanted: dict[str, Any] = {
-        "goal_position": options.vector("--goal-position", goal_position),
-        "goal_rotation": options.rotation("--goal-rotation", goal_rotation),
-        "start_position": options.vector("--start-position", start_position),
-        "start_rotation": options.rotation("--start-rotation", start_rotation),
-        "start_velocity": _velocity(start_velocity),
-        "duration": None
-        if duration is None
-        else _arguments.positive("--duration", duration, "seconds"),
-        "via": [_via(text) for text in via],
-        "scaling": scaling,
-        "end": end,
-    }
+    if duration is not None:
+        duration = _arguments.positive("--duration", duration, "seconds")
+    asked = _Asked(
+        goal=Boundary(
+            1.0,
+            options.vector("--goal-position", goal_position),
+            options.rotation("--goal-rotation", goal_rotation),
+            *_twist("--goal-velocity", goal_velocity),
+        ),
+        start=Boundary(
+            0.0,
+            options.vector("--start-position", start_position),
+            options.rotation("--start-rotation", start_rotation),
+            *_twist("--start-velocity", start_velocity),
+        ),
+        via=tuple(_via(text) for text in via),
+        duration=duration,
+        end=end,
+        others={
+            "scaling": scaling,
+            "start": start,
+            "samples": samples,
+            "position_weight": position_weight,
+            "position_smoothing": position_smoothing,
+            "rotation_smoothing": rotation_smoothing,
+        },
+    )
     dmp = load_primitive(primitive)
     family = _Family(dmp)
     if goals is None:
         options.output(out)
-        family.add(out.stem, wanted, out)
+        family.add(out.stem, asked, out)
         outcome = family.outcomes[0]
         result = {"primitive": str(out)} | asdict(outcome)
-        told = [*_told(outcome), f"wrote {out}"]
+        lines = [*told(outcome), f"wrote {out}"]
     else:
         if out.exists() and not out.is_dir():
             raise InputError(f"--out: {out} is a file; with --goals give a folder")
-        rows = {name: _merged(goals, wanted, row) for name, row in _read_goals(goals).items()}
+        rows = {name: _merged(goals, asked, row) for name, row in _read_goals(goals).items()}
         targets = {name: out / f"{name}.json" for name in rows}
         for name, target in targets.items():
             if target.resolve() == primitive.resolve():
@@ -192,8 +223,7 @@ def run(
             for done, (name, row) in enumerate(rows.items(), start=1):
                 family.try_to_add(name, row, targets[name])
                 progress(done, len(rows))
-        text = records_text([f.name for f in fields(Outcome)], map(asdict, family.outcomes))
-        summary = write_beside(out / SUMMARY, text.encode())
+        summary = write_beside(out / SUMMARY, csv_text(family.outcomes).encode())
         failed = sum(outcome.failed for outcome in family.outcomes)
         result = {
             "folder": str(out),
@@ -201,20 +231,20 @@ def run(
             "failed": failed,
             "goals": [asdict(outcome) for outcome in family.outcomes],
         }
-        told = _told_together(family.outcomes)
-        told.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
+        lines = told_together(family.outcomes)
+        lines.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
     if figure is not None and family.motions:
         save_figure(
             adapted_family(family.original, family.motions, family.goals, dmp.system), figure
         )
         result["figure"] = str(figure)
-        told.append(f"wrote {figure}")
+        lines.append(f"wrote {figure}")
     elif figure is not None:
-        told.append(f"no {figure}: there is no motion to draw")
+        lines.append(f"no {figure}: there is no motion to draw")
     if as_json:
         output.print_json(result)
     else:
-        for line in told:
+        for line in lines:
             typer.echo(line)
     if any(outcome.failed for outcome in family.outcomes):
         raise typer.Exit(1)
@@ -226,26 +256,26 @@ class _Family:
     def __init__(self, dmp: ConstrainedDMP) -> None:
         self.dmp = dmp
         self.original = dmp.rollout()
-        self.angular_speed_peak = compare(self.original, self.original, ()).angular_speed_peak
+        self.angular_speed_peak = figures_of_merit(self.original, self.original).angular_speed_peak
         self.motions: dict[str, Motion] = {}
-        self.goals: dict[str, Goal] = {}
+        self.goals: dict[str, Boundary] = {}
         self.outcomes: list[Outcome] = []
 
-    def add(self, name: str, wanted: Mapping[str, Any], target: Path) -> None:
+    def add(self, name: str, asked: _Asked, target: Path) -> None:
         """Adapt to one goal, write the primitive, and note what its motion achieves."""
-        self.goals[name] = _goal(self.dmp, wanted)
-        adapted = self.dmp.adapt(**wanted)
+        self.goals[name] = asked.goal_of(self.dmp)
+        adapted = asked.adapted(self.dmp)
         motion = adapted.rollout()
-        self.goals[name] = _goal(adapted, wanted)
+        self.goals[name] = asked.goal_of(adapted)
         off, turned = end_errors(motion, self.goals[name])
-        compared = compare(motion, self.original, self.dmp.system)
+        merit = figures_of_merit(motion, self.original, self.dmp.system)
         hard = [c for c in self.dmp.constraints if c.priority == 0]
         report = check(motion, hard) if hard else None
         (record,) = adapted.record
         messages = [] if report is None or report.satisfied else [report.verdict]
         if record.left_out:
             messages.append(f"the projection cannot keep {', '.join(record.left_out)}")
-        peak, before = compared.angular_speed_peak, self.angular_speed_peak
+        peak, before = merit.angular_speed_peak, self.angular_speed_peak
         adapted.save(target)
         self.motions[name] = motion
         self.outcomes.append(
@@ -255,7 +285,7 @@ class _Family:
                 holds=report is None or report.satisfied,
                 end_position_error_m=off,
                 end_rotation_error_deg=None if turned is None else float(np.degrees(turned)),
-                residual_peak=compared.residual_peak,
+                residual_peak=merit.residual_peak,
                 angular_speed_peak_rad_s=peak,
                 angular_speed_ratio=peak / before if before > 0 else None,
                 iterations=record.iterations,
@@ -264,63 +294,67 @@ class _Family:
             )
         )
 
-    def try_to_add(self, name: str, wanted: Mapping[str, Any], target: Path) -> None:
+    def try_to_add(self, name: str, asked: _Asked, target: Path) -> None:
         """Do the same; note a failure, which must not stop the other goals."""
         try:
-            self.add(name, wanted, target)
+            self.add(name, asked, target)
         except (NoslipError, ArithmeticError) as error:
             # What an earlier run wrote there is no primitive for this goal.
             target.unlink(missing_ok=True)
             self.outcomes.append(Outcome(name, converged=False, message=str(error)))
 
 
-def _goal(primitive: ConstrainedDMP, wanted: Mapping[str, Any]) -> Goal:
-    """Where a motion should end: what was asked for, else the primitive's own goal."""
-    end, position, rotation = (wanted[key] for key in ("end", "goal_position", "goal_rotation"))
-    own = primitive.position.goal, primitive.orientation.goal
-    return (
-        (own[0] if position is None else position) if end in ("position", "pose") else None,
-        (own[1] if rotation is None else rotation) if end in ("rotation", "pose") else None,
-    )
-
-
 # ---------------------------------------------------------------- what goes in
 
 
-def _velocity(text: str | None) -> list[float] | None:
+def _twist(option: str, text: str | None) -> tuple[Floats, Floats] | tuple[None, None]:
     if text is None:
-        return None
-    values = options.numbers("--start-velocity", text, (3, 6))
+        return None, None
+    values = options.numbers(option, text, (1, 3, 6))
     if not np.isfinite(values).all():
-        raise InputError(f"--start-velocity: expected finite numbers (m/s, rad/s), got {text!r}")
-    return values
+        raise InputError(f"{option}: expected finite numbers (m/s, rad/s), got {text!r}")
+    return twist(option, values)
 
 
-def _via(text: str) -> Via:
+def _via(text: str) -> Boundary:
     at, colon, pose = text.partition(":")
     try:
         fraction = float(at if colon else "")
     except ValueError:
         raise InputError(
-            f"--via: expected AT:X,Y,Z or AT:X,Y,Z,QW,QX,QY,QZ with 0 < AT < 1, got {text!r}"
+            "--via: expected AT:X,Y,Z, AT:QW,QX,QY,QZ or AT:X,Y,Z,QW,QX,QY,QZ with 0 < AT < 1, "
+            f"got {text!r}"
         ) from None
-    options.numbers("--via", pose, (3, 7))
+    count = len(options.numbers("--via", pose, (3, 4, 7)))
     cells = pose.split(",")
-    rotation = options.rotation("--via", ",".join(cells[3:])) if cells[3:] else None
-    return Via(fraction, options.vector("--via", ",".join(cells[:3])), rotation)
+    moved, turned = cells[: count - 4] if count > 3 else cells, cells[-4:] if count > 3 else []
+    position = options.vector("--via", ",".join(moved)) if moved else None
+    rotation = options.rotation("--via", ",".join(turned)) if turned else None
+    return Boundary.via((fraction, position, rotation))
 
 
-def _merged(goals: Path, wanted: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the options want of every row with what a row wants."""
-    for key in row:
-        if wanted[key] is not None:
-            option = f"--{key.replace('_', '-')}"
-            raise InputError(f"{option}: {goals} has columns for it too; leave one of them out")
-    return {**wanted, **row}
+def _merged(goals: Path, asked: _Asked, row: _Row) -> _Asked:
+    """Return what the options ask of every row with what a row asks."""
+    goal, duration = row
+    for name, of_row, of_all in (
+        ("--goal-position", goal.position, asked.goal.position),
+        ("--goal-rotation", goal.rotation, asked.goal.rotation),
+        ("--duration", duration, asked.duration),
+    ):
+        if of_row is not None and of_all is not None:
+            raise InputError(f"{name}: {goals} has columns for it too; leave one of them out")
+    both = Boundary(
+        1.0,
+        asked.goal.position if goal.position is None else goal.position,
+        goal.rotation or asked.goal.rotation,
+        asked.goal.linear_velocity,
+        asked.goal.angular_velocity,
+    )
+    return replace(asked, goal=both, duration=asked.duration if duration is None else duration)
 
 
-def _read_goals(path: Path) -> dict[str, dict[str, Any]]:
-    """Read what each row of a CSV asks for, as arguments of ``adapt`` by name."""
+def _read_goals(path: Path) -> dict[str, _Row]:
+    """Read the goal and the duration that each row of a CSV asks for, by its name."""
     table = NamedColumns.open(path)
     columns = _goal_columns(table.where, table.names)
     labelled = ("name",) if "name" in table.names else ()
@@ -329,13 +363,15 @@ def _read_goals(path: Path) -> dict[str, dict[str, Any]]:
         raise InputError(f"{table.where}: a header and no goals; add a row for each")
     source = Source(path, "", f"columns {', '.join(QUATERNION)}", lines)
     source.check_finite({f"column {name}": values for name, values in of.items()})
-    wanted: dict[str, Any] = {}
+    positions: Sequence[Floats | None] = [None] * len(lines)
+    rotations: Sequence[Rotation | None] = [None] * len(lines)
+    durations: Sequence[float | None] = [None] * len(lines)
     if "x" in of:
-        wanted["goal_position"] = np.column_stack([of[name] for name in POSITION])
+        positions = list(np.column_stack([of[name] for name in POSITION]))
     if "qw" in of:
-        wanted["goal_rotation"] = source.rotations(np.column_stack([of[k] for k in QUATERNION]))
+        rotations = list(source.rotations(np.column_stack([of[name] for name in QUATERNION])))
     if "duration" in of:
-        wanted["duration"] = of["duration"]
+        durations = of["duration"].tolist()
         if (of["duration"] <= 0).any():
             index = int(np.argmax(of["duration"] <= 0))
             found = of["duration"][index]
@@ -343,9 +379,10 @@ def _read_goals(path: Path) -> dict[str, dict[str, Any]]:
     labels = [f"goal_{index:03}" for index in range(1, len(lines) + 1)]
     if labelled:
         labels = _labels(path, dict(zip(lines, texts["name"], strict=True)))
+    asked = zip(positions, rotations, durations, strict=True)
     return {
-        label: {key: values[index] for key, values in wanted.items()}
-        for index, label in enumerate(labels)
+        label: (Boundary(1.0, position, rotation), duration)
+        for label, (position, rotation, duration) in zip(labels, asked, strict=True)
     }
 
 
@@ -386,49 +423,3 @@ def _labels(path: Path, cells: Mapping[int, str]) -> list[str]:
             )
         taken[name.casefold()] = line
     return [cell.strip() for cell in cells.values()]
-
-
-# ---------------------------------------------------------------- what comes out
-
-
-def _told(outcome: Outcome) -> list[str]:
-    return _achieved([outcome]) + ([outcome.message] if outcome.message else [])
-
-
-def _told_together(outcomes: list[Outcome]) -> list[str]:
-    done = [outcome for outcome in outcomes if outcome.converged]
-    lines = [f"adapted to {len(done)} of {len(outcomes)} goals"]
-    lines += _achieved(done) if done else []
-    return lines + [
-        f"{outcome.name}: {'FAILED, ' if outcome.failed else ''}{outcome.message}"
-        for outcome in outcomes
-        if outcome.message
-    ]
-
-
-def _achieved(outcomes: list[Outcome]) -> list[str]:
-    """Say the largest numbers of all outcomes that have them."""
-
-    def most(name: str) -> float | None:
-        found = [getattr(outcome, name) for outcome in outcomes]
-        return max((value for value in found if value is not None), default=None)
-
-    off, turned, residual, speed, ratio = (
-        most(name)
-        for name in (
-            "end_position_error_m",
-            "end_rotation_error_deg",
-            "residual_peak",
-            "angular_speed_peak_rad_s",
-            "angular_speed_ratio",
-        )
-    )
-    ends = [] if off is None else [amount(off, "m")]
-    ends += [] if turned is None else [f"{turned:.3g} degrees"]
-    lines = [f"ends within {' and '.join(ends)} of the goal"] if ends else []
-    times = "" if ratio is None else f", {ratio:.3g} times that of the original"
-    return [
-        *lines,
-        f"residual at most {residual:.2g}",
-        f"angular speed at most {speed:.3g} rad/s{times}",
-    ]

@@ -1,4 +1,16 @@
-"""``noslip check``: whether a motion slips."""
+"""``noslip check``: whether a motion slips.
+
+noslip check recording.csv --constraint blade
+
+noslip check runs/*.csv --constraint blade --trim-speed 0.05 --rate 120 --lowpass 4.8
+
+noslip check run.bag --topic /tf --child-frame knife --constraint blade
+
+noslip check motion.csv --constraint blade --constraint "keep-out-sphere(center=(0.1,0,0),
+radius=0.02)"
+
+noslip check motion.csv --constraint my_rules.py:stay_flat --tolerance 1e-9 --json
+"""
 
 from __future__ import annotations
 
@@ -10,22 +22,6 @@ from noslip.cli import options, output
 from noslip.constraints.check import TOLERANCE, check
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-
-NAME = "check"
-EXAMPLES = """
-Examples:
-
-  noslip check recording.csv --constraint blade
-
-  noslip check runs/*.csv --constraint blade --trim-speed 0.05 --rate 120 --lowpass 4.8
-
-  noslip check run.bag --topic /tf --child-frame knife --constraint blade
-
-  noslip check motion.csv --constraint blade --constraint "keep-out-sphere(center=(0.1,0,0),
-  radius=0.02)"
-
-  noslip check motion.csv --constraint my_rules.py:stay_flat --tolerance 1e-9 --json
-"""
 
 
 @options.grouped

@@ -1,4 +1,13 @@
-"""``noslip convert``: a recording in one format in, in another out."""
+"""``noslip convert``: a recording in one format in, in another out.
+
+noslip convert run.bag --topic /tool_pose --out run.csv
+
+noslip convert run.mcap --topic /tf --frame base --child-frame tool --out run.parquet
+
+noslip convert can.hdf5 --episode 3 --out can_3.tum
+
+noslip convert motion.csv --out motion_bag && ros2 bag play motion_bag
+"""
 
 from __future__ import annotations
 
@@ -12,19 +21,6 @@ from noslip.errors import InputError
 from noslip.recordings import load_demonstrations, write_recording
 from noslip.recordings.formats import WRITTEN, listed_suffixes
 
-NAME = "convert"
-EXAMPLES = """
-Examples:
-
-  noslip convert run.bag --topic /tool_pose --out run.csv
-
-  noslip convert run.mcap --topic /tf --frame base --child-frame tool --out run.parquet
-
-  noslip convert can.hdf5 --episode 3 --out can_3.tum
-
-  noslip convert motion.csv --out motion_bag && ros2 bag play motion_bag
-"""
-
 
 @options.grouped
 def run(
@@ -33,11 +29,7 @@ def run(
     ],
     out: Annotated[
         Path,
-        typer.Option(
-            metavar="FILE",
-            help=f"What to write: {listed_suffixes(WRITTEN)}.",
-            show_default=False,
-        ),
+        options.optional("FILE", f"What to write: {listed_suffixes(WRITTEN)}."),
     ],
     given: options.Where = options.Where(),  # noqa: B008 - immutable
 ) -> None:

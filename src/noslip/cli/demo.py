@@ -1,4 +1,9 @@
-"""``noslip demo``: the paper's two experiments, from input to figures."""
+"""``noslip demo``: the paper's two experiments, from input to figures.
+
+noslip demo
+
+noslip demo --out results/ --json
+"""
 
 from __future__ import annotations
 
@@ -15,7 +20,6 @@ from rich.table import Table
 from noslip._files import write_beside
 from noslip._version import __version__
 from noslip.cli import options, output
-from noslip.comparison import Comparison
 from noslip.errors import InputError
 from noslip.experiments.excision import CONSTRAINT as EXCISION_CONSTRAINT
 from noslip.experiments.excision import Excision, run_excisions
@@ -28,17 +32,11 @@ from noslip.figures import (
     save_figure,
 )
 from noslip.figures.style import write_title
+from noslip.merit import FiguresOfMerit
 from noslip.trajectory import PoseTrajectory
 
-NAME = "demo"
-EXAMPLES = """
-Examples:
-
-  noslip demo
-
-  noslip demo --out results/ --json
-"""
 STAGES = 8 + 1 + 5
+"""Excisions, the numerical example and figures: steps of the progress bar."""
 
 
 def run(
@@ -127,7 +125,7 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
     return {
         "noslip": __version__,
         "units": "SI: m, s, rad; residuals in m/s",
-        "numerical_example": {name: c.to_dict() for name, c in example.comparisons.items()},
+        "numerical_example": {name: c.to_dict() for name, c in example.merits.items()},
         "excision": {
             "synthetic": True,
             "seed": seed,
@@ -136,7 +134,7 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
                     "recording": excision.recording.name,
                     "samples": len(excision.trained),
                     "duration": excision.trained.duration,
-                    **excision.comparison.to_dict(),
+                    **excision.merit.to_dict(),
                 }
                 for excision in excisions
             ],
@@ -152,22 +150,23 @@ _COLUMNS: list[tuple[str, Any]] = [
     ("peak ang. speed (rad/s)", lambda c: f"{c.angular_speed_peak:.1f}"),
     ("peak ang. accel. (rad/s²)", lambda c: f"{c.angular_acceleration_peak:.0f}"),
 ]
+"""Headings, and how the table shows a figure of merit."""
 
 
 def _example_table(example: NumericalExample) -> Table:
-    return _table("Numerical example (against the demonstration)", example.comparisons)
+    return _table("Numerical example (against the demonstration)", example.merits)
 
 
 def _excision_table(excisions: list[Excision]) -> Table:
-    rows = {str(number): e.comparison for number, e in enumerate(excisions, start=1)}
+    rows = {str(number): e.merit for number, e in enumerate(excisions, start=1)}
     return _table("Elliptical excision, synthetic (trained against prepared)", rows)
 
 
-def _table(title: str, rows: dict[str, Comparison]) -> Table:
+def _table(title: str, rows: dict[str, FiguresOfMerit]) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold")
     table.add_column("")
     for heading, _ in _COLUMNS:
         table.add_column(heading, justify="right")
-    for name, comparison in rows.items():
-        table.add_row(name, *(form(comparison) for _, form in _COLUMNS))
+    for name, merit in rows.items():
+        table.add_row(name, *(form(merit) for _, form in _COLUMNS))
     return table

@@ -1,4 +1,9 @@
-"""``noslip doctor``: what of this machine is used, and why something is not."""
+"""``noslip doctor``: what of this machine is used, and why something is not.
+
+noslip doctor
+
+noslip doctor --json
+"""
 
 from __future__ import annotations
 
@@ -17,22 +22,14 @@ from noslip.codegen import library
 from noslip.constraints import Blade
 from noslip.experiments.numerical_example import demonstration
 from noslip.learning import learn
-
-NAME = "doctor"
-EXAMPLES = """
-Examples:
-
-  noslip doctor
-
-  noslip doctor --json
-"""
+from noslip.runtime.stepper import stepper_of
 
 EXTRAS = {
     "bags": ("rosbags",),
     "tables": ("pyarrow",),
     "hdf5": ("h5py",),
     "align": ("dtaidistance",),
-    "robots": ("mujoco", "mink", "daqp"),
+    "robots": ("mujoco", "daqp"),
     "video": ("imageio", "imageio_ffmpeg"),
     "cluster": ("distributed",),
     "viewer": ("viser",),
@@ -47,18 +44,18 @@ def run(as_json: options.AsJson = False) -> None:
 
     Compiles a step for a blade and rolls it out, so that what is told has been tried.
     """
-    told = _told()
+    found = _survey()
     if as_json:
-        output.print_json(told)
+        output.print_json(found)
         return
-    width = max(map(len, told))
-    for name, value in told.items():
+    width = max(map(len, found))
+    for name, value in found.items():
         if isinstance(value, dict):
             value = ", ".join(f"{key}: {what}" for key, what in value.items())
         typer.echo(f"{name:<{width}}  {value}")
 
 
-def _told() -> dict[str, Any]:
+def _survey() -> dict[str, Any]:
     packages = {name: version(name) for name in ("casadi", "numpy", "scipy")}
     found = {
         "noslip": __version__,
@@ -81,7 +78,7 @@ def _steps() -> str:
     if not library.wanted():
         why = f"NOSLIP_COMPILE is {os.environ['NOSLIP_COMPILE']}"
     else:
-        why = dmp.stepper.native.failure or f"no C compiler ({library.compiler_name()})"
+        why = stepper_of(dmp.rule).native.failure or f"no C compiler ({library.compiler_name()})"
     return f"CasADi's virtual machine, several times slower: {why}"
 
 

@@ -54,12 +54,12 @@ def run(
             }
         )
     else:
-        _tell(learned, out)
+        _print_summary(learned, out)
     if learned.failed:
         raise typer.Exit(1)
 
 
-def _tell(learned: LearnedEach, out: Path) -> None:
+def _print_summary(learned: LearnedEach, out: Path) -> None:
     failed, total = len(learned.failed), len(learned.results)
     kept = f", {learned.kept} of them before" if learned.kept else ""
     typer.echo(f"learned {total - failed} of {total} recordings{kept}")

@@ -1,4 +1,11 @@
-"""``noslip export``: a primitive in, C99 for a robot out."""
+"""``noslip export``: a primitive in, C99 for a robot out.
+
+noslip export excision.json --out excision_c
+
+cd excision_c && cc -std=c99 -O2 noslip.c excision.c example.c -lm -o example
+
+cmake -S excision_c -B build && cmake --build build && ctest --test-dir build
+"""
 
 from __future__ import annotations
 
@@ -9,19 +16,7 @@ from typing import Annotated
 import typer
 
 from noslip.cli import options, output
-from noslip.runtime.export import export_c
 from noslip.saving import load_primitive
-
-NAME = "export"
-EXAMPLES = """
-Examples:
-
-  noslip export excision.json --out excision_c
-
-  cd excision_c && cc -std=c99 -O2 noslip.c excision.c example.c -lm -o example
-
-  cmake -S excision_c -B build && cmake --build build && ctest --test-dir build
-"""
 
 
 def run(
@@ -31,11 +26,7 @@ def run(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write the C files.")],
     name: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Of the primitive in C; by default the file's.",
-            show_default=False,
-        ),
+        options.optional("NAME", "Of the primitive in C; by default the file's."),
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -47,7 +38,7 @@ def run(
     """
     dmp = load_primitive(primitive)
     chosen = name if name is not None else re.sub(r"\W", "_", primitive.stem)
-    exported = export_c(dmp, out, name=chosen)
+    exported = dmp.export_c(out, name=chosen)
     if as_json:
         output.print_json(
             {

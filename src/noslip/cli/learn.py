@@ -1,8 +1,21 @@
-"""``noslip learn``: recordings and constraints in, a primitive out."""
+"""``noslip learn``: recordings and constraints in, a primitive out.
+
+noslip learn recordings/*.csv --constraint blade --out excision.json
+
+noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat
+--out cut.json
+
+noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
+--relative --constraint blade --out cut.json
+
+noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parquet
+--out primitives/
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,35 +24,105 @@ import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.comparison import compare
 from noslip.constraints.check import check, told_margin
-from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
-from noslip.learning import BARRIER_RATE, ConstrainedDMP, learn
-from noslip.projection.pointwise import project_initial_velocity
-from noslip.projection.trajectory import ROTATION_SMOOTHING
+from noslip.learning import learn
+from noslip.merit import figures_of_merit
+from noslip.primitive import ConstrainedDMP
+from noslip.projection.request import LEARNING
+from noslip.rule import BARRIER_RATE, STABILIZATION
 from noslip.trajectory import PoseTrajectory
 
-NAME = "learn"
 _MANY = "Many recordings"
+"""Heading of these options in the help."""
+_CONSTANTS = "Constants of the law"
+"""Heading of these options in the help."""
 FAR_SHARE = 0.02
-"""Share of the path by which a primitive may leave its demonstration without a warning."""
+"""Share of the path by which a primitive may leave its demonstration without a warning: more is
+seen with the eye."""
 FAR_TURN = 60.0
 """Degrees (rms) by which the constraint may turn the tool without a warning."""
-EXAMPLES = """
-Examples:
 
-  noslip learn recordings/*.csv --constraint blade --out excision.json
 
-  noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:stay_flat
-  --out cut.json
+@dataclass(frozen=True)
+class Learning:
+    """Options of :func:`noslip.learn`, one each, by the same names."""
 
-  noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
-  --relative --constraint blade --out cut.json
+    basis_functions: Annotated[int, typer.Option(metavar="N", min=1)] = 100
+    alpha: Annotated[
+        float, typer.Option(metavar="X", help="Of the attractor.", rich_help_panel=_CONSTANTS)
+    ] = 25.0
+    beta: Annotated[
+        float, typer.Option(metavar="X", help="Of the attractor.", rich_help_panel=_CONSTANTS)
+    ] = 6.25
+    alpha_s: Annotated[
+        float, typer.Option(metavar="X", help="Of the phase.", rich_help_panel=_CONSTANTS)
+    ] = 1.0
+    ridge: Annotated[
+        float,
+        typer.Option(
+            metavar="X",
+            help="Regularization of the fit, over the basis functions' mean square.",
+            rich_help_panel=_CONSTANTS,
+        ),
+    ] = 1e-6
+    hold_position: Annotated[
+        bool,
+        typer.Option(
+            "--hold-position",
+            help="Let the orientation alone give way, as in the paper; by default the position "
+            "gives way a little too, which spares the tool sharp turns.",
+        ),
+    ] = False
+    start: options.Kept = "free"
+    end: options.Kept = "free"
+    position_weight: options.PositionWeight = LEARNING.position
+    position_smoothing: options.PositionSmoothing = LEARNING.position_smoothing
+    rotation_smoothing: options.RotationSmoothing = LEARNING.rotation_smoothing
+    metric: Annotated[
+        str | None,
+        options.optional(
+            "NAME",
+            "Who gives way at run time: position, rotation, shared, or six positive weights "
+            "separated by commas; by default position where that can hold all, else shared.",
+        ),
+    ] = None
+    metric_length: Annotated[
+        float | None,
+        options.optional("M", "Meters that weigh as much as a radian; by default a mean step."),
+    ] = None
+    stabilization: Annotated[
+        float,
+        typer.Option(
+            metavar="X", help="Rate at which a violation at the start decays, per duration."
+        ),
+    ] = STABILIZATION
+    barrier_rate: Annotated[
+        float,
+        typer.Option(
+            metavar="X", help="Rate at which the margins of limits may shrink, per duration."
+        ),
+    ] = BARRIER_RATE
+    align: Annotated[
+        bool,
+        typer.Option(
+            "--align",
+            help="Bring several recordings into step first, by dynamic time warping (needs "
+            "noslip\\[align]).",
+        ),
+    ] = False
+    project_start: Annotated[
+        bool,
+        typer.Option(
+            "--project-start",
+            help="Project the initial velocity onto the constraints.",
+            rich_help_panel="Preparation (in this order)",
+        ),
+    ] = False
 
-  noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parquet
-  --out primitives/
-"""
+    def keywords(self) -> dict[str, Any]:
+        """Return what they are for :func:`noslip.learn`."""
+        return vars(self) | {"metric": options.metric(self.metric)}
 
 
 @options.grouped
@@ -52,50 +135,7 @@ def run(
         ),
     ],
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
-    basis_functions: Annotated[int, typer.Option(metavar="N", min=1)] = 100,
-    hold_position: Annotated[
-        bool,
-        typer.Option(
-            "--hold-position",
-            help="Let the orientation alone give way, as in the paper; by default the position "
-            "gives way a little too, which spares the tool sharp turns.",
-        ),
-    ] = False,
-    smoothing: Annotated[
-        float,
-        typer.Option(metavar="X", min=0.0, help="Weight of the rotation's smoothness."),
-    ] = ROTATION_SMOOTHING,
-    metric: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Who gives way at run time: position, rotation, shared, or six positive weights "
-            "separated by commas; by default position where that can hold all, else shared.",
-            show_default=False,
-        ),
-    ] = None,
-    metric_length: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="Meters that weigh as much as a radian; by default a mean step.",
-            show_default=False,
-        ),
-    ] = None,
-    barrier_rate: Annotated[
-        float,
-        typer.Option(
-            metavar="X", help="Rate at which the margins of limits may shrink, per duration."
-        ),
-    ] = BARRIER_RATE,
-    align: Annotated[
-        bool,
-        typer.Option(
-            "--align",
-            help="Bring several recordings into step first, by dynamic time warping (needs "
-            "noslip\\[align]).",
-        ),
-    ] = False,
+    learning: Learning = Learning(),
     each: Annotated[
         bool,
         typer.Option(
@@ -107,12 +147,11 @@ def run(
     ] = False,
     table: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Figures of merit, a row a recording: .csv or .parquet; by default results.csv "
+        options.optional(
+            "FILE",
+            "Figures of merit, a row a recording: .csv or .parquet; by default results.csv "
             "in the folder.",
-            rich_help_panel=_MANY,
-            show_default=False,
+            _MANY,
         ),
     ] = None,
     jobs: Annotated[
@@ -121,23 +160,14 @@ def run(
     ] = 1,
     cluster: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Scheduler of a Dask cluster, such as tcp://10.0.0.5:8786, to work on instead.",
-            rich_help_panel=_MANY,
-            show_default=False,
+        options.optional(
+            "ADDRESS",
+            "Scheduler of a Dask cluster, such as tcp://10.0.0.5:8786, to work on instead.",
+            _MANY,
         ),
     ] = None,
     as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
-    project_start: Annotated[
-        bool,
-        typer.Option(
-            "--project-start",
-            help="Project the initial velocity onto the constraints.",
-            rich_help_panel="Preparation (in this order)",
-        ),
-    ] = False,
 ) -> None:
     """Learn one primitive from one recording or several; it holds the constraints exactly.
 
@@ -149,16 +179,8 @@ def run(
     the others finished, and the exit code is 1.
     """
     held = options.constraints(constraint)
-    learning: dict[str, Any] = {
-        "basis_functions": basis_functions,
-        "hold_position": hold_position,
-        "rotation_smoothing": smoothing,
-        "metric": options.metric(metric),
-        "metric_length": metric_length,
-        "barrier_rate": barrier_rate,
-    }
     if each:
-        if align:
+        if learning.align:
             raise InputError(
                 "--align: brings several into step; with --each there is one at a time"
             )
@@ -172,8 +194,7 @@ def run(
             as_json=as_json,
             loading=given.loading(),
             preparation=given.preparation(),
-            project_start=project_start,
-            **learning,
+            **learning.keywords(),
         )
         return
     for option, is_given in (("--table", table), ("--jobs", jobs > 1), ("--cluster", cluster)):
@@ -181,34 +202,30 @@ def run(
             raise InputError(f"{option}: goes with --each, for a primitive from each recording")
     options.output(out)
     demonstrations = given.load(recordings)
-    if align:
-        demonstrations = bring_into_step(demonstrations)
-    if project_start:
-        demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
     with output.progress("learning", len(demonstrations)) as progress:
         primitive = learn(
             demonstrations,
             held,
             progress=progress,
-            **learning,
+            **learning.keywords(),
         )
     motion = primitive.rollout()
     system = primitive.system
-    comparisons = [compare(motion, d, system).to_dict() for d in demonstrations]
+    merits = [figures_of_merit(motion, d, system).to_dict() for d in demonstrations]
     result: dict[str, Any] = {
         "primitive": str(out),
         "constraints": list(system.names),
         "duration": primitive.duration,
-        "residual_peak": comparisons[0]["residual_peak"],
-        "least_margins": comparisons[0]["least_margins"],
+        "residual_peak": merits[0]["residual_peak"],
+        "least_margins": merits[0]["least_margins"],
         "demonstrations": [
-            {"name": d.name, **c} for d, c in zip(demonstrations, comparisons, strict=True)
+            {"name": d.name, **c} for d, c in zip(demonstrations, merits, strict=True)
         ],
         "projection": [vars(record) for record in primitive.record],
     }
     # Only what moves is written: what was there before may still be of use.
     primitive.save(out)
-    for warning in _warnings(primitive, demonstrations, result["demonstrations"], smoothing):
+    for warning in _warnings(primitive, demonstrations, result["demonstrations"]):
         typer.echo(f"noslip: warning: {warning}", err=True)
     if as_json:
         output.print_json(result)
@@ -240,9 +257,9 @@ def _warnings(
     primitive: ConstrainedDMP,
     demonstrations: list[PoseTrajectory],
     figures: list[dict[str, Any]],
-    smoothing: float,
 ) -> Iterator[str]:
     """What a person should look at before trusting the primitive."""
+    smoothing = primitive.history[0].options["rotation_smoothing"]
     remedy = "low-pass the recording, give the tool's frame, or check the constraint's axes"
     for record in primitive.record:
         turned = np.degrees(record.rotation_change)

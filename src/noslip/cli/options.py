@@ -14,18 +14,33 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip.constraints.catalog import CATALOG, parse_constraint
-from noslip.constraints.declaration import Constraint
+from noslip._typing import Floats
+from noslip.boundary import End
+from noslip.constraints.catalog import parse_constraint
+from noslip.constraints.declaration import CATALOG, Constraint
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError
 from noslip.projection.metric import Metric
 from noslip.recordings import load_demonstrations
 from noslip.trajectory import PoseTrajectory
 
+_ROUNDING = 4 * np.finfo(np.float64).eps
+"""Off the norm of a quaternion that was normalized."""
 LONGEST, FASTEST = 86400.0, 20.0
-"""Beyond a day (s), or this mean speed (m/s), units are asked after."""
+"""Beyond a day (s), or this mean speed (m/s), units are asked after: no hand and no arm works so
+long, or so fast."""
 _PREPARATION = "Preparation (in this order)"
+"""Headings of these options in the help: what is done to a recording, in the order of doing it."""
 _WHERE = "Where in a bag or data set"
+"""Headings of these options in the help."""
+
+
+def optional(metavar: str, help: str, panel: str | None = None, flags: tuple[str, ...] = ()) -> Any:
+    """Return an option that need not be given, under a heading of the help."""
+    return typer.Option(
+        *flags, metavar=metavar, help=help, rich_help_panel=panel, show_default=False
+    )
+
 
 Recordings = Annotated[
     list[str],
@@ -35,115 +50,77 @@ Recordings = Annotated[
         show_default=False,
     ),
 ]
+"""What several commands take is declared here once, so that it is called and explained alike in
+all."""
 Constraints = Annotated[
     list[str],
-    typer.Option(
-        "--constraint",
-        metavar="NAME",
-        help=f"What must hold; repeatable.  A name ({', '.join(sorted(CATALOG))}), a call such "
+    optional(
+        "NAME",
+        f"What must hold; repeatable.  A name ({', '.join(sorted(CATALOG))}), a call such "
         "as \"blade(lateral='z')\", or your own as file.py:name.",
-        show_default=False,
+        flags=("--constraint",),
     ),
 ]
 SampleRate = Annotated[
     float | None,
-    typer.Option(
-        metavar="HZ",
-        help="Rate at which files were recorded that number their samples (column i) instead of "
+    optional(
+        "HZ",
+        "Rate at which files were recorded that number their samples (column i) instead of "
         "timing them.",
-        show_default=False,
     ),
 ]
 Topic = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Topic of a bag; noslip topics shows what there is.",
-        rich_help_panel=_WHERE,
-        show_default=False,
-    ),
+    optional("NAME", "Topic of a bag; noslip topics shows what there is.", _WHERE),
 ]
 Frame = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Frame of a bag in which the motion is seen; of tf by default the root.",
-        rich_help_panel=_WHERE,
-        show_default=False,
+    optional(
+        "NAME", "Frame of a bag in which the motion is seen; of tf by default the root.", _WHERE
     ),
 ]
 ChildFrame = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Frame of a bag that moves.",
-        rich_help_panel=_WHERE,
-        show_default=False,
-    ),
+    optional("NAME", "Frame of a bag that moves.", _WHERE),
 ]
 Episode = Annotated[
     list[int],
-    typer.Option(
-        metavar="K",
-        help="Episode of a LeRobot or robomimic data set; repeatable, by default all.",
-        rich_help_panel=_WHERE,
-        show_default=False,
+    optional(
+        "K", "Episode of a LeRobot or robomimic data set; repeatable, by default all.", _WHERE
     ),
 ]
 Columns = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAMES",
-        help="Columns of a data set or table that hold x, y, z, qw, qx, qy, qz, such as "
+    optional(
+        "NAMES",
+        "Columns of a data set or table that hold x, y, z, qw, qx, qy, qz, such as "
         '"observation.state[0:3,6,3:6]".',
-        rich_help_panel=_WHERE,
-        show_default=False,
+        _WHERE,
     ),
 ]
 ToolFrame = Annotated[
     str | None,
-    typer.Option(
-        metavar="X,Y,Z[,QW,QX,QY,QZ]",
-        help="Tool frame in the sensor's frame (m): T_sb, so that T_wb = T_ws T_sb.",
-        rich_help_panel=_PREPARATION,
-        show_default=False,
+    optional(
+        "X,Y,Z[,QW,QX,QY,QZ]",
+        "Tool frame in the sensor's frame (m): T_sb, so that T_wb = T_ws T_sb.",
+        _PREPARATION,
     ),
 ]
 TrimTime = Annotated[
     str | None,
-    typer.Option(
-        metavar="START:END",
-        help="Keep this time (s); either side may be empty.",
-        rich_help_panel=_PREPARATION,
-        show_default=False,
-    ),
+    optional("START:END", "Keep this time (s); either side may be empty.", _PREPARATION),
 ]
 TrimSpeed = Annotated[
     float | None,
-    typer.Option(
-        metavar="M/S",
-        help="Keep from the first to the last sample that moves faster.",
-        rich_help_panel=_PREPARATION,
-        show_default=False,
-    ),
+    optional("M/S", "Keep from the first to the last sample that moves faster.", _PREPARATION),
 ]
 Rate = Annotated[
     float | None,
-    typer.Option(
-        metavar="HZ",
-        help="Resample uniformly by splines.",
-        rich_help_panel=_PREPARATION,
-        show_default=False,
-    ),
+    optional("HZ", "Resample uniformly by splines.", _PREPARATION),
 ]
 Lowpass = Annotated[
     float | None,
-    typer.Option(
-        metavar="HZ",
-        help="Zero-phase Butterworth filter of third order (the paper: 4.8).",
-        rich_help_panel=_PREPARATION,
-        show_default=False,
-    ),
+    optional("HZ", "Zero-phase Butterworth filter of third order (the paper: 4.8).", _PREPARATION),
 ]
 Relative = Annotated[
     bool,
@@ -151,6 +128,29 @@ Relative = Annotated[
         "--relative",
         help="Positions relative to the first sample.",
         rich_help_panel=_PREPARATION,
+    ),
+]
+Kept = Annotated[End, typer.Option(help="What of this end the projection keeps to.")]
+_PROJECTION = "Weights of the projection"
+"""Heading of these options in the help."""
+PositionWeight = Annotated[
+    float,
+    typer.Option(
+        metavar="X",
+        help="Of the position's displacement; that of the rotation's is 1.",
+        rich_help_panel=_PROJECTION,
+    ),
+]
+PositionSmoothing = Annotated[
+    float,
+    typer.Option(
+        metavar="X", help="Of the smoothness of the position.", rich_help_panel=_PROJECTION
+    ),
+]
+RotationSmoothing = Annotated[
+    float,
+    typer.Option(
+        metavar="X", help="Of the smoothness of the rotation.", rich_help_panel=_PROJECTION
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -213,13 +213,13 @@ class Loading(Where):
 
 def _odd_units(recording: PoseTrajectory) -> str:
     """What speaks against seconds and meters; empty if nothing does."""
-    told = ""
+    doubt = ""
     if recording.duration > LONGEST:
-        told = f"lasts {recording.duration:.3g} s; are its times in other units than seconds?"
+        doubt = f"lasts {recording.duration:.3g} s; are its times in other units than seconds?"
     elif recording.path_length > FASTEST * recording.duration:
         speed = recording.path_length / recording.duration
-        told = f"moves at {speed:.3g} m/s; are its positions in other units than meters?"
-    return told and f"{recording.name}: {told}"
+        doubt = f"moves at {speed:.3g} m/s; are its positions in other units than meters?"
+    return doubt and f"{recording.name}: {doubt}"
 
 
 def grouped(run: Callable[..., None]) -> Callable[..., None]:
@@ -288,11 +288,11 @@ def numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
     return values
 
 
-def vector(option: str, text: str | None) -> list[float] | None:
+def vector(option: str, text: str | None) -> Floats | None:
     """Return the three finite numbers that an option gives (m)."""
     if text is None:
         return None
-    return list(_arguments.vector(option, numbers(option, text, (3,))))
+    return _arguments.vector(option, numbers(option, text, (3,)))
 
 
 def rotation(option: str, text: str | None) -> Rotation | None:
@@ -302,6 +302,9 @@ def rotation(option: str, text: str | None) -> Rotation | None:
     quaternion = np.array(numbers(option, text, (4,)))
     if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:
         raise InputError(f"{option}: {text} is not a unit quaternion (qw,qx,qy,qz)")
+    if abs(np.linalg.norm(quaternion) - 1) <= _ROUNDING:
+        # Normalized again, it would not be the rotation to the bit that was written.
+        return Rotation(quaternion[[1, 2, 3, 0]], normalize=False)
     return Rotation.from_quat(quaternion, scalar_first=True)
 
 

@@ -1,4 +1,17 @@
-"""``noslip plot``: look at motions."""
+"""``noslip plot``: look at motions.
+
+noslip plot recording.csv --constraint blade --out recording.png
+
+noslip plot demonstration.csv excision.json --constraint blade --out comparison.svg
+
+noslip plot runs/*.csv --constraint blade --rate 120 --lowpass 4.8 --out runs.pdf
+
+noslip plot excision.json --out constraints.png
+
+noslip plot excision.json --show motion --out motion.png
+
+noslip plot excision.json --show spread --out spread.png
+"""
 
 from __future__ import annotations
 
@@ -12,27 +25,12 @@ from matplotlib.figure import Figure
 from noslip.cli import options
 from noslip.errors import InputError
 from noslip.figures import compare_motions, constraint_history, learned_spread, save_figure
-from noslip.learning import ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
-NAME = "plot"
 FORMATS = (".png", ".svg", ".pdf")
-EXAMPLES = """
-Examples:
-
-  noslip plot recording.csv --constraint blade --out recording.png
-
-  noslip plot demonstration.csv excision.json --constraint blade --out comparison.svg
-
-  noslip plot runs/*.csv --constraint blade --rate 120 --lowpass 4.8 --out runs.pdf
-
-  noslip plot excision.json --out constraints.png
-
-  noslip plot excision.json --show motion --out motion.png
-
-  noslip plot excision.json --show spread --out spread.png
-"""
+"""Of figures: to look at, to edit, and to print."""
 
 
 class Show(enum.StrEnum):

@@ -1,4 +1,12 @@
-"""``noslip report``: all about one primitive in one file."""
+"""``noslip report``: all about one primitive in one file.
+
+noslip report excision.json --out report.html
+
+noslip report excision.json recordings/*.csv --out report.html --out report.pdf
+
+noslip report cut.json sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120
+--lowpass 4.8 --relative --out cut.pdf
+"""
 
 from __future__ import annotations
 
@@ -14,18 +22,6 @@ from noslip.reporting import report, write_report
 from noslip.reporting.document import checked_path
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
-
-NAME = "report"
-EXAMPLES = """
-Examples:
-
-  noslip report excision.json --out report.html
-
-  noslip report excision.json recordings/*.csv --out report.html --out report.pdf
-
-  noslip report cut.json sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120
-  --lowpass 4.8 --relative --out cut.pdf
-"""
 
 
 @options.grouped
@@ -45,14 +41,6 @@ def run(
         typer.Option(metavar="FILE", help="Report to write: .html or .pdf; repeatable."),
     ] = [Path("noslip-report.html")],  # noqa: B006 - typer's way to say a list's default
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
-    project_start: Annotated[
-        bool,
-        typer.Option(
-            "--project-start",
-            help="Project the initial velocity onto the constraints.",
-            rich_help_panel="Preparation (in this order)",
-        ),
-    ] = False,
 ) -> None:
     """Report what was learned, from what, and how well it holds: one HTML file, or PDF.
 
@@ -65,9 +53,9 @@ def run(
     demonstrations: list[PoseTrajectory] = []
     if recordings:
         demonstrations = given.load(recordings)
-    if project_start:
-        held = load_primitive(primitive).constraints
-        demonstrations = [project_initial_velocity(d, held) for d in demonstrations]
+    learned = load_primitive(primitive)
+    if any(origin.options.get("project_start") for origin in learned.history):
+        demonstrations = [project_initial_velocity(d, learned.constraints) for d in demonstrations]
     # One word each: a value may begin with a minus.
     chosen = {option.name: getattr(given, option.name) for option in fields(given)}
     preparation = [
@@ -76,8 +64,7 @@ def run(
         if value is not None and name not in ("episode", "relative")
     ]
     preparation += [f"--episode={number}" for number in given.episode]
-    switches = {"--relative": given.relative, "--project-start": project_start}
-    preparation += [name for name, on in switches.items() if on]
+    preparation += ["--relative"] if given.relative else []
     with output.progress("drawing", 1) as progress:
         found = report(primitive, demonstrations, preparation=preparation, progress=progress)
         written = write_report(found, out)

@@ -1,4 +1,13 @@
-"""``noslip rollout``: a primitive in, its motion out."""
+"""``noslip rollout``: a primitive in, its motion out.
+
+noslip rollout excision.json --out motion.csv
+
+noslip rollout excision.json --duration 8 --time-step 0.001 --out slow.csv
+
+noslip rollout excision.json --goal-position 0.05,0.01,0 --out elsewhere.csv
+
+noslip rollout excision.json | head
+"""
 
 from __future__ import annotations
 
@@ -15,22 +24,10 @@ from noslip.cli import options, output
 from noslip.constraints.check import CheckReport, amount, check
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.primitives.pose import Motion, ProjectStart
 from noslip.recordings.formats import WRITTEN, listed_suffixes, write_recording
+from noslip.runtime.motion import Motion
+from noslip.runtime.rollout import ProjectStart
 from noslip.saving import load_primitive
-
-NAME = "rollout"
-EXAMPLES = """
-Examples:
-
-  noslip rollout excision.json --out motion.csv
-
-  noslip rollout excision.json --duration 8 --time-step 0.001 --out slow.csv
-
-  noslip rollout excision.json --goal-position 0.05,0.01,0 --out elsewhere.csv
-
-  noslip rollout excision.json | head
-"""
 
 
 class Variant(enum.StrEnum):
@@ -47,35 +44,24 @@ def run(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="File to write: .csv, .npz, .tum, .parquet, .feather, .mcap, or no suffix for a "
+        options.optional(
+            "FILE",
+            "File to write: .csv, .npz, .tum, .parquet, .feather, .mcap, or no suffix for a "
             "ROS 2 bag; without it the CSV goes to standard output.",
-            show_default=False,
         ),
     ] = None,
-    goal_position: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)
-    ] = None,
+    goal_position: Annotated[str | None, options.optional("X,Y,Z", "Meters.")] = None,
     goal_rotation: Annotated[
         str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
     ] = None,
-    start_position: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)
-    ] = None,
+    start_position: Annotated[str | None, options.optional("X,Y,Z", "Meters.")] = None,
     start_rotation: Annotated[
         str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
     ] = None,
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds.", show_default=False)
-    ] = None,
+    duration: Annotated[float | None, options.optional("S", "Seconds.")] = None,
     time_step: Annotated[
         float | None,
-        typer.Option(
-            metavar="S",
-            help="Seconds; by default as many samples as demonstrated.",
-            show_default=False,
-        ),
+        options.optional("S", "Seconds; by default as many samples as demonstrated."),
     ] = None,
     project_start: Annotated[
         ProjectStart,
@@ -86,10 +72,8 @@ def run(
     ] = "velocity",
     pull_in: Annotated[
         float | None,
-        typer.Option(
-            metavar="1/S",
-            help="Rate at which what is off the constraints decays; by default the primitive's.",
-            show_default=False,
+        options.optional(
+            "1/S", "Rate at which what is off the constraints decays; by default the primitive's."
         ),
     ] = None,
     variant: Annotated[
@@ -135,7 +119,7 @@ def run(
         write_recording(motion, out)
     report = check(motion, dmp.system) if dmp.constraints else None
     gave_way = _gave_way(motion, dmp.system.limits)
-    wanted = chosen.position.goal if goal is None else np.array(goal)
+    wanted = chosen.goal_position if goal is None else np.array(goal)
     goal_error = float(np.linalg.norm(motion.positions[-1] - wanted))
     if as_json:
         result = {"motion": str(out), "samples": len(motion), "goal_error": goal_error}
@@ -151,7 +135,7 @@ def run(
     if not as_json:
         for limit in gave_way:
             # Standard output may be the motion itself.
-            typer.echo(_told(limit), err=out is None)
+            typer.echo(_violation_text(limit), err=out is None)
     if variant is not Variant.REGULAR and report and not _as_promised(report, dmp.system, gave_way):
         raise typer.Exit(1)
 
@@ -166,7 +150,7 @@ def _gave_way(motion: Motion, limits: ConstraintSystem) -> list[dict[str, Any]]:
     ]
 
 
-def _told(limit: dict[str, Any]) -> str:
+def _violation_text(limit: dict[str, Any]) -> str:
     kind = f"soft, priority {limit['priority']}" if limit["priority"] else "hard"
     return (
         f"{limit['name']} ({kind}) gave way by up to {amount(limit['amount'], limit['unit'])}, at "

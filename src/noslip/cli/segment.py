@@ -1,4 +1,15 @@
-"""``noslip segment``: one long recording in, its demonstrations out."""
+"""``noslip segment``: one long recording in, its demonstrations out.
+
+noslip segment session.csv --out cuts/ --figure cuts.png
+
+noslip segment session.csv --tool-frame 0.052,0,0.013 --lowpass 4.8 --drop-outliers --out cuts/
+
+noslip segment session.csv --at contact --contact-column fz --out cuts/
+
+noslip segment session.csv --at contact --height 0,0,1 --thresholds 0.001,0.002 --out cuts/
+
+noslip segment session.csv --at times --times 3:9.5 --times 14:21 --out cuts/
+"""
 
 from __future__ import annotations
 
@@ -24,21 +35,8 @@ from noslip.figures.style import save_figure
 from noslip.recordings import read_column
 from noslip.trajectory import PoseTrajectory
 
-NAME = "segment"
-EXAMPLES = """
-Examples:
-
-  noslip segment session.csv --out cuts/ --figure cuts.png
-
-  noslip segment session.csv --tool-frame 0.052,0,0.013 --lowpass 4.8 --drop-outliers --out cuts/
-
-  noslip segment session.csv --at contact --contact-column fz --out cuts/
-
-  noslip segment session.csv --at contact --height 0,0,1 --thresholds 0.001,0.002 --out cuts/
-
-  noslip segment session.csv --at times --times 3:9.5 --times 14:21 --out cuts/
-"""
 _CUTS = "Where to cut"
+"""Heading of these options in the help."""
 
 
 class At(enum.StrEnum):
@@ -70,11 +68,10 @@ def run(
     ] = At.RESTS,
     contact_column: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Column of the recording that tells contact (with --at contact), such as fz.",
-            rich_help_panel=_CUTS,
-            show_default=False,
+        options.optional(
+            "NAME",
+            "Column of the recording that tells contact (with --at contact), such as fz.",
+            _CUTS,
         ),
     ] = None,
     in_contact: Annotated[
@@ -88,39 +85,31 @@ def run(
     ] = None,
     height: Annotated[
         str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="Or contact where the tool is low along this direction, upwards in the world.",
-            rich_help_panel=_CUTS,
-            show_default=False,
+        options.optional(
+            "X,Y,Z",
+            "Or contact where the tool is low along this direction, upwards in the world.",
+            _CUTS,
         ),
     ] = None,
     times: Annotated[
         list[str],
-        typer.Option(
-            metavar="START:END",
-            help="A piece (s, with --at times); repeatable, either side may be empty.",
-            rich_help_panel=_CUTS,
-            show_default=False,
+        options.optional(
+            "START:END",
+            "A piece (s, with --at times); repeatable, either side may be empty.",
+            _CUTS,
         ),
     ] = [],  # noqa: B006 - typer's way to say none
     thresholds: Annotated[
         str | None,
-        typer.Option(
-            metavar="A,B",
-            help="Of the speed (m/s), the column or the height (m); by default from the recording.",
-            rich_help_panel=_CUTS,
-            show_default=False,
+        options.optional(
+            "A,B",
+            "Of the speed (m/s), the column or the height (m); by default from the recording.",
+            _CUTS,
         ),
     ] = None,
     minimum_duration: Annotated[
         float | None,
-        typer.Option(
-            metavar="S",
-            help="Cut out what is shorter; by default half a typical piece.",
-            rich_help_panel=_CUTS,
-            show_default=False,
-        ),
+        options.optional("S", "Cut out what is shorter; by default half a typical piece.", _CUTS),
     ] = None,
     minimum_rest: Annotated[
         float,
@@ -135,11 +124,7 @@ def run(
     ] = False,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Draw the cuts: .png, .svg or .pdf.",
-            show_default=False,
-        ),
+        options.optional("FILE", "Draw the cuts: .png, .svg or .pdf."),
     ] = None,
     as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
@@ -178,10 +163,10 @@ def run(
     judged = outliers(segments.pieces) if len(segments.pieces) >= FEWEST else None
     far = {int(i): judged.reason(int(i)) for i in _outlying(judged)} if judged else {}
     for index, reason in far.items():
-        told = "dropped" if drop_outliers else "kept, see --drop-outliers"
+        fate = "dropped" if drop_outliers else "kept, see --drop-outliers"
         piece = segments.pieces[index]
         when = f"{piece.times[0]:.2f} to {piece.times[-1]:.2f} s"
-        typer.echo(f"noslip: {piece.name} ({when}): {reason}; {told}", err=True)
+        typer.echo(f"noslip: {piece.name} ({when}): {reason}; {fate}", err=True)
     if drop_outliers and judged is None:
         typer.echo(
             f"noslip: --drop-outliers: {_count(segments)} only; outliers show among {FEWEST} and "
@@ -199,7 +184,7 @@ def run(
         return
     screen = output.console()
     screen.print(_table(segments, files))
-    screen.print(_told_thresholds(segments))
+    screen.print(_thresholds_text(segments))
     screen.print(f"wrote {_count(segments)} to {out}")
     if figure is not None:
         screen.print(f"wrote {figure}")
@@ -331,7 +316,7 @@ def _count(segments: Segments) -> str:
     return f"{count} piece{'s' if count != 1 else ''}"
 
 
-def _told_thresholds(segments: Segments) -> str:
+def _thresholds_text(segments: Segments) -> str:
     if segments.quantity == "times":
         return "cut at the given times"
     if segments.thresholds is None:

@@ -1,4 +1,15 @@
-"""``noslip simulate``: a primitive in, an arm's joints out."""
+"""``noslip simulate``: a primitive in, an arm's joints out.
+
+noslip simulate excision.json --robot panda --out arm/
+
+noslip simulate excision.json --dynamics impedance --noise --delay 0.002 --out arm/
+
+noslip simulate excision.json --placement 0.45,0.1,0.3,1.57 --duration 8 --out arm/
+
+noslip simulate excision.json --bag arm.mcap --out arm/
+
+noslip simulate excision.json --model my_arm.xml --tool scalpel_tip --video --out arm/
+"""
 
 from __future__ import annotations
 
@@ -24,21 +35,6 @@ from noslip.recordings import load_demonstrations, write_bag
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
-NAME = "simulate"
-EXAMPLES = """
-Examples:
-
-  noslip simulate excision.json --robot panda --out arm/
-
-  noslip simulate excision.json --dynamics impedance --noise --delay 0.002 --out arm/
-
-  noslip simulate excision.json --placement 0.45,0.1,0.3,1.57 --duration 8 --out arm/
-
-  noslip simulate excision.json --bag arm.mcap --out arm/
-
-  noslip simulate excision.json --model my_arm.xml --tool scalpel_tip --video --out arm/
-"""
-
 
 class Dynamics(enum.StrEnum):
     """How the arm is controlled."""
@@ -59,23 +55,18 @@ def run(
     primitive: Annotated[
         Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
     ],
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Where results go.", show_default=False)
-    ],
+    out: Annotated[Path, options.optional("FOLDER", "Where results go.")],
     robot: Annotated[str, typer.Option(help="An arm by name: panda.")] = "panda",
     model: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Another arm's MJCF or URDF; needs --tool.", show_default=False
-        ),
+        options.optional("FILE", "Another arm's MJCF or URDF; needs --tool."),
     ] = None,
     tool: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Site or body of the model that is the tool's frame: x along the edge's travel, "
+        options.optional(
+            "NAME",
+            "Site or body of the model that is the tool's frame: x along the edge's travel, "
             "y lateral, z out of the work.",
-            show_default=False,
         ),
     ] = None,
     dynamics: Annotated[
@@ -103,30 +94,21 @@ def run(
     ] = Level.RECORDED,
     duration: Annotated[
         float | None,
-        typer.Option(
-            metavar="S",
-            help="Of the motion, without the ramps; by default the primitive's.",
-            show_default=False,
-        ),
+        options.optional("S", "Of the motion, without the ramps; by default the primitive's."),
     ] = None,
     ramp: Annotated[
         float, typer.Option(metavar="S", help="Over which the motion starts and stops.")
     ] = robots.RAMP,
     recording: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="A person's own recording, whose slip is shown beside the arm's.",
-            show_default=False,
-        ),
+        options.optional("FILE", "A person's own recording, whose slip is shown beside the arm's."),
     ] = None,
     bag: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write the executed joints and tool poses as a ROS 2 bag too: FILE.mcap, or "
+        options.optional(
+            "FILE",
+            "Write the executed joints and tool poses as a ROS 2 bag too: FILE.mcap, or "
             "without suffix a folder.",
-            show_default=False,
         ),
     ] = None,
     video: Annotated[bool, typer.Option("--video", help="Draw arm.mp4 too.")] = False,
@@ -189,7 +171,7 @@ def run(
     if as_json:
         output.print_json(found | {"written": [str(path) for path in written]})
         return
-    _tell(found)
+    _print_summary(found)
     for path in written:
         typer.echo(f"wrote {path}")
 
@@ -267,7 +249,7 @@ def _stage(what: str) -> Iterator[None]:
         yield
 
 
-def _tell(found: dict[str, Any]) -> None:
+def _print_summary(found: dict[str, Any]) -> None:
     place = ",".join(f"{x:.4f}" for x in found["placed"])
     margins = found["margins"]
     typer.echo(f"{found['robot']}: {found['duration']:.3g} s, --placement {place}")

@@ -1,4 +1,9 @@
-"""``noslip topics``: what is inside a bag."""
+"""``noslip topics``: what is inside a bag.
+
+noslip topics run.bag
+
+noslip topics run_bag/ --json
+"""
 
 from __future__ import annotations
 
@@ -12,15 +17,6 @@ from rich.table import Table
 from noslip.cli import options, output
 from noslip.recordings.bags import bag_topics
 from noslip.recordings.transforms import told
-
-NAME = "topics"
-EXAMPLES = """
-Examples:
-
-  noslip topics run.bag
-
-  noslip topics run_bag/ --json
-"""
 
 
 def run(

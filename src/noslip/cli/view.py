@@ -1,4 +1,15 @@
-"""``noslip view``: a page in the browser on which motions are looked at, dragged and pushed."""
+"""``noslip view``: a page in the browser on which motions are looked at, dragged and pushed.
+
+noslip view excision.json
+
+noslip view runs/*.csv --constraint blade --lowpass 4.8
+
+noslip view demonstration.csv excision.json --save scene.html
+
+noslip simulate excision.json --out arm/ && noslip view arm/ excision.json
+
+ssh -L 8080:localhost:8080 robot noslip view excision.json --no-open
+"""
 
 from __future__ import annotations
 
@@ -12,21 +23,6 @@ import typer
 from noslip.cli import options
 from noslip.errors import InputError
 from noslip.saving import load_primitive
-
-NAME = "view"
-EXAMPLES = """
-Examples:
-
-  noslip view excision.json
-
-  noslip view runs/*.csv --constraint blade --lowpass 4.8
-
-  noslip view demonstration.csv excision.json --save scene.html
-
-  noslip simulate excision.json --out arm/ && noslip view arm/ excision.json
-
-  ssh -L 8080:localhost:8080 robot noslip view excision.json --no-open
-"""
 
 
 @options.grouped
@@ -42,10 +38,8 @@ def run(
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
     tool: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="The tool's mesh, in its own frame: .stl, .obj or .glb; by default a scalpel.",
-            show_default=False,
+        options.optional(
+            "FILE", "The tool's mesh, in its own frame: .stl, .obj or .glb; by default a scalpel."
         ),
     ] = None,
     tool_scale: Annotated[
@@ -54,10 +48,8 @@ def run(
     ] = 1.0,
     save: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write the scene as one HTML file that plays without Python; no page is served.",
-            show_default=False,
+        options.optional(
+            "FILE", "Write the scene as one HTML file that plays without Python; no page is served."
         ),
     ] = None,
     host: Annotated[

@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from importlib.resources import files
 
 import casadi as ca
 
+from noslip.law.layout import (
+    BEGINNING,
+    PRIMITIVE,
+    STATE,
+    STEP,
+    Field,
+    Layout,
+    memory_fields,
+    output_layout,
+)
+
 _CONSTANT = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[-+]?\d+)?)")
 _INPUT = re.compile(r"arg\[(\d)\]\? arg\[\d\]\[(\d+)\] : 0")
+_COMMENT_COLUMN = 40
+"""Where comments begin in a struct, so that they stand under each other."""
 _OUTPUT = re.compile(r"if \(res\[(\d)\]!=0\) res\[\d\]\[(\d+)\]=")
 
 
@@ -20,29 +34,59 @@ def template(name: str) -> str:
 def header(equalities: int, limits: int, bound: str = "") -> str:
     """``noslip.h`` for so many rows of equalities and limits."""
     text = template("noslip.h")
+    rows = equalities + limits
     for name, value in {
-        "EQUALITIES": equalities,
-        "LIMITS": limits,
-        "ROWS": max(1, equalities + limits),
+        "EQUALITIES": str(equalities),
+        "LIMITS": str(limits),
+        "ROWS": str(max(1, rows)),
+        "PRIMITIVE": _fields(PRIMITIVE),
+        "STATE": _fields(memory_fields(rows)),
     }.items():
-        text = text.replace(f"@{name}@", str(value))
+        text = text.replace(f"@{name}@", value)
     return text.replace("\n@BOUND@ */", f"{bound} */")
 
 
-def source(function: ca.Function, outputs: int | None = None) -> str:
+def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
     """``noslip.c`` around a step function.
 
     Parameters
     ----------
     function : casadi.Function
         (state, row of the step table) -> (state, outputs); expressions alone.
-    outputs : int, optional
-        Only the first so many; all by default.
+    rows : int
+        Of constraints.
+    parts : bool
+        Whether it returns all outputs, each row's own force too; else up to the multipliers.
     """
-    if outputs is None:
-        outputs = function.numel_out(1)
-    text = template("noslip.c").replace("@OUTPUTS@", str(outputs))
+    layout = output_layout(rows)
+    outputs = layout.size if parts else layout["multipliers"].stop
+    layouts = {"STATE": STATE, "STEP": STEP, "BEGINNING": BEGINNING, "OUTPUT": layout}
+    offsets = "\n".join(_offsets(name, each) for name, each in layouts.items())
+    text = template("noslip.c").replace("@OUTPUTS@", str(outputs)).replace("@OFFSETS@", offsets)
     return text + "\n" + _core(function, outputs)
+
+
+def _fields(fields: Sequence[Field]) -> str:
+    """Declarations of a struct's fields."""
+    lines = []
+    for field in fields:
+        shape = "".join(f"[{size}]" for size in field.shape)
+        declared = {
+            "int": f"int {field.name};",
+            "real": f"noslip_real {field.name}{shape};",
+            "array": f"const noslip_real (*{field.name}){shape};"
+            if shape
+            else f"const noslip_real *{field.name};",
+        }[field.kind]
+        comment = f"/* {field.comment} */" if field.comment else ""
+        lines.append(f"    {declared:<{_COMMENT_COLUMN}}{comment}".rstrip())
+    return "\n".join(lines)
+
+
+def _offsets(prefix: str, layout: Layout) -> str:
+    """Definitions of where each part of a row of numbers begins, and of its size."""
+    places = {name: layout.index(name) for name in layout} | {"size": layout.size}
+    return "\n".join(f"#define {prefix}_{name.upper()} {at}" for name, at in places.items())
 
 
 def _core(function: ca.Function, outputs: int) -> str:

@@ -129,17 +129,22 @@ class Native:
     Attributes
     ----------
     library : Library or None
-        Once it is there.
+        Once it is there, and while compiling is allowed.
     failure : str
         Why it is not, if compiling failed.
     """
 
     def __init__(self, function: ca.Function, rows: int) -> None:
-        self.library: Library | None = None
+        self._library: Library | None = None
         self.failure = ""
         self._function, self._rows = function, rows
         self._thread: threading.Thread | None = None
         self._starting = threading.Lock()
+
+    @property
+    def library(self) -> Library | None:
+        # One is shared by all primitives under the same rule, whoever had it compiled.
+        return self._library if wanted() else None
 
     def begin(self) -> None:
         """Compile in the background."""
@@ -158,7 +163,7 @@ class Native:
 
     def _build(self) -> None:
         try:
-            self.library = loaded(self._function, self._rows)
+            self._library = loaded(self._function, self._rows)
         except (OSError, subprocess.SubprocessError, AttributeError, NoslipError) as error:
             self.failure = str(error)
 
@@ -170,7 +175,7 @@ def loaded(function: ca.Function, rows: int) -> Library:
         raise OSError(f"no C compiler ({compiler_name()})")
     texts = {
         "noslip.h": c99.header(rows, 0),
-        "noslip.c": c99.source(function) + "\n" + c99.template("many.c"),
+        "noslip.c": c99.source(function, rows) + "\n" + c99.template("many.c"),
     }
     told = "\0".join([*texts.values(), *found.command, found.version, *FLAGS, platform.machine()])
     library = cache_folder() / f"step-{hashlib.sha256(told.encode()).hexdigest()[:32]}.so"

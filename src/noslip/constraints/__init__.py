@@ -1,14 +1,20 @@
-"""What must hold: constraints, each declared once."""
+"""What must hold: constraints, each declared once.
+
+Each file of this folder is read, so that a constraint in a new one is known without a list.
+"""
+
+import importlib
+import pkgutil
 
 from noslip.constraints.blade import Blade
 from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
-from noslip.constraints.declaration import (
-    Constraint,
-    Instant,
+from noslip.constraints.declaration import CATALOG, Constraint
+from noslip.constraints.decorators import (
     keep_nonnegative,
     position_constraint,
     velocity_constraint,
 )
+from noslip.constraints.instant import Instant
 from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
@@ -51,3 +57,7 @@ __all__ = [
     "position_constraint",
     "velocity_constraint",
 ]
+
+for _file in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_file.name}")
+globals().update({kind.__name__: kind for kind in CATALOG.values()})

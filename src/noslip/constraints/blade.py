@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant, axis_index
-from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, point, settle
-from noslip.errors import ConstraintError
+from noslip.constraints.declaration import Constraint, register
+from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, point, settle, settle_edge
+from noslip.constraints.instant import Instant
+from noslip.edge import Edge
 
 
+@register
 @dataclass(frozen=True)
 class Blade(Constraint):
     """The paper's constraint ``(R y_b) . dp/dt = 0`` (eq. 16): no velocity across the blade.
@@ -31,18 +33,15 @@ class Blade(Constraint):
     """
 
     lateral: str = "y"
-    edge: str = "x"
+    edge: Edge | str = "x"  # type: ignore[assignment]
     reference_point: Triple = ORIGIN
 
     name = "blade"
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, lateral=axis, edge=axis, reference_point=point)
-        if axis_index(self.lateral)[0] == axis_index(self.edge)[0]:
-            raise ConstraintError(
-                f"blade: the lateral axis and the edge must differ, both are {self.edge!r}"
-            )
+        settle(self, self.name, lateral=axis, reference_point=point)
+        settle_edge(self, self.name, self.lateral, "the lateral axis")
 
     def residual(self, motion: Instant) -> Expression:
         """Lateral speed of the reference point (m/s)."""

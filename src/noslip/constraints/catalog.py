@@ -9,47 +9,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from noslip._typing import Expression
-from noslip.constraints.blade import Blade
-from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
-from noslip.constraints.declaration import Constraint, Instant, constraint_function, described
-from noslip.constraints.expression import from_data, to_data
-from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
-from noslip.constraints.moving_frame import InMovingFrame
-from noslip.constraints.needle import Needle
-from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
-from noslip.constraints.region import Box, DepthLimit, HalfSpace
-from noslip.constraints.remote_center import RemoteCenter
-from noslip.constraints.rolling import RollingDisc, RollingSphere
-from noslip.constraints.tool_axis import ToolAxis
-from noslip.constraints.travel import ForwardOnly, TurningRadius
-from noslip.constraints.wheel import Wheel
+from noslip.constraints.declaration import (
+    CATALOG,
+    Constraint,
+    Declaration,
+    DeclaredConstraint,
+    constraint_function,
+    declared,
+)
+from noslip.constraints.expression import Instructions
+from noslip.edge import Edge
 from noslip.errors import ConstraintError
-
-CATALOG: dict[str, type[Constraint]] = {
-    "blade": Blade,
-    "needle": Needle,
-    "wheel": Wheel,
-    "rolling-disc": RollingDisc,
-    "rolling-sphere": RollingSphere,
-    "plane-contact": PlaneContact,
-    "sphere-contact": SphereContact,
-    "cylinder-contact": CylinderContact,
-    "surface-contact": SurfaceContact,
-    "remote-center": RemoteCenter,
-    "tool-axis": ToolAxis,
-    "in-moving-frame": InMovingFrame,
-    "half-space": HalfSpace,
-    "depth-limit": DepthLimit,
-    "box": Box,
-    "keep-out-sphere": KeepOutSphere,
-    "keep-out-capsule": KeepOutCapsule,
-    "speed-limit": SpeedLimit,
-    "angular-rate-limit": AngularRateLimit,
-    "acceleration-limit": AccelerationLimit,
-    "forward-only": ForwardOnly,
-    "turning-radius": TurningRadius,
-}
 
 
 def parse_constraint(text: str) -> Constraint:
@@ -100,58 +70,54 @@ def build(name: str, arguments: dict[str, Any]) -> Constraint:
 
 def specification(constraint: Constraint) -> dict[str, Any]:
     """Return plain data from which :func:`restore` makes the same constraint again."""
-    for name, factory in CATALOG.items():
-        if type(constraint) is factory:
-            fields = dataclasses.fields(constraint)  # type: ignore[arg-type]
-            arguments = {f.name: getattr(constraint, f.name) for f in fields if f.init}
-            # What holds a function of the user's is saved by its expression instead.
-            if all(_is_plain(value) for value in arguments.values()):
-                return {"type": name, "arguments": arguments}
-    return {
-        "type": "declared",
-        "name": constraint.name,
-        "level": constraint.level,
-        "relation": constraint.relation,
-        "unit": constraint.unit,
-        "barrier_rate": constraint.barrier_rate,
-        "priority": constraint.priority,
-        "lateral": constraint.lateral,
-        "edge": constraint.edge,
-        "expression": to_data(constraint_function(constraint)),
+    identity = declared(constraint)
+    values = {
+        field.name: _as_data(getattr(identity, field.name))
+        for field in dataclasses.fields(identity)  # type: ignore[arg-type]
     }
+    if isinstance(identity, Declaration):
+        return {"type": "declared", **values}
+    if isinstance(constraint.edge, Edge) and "edge" in values:
+        # Its other parts are arguments too.
+        values["edge"] = constraint.edge.travel
+    return {"type": type(constraint).name, "arguments": values}
 
 
 def restore(data: dict[str, Any]) -> Constraint:
-    """Return the constraint that :func:`specification` described."""
+    """Return the constraint that :func:`specification` described.
+
+    Raises
+    ------
+    ConstraintError
+        If the data are incomplete, or describe none.
+    """
     if data["type"] != "declared":
-        return build(str(data["type"]), dict(data["arguments"]))
-    constraint = _RestoredConstraint(data)
+        arguments = {name: _from_data(value) for name, value in data["arguments"].items()}
+        return build(str(data["type"]), arguments)
+    try:
+        values = {name: _from_data(value) for name, value in data.items() if name != "type"}
+        constraint = DeclaredConstraint(Declaration(**values))
+    except (TypeError, ConstraintError) as error:
+        name = data.get("name", "without a name")
+        raise ConstraintError(f"saved constraint {name!r} cannot be read: {error}") from error
     constraint_function(constraint)
     return constraint
 
 
-class _RestoredConstraint(Constraint):
-    """A user's constraint read back from its expression; the user's code is not needed."""
-
-    def __init__(self, data: dict[str, Any]) -> None:
-        self.name, self.level = str(data["name"]), data["level"]
-        self.lateral, self.edge = data["lateral"], data["edge"]
-        # Files of version 0.1 know equalities alone.
-        self.relation, self.unit = data.get("relation", "zero"), data.get("unit")
-        self.barrier_rate, self.priority = data.get("barrier_rate"), data.get("priority", 0)
-        self._expression = data["expression"]
-
-    def residual(self, motion: Instant) -> Expression:
-        return from_data(self._expression, [*vars(motion).values()])
-
-    def __repr__(self) -> str:
-        return described(self)
+def _as_data(value: Any) -> Any:
+    if isinstance(value, Edge):
+        return dataclasses.asdict(value)
+    if isinstance(value, Constraint):
+        return specification(value)
+    return {"instructions": value.to_data()} if isinstance(value, Instructions) else value
 
 
-def _is_plain(value: Any) -> bool:
-    if isinstance(value, (list, tuple)):
-        return all(_is_plain(item) for item in value)
-    return value is None or isinstance(value, (str, bool, int, float))
+def _from_data(value: Any) -> Any:
+    if isinstance(value, dict) and "travel" in value:
+        return Edge(**value)
+    if isinstance(value, dict) and "instructions" in value:
+        return Instructions.from_data(value["instructions"])
+    return restore(value) if isinstance(value, dict) and "type" in value else value
 
 
 def _literal_arguments(text: str, call: ast.Call) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.constraints.declaration import UNITS, Constraint, Level, Relation
+from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, row_units
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
@@ -173,9 +173,10 @@ def check(
 ) -> CheckReport:
     """Report how well a motion satisfies constraints, and by what margin it keeps limits.
 
-    The residual is that of the discrete motion: of each step from one sample to the next, with the
-    pose where the step ends.  That is what a controller which plays the samples executes; nothing
-    is filtered or differentiated further, so low-pass noisy recordings first.
+    The residual is that of the discrete motion, of each step from one sample to the next: at the
+    step's middle for what is declared of velocities, at its end for what is declared of the pose.
+    A motion that satisfies the constraints in continuous time is found to, to second order in the
+    step.  Nothing is filtered or differentiated further, so low-pass noisy recordings first.
 
     Parameters
     ----------
@@ -216,7 +217,7 @@ def _checked(
 ) -> ConstraintCheck:
     """Check one constraint by the residuals of all steps, shape (N - 1, rows)."""
     periods = np.diff(trajectory.times)
-    units = ConstraintSystem([constraint]).row_units
+    units = row_units(constraint)
     slip = margin = None
     if constraint.relation == "nonnegative":
         worst, row = np.unravel_index(np.argmin(residuals), residuals.shape)
@@ -250,7 +251,7 @@ def _checked(
 def step_residuals(
     trajectory: PoseTrajectory, constraints: ConstraintSystem | Constraint | Sequence[Constraint]
 ) -> Floats:
-    """Residual, or margin, of each step at the pose where it ends, shape (N - 1, m).
+    """Residual, or margin, of each step, shape (N - 1, m), as :meth:`ConstraintSystem.of_step`.
 
     Time is that of :attr:`PoseTrajectory.clock`, accelerations those of
     :func:`step_accelerations`.
@@ -258,10 +259,10 @@ def step_residuals(
     system = as_system(constraints)
     linear, angular = trajectory.step_velocities()
     accelerated = "acceleration" in system.row_levels
-    return system.residuals(
-        trajectory.clock[1:],
-        trajectory.positions[1:],
-        trajectory.quaternions[1:],
+    return system.of_steps(
+        trajectory.clock,
+        trajectory.positions,
+        trajectory.quaternions,
         linear,
         angular,
         *(step_accelerations(trajectory) if accelerated else ()),

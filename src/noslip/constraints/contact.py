@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -19,9 +19,12 @@ from noslip.constraints.fields import (
     unit_vector,
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_value
+from noslip.constraints.instant import Instant
+from noslip.constraints.shape import Ball, Implicit, Plane, Tube
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class PlaneContact(Constraint):
     """The reference point stays on a plane: ``n . (p - point) = 0``; polishing a table.
@@ -46,11 +49,15 @@ class PlaneContact(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, normal=direction, reference_point=point)
 
+    def shape(self) -> Plane:
+        return Plane("contact", self.point, self.normal)
+
     def residual(self, motion: Instant) -> Expression:
         """Signed distance (m)."""
         return ca.dot(unit_vector(self.normal), _from(self.point, self.reference_point, motion))
 
 
+@register
 @dataclass(frozen=True)
 class SphereContact(Constraint):
     """The reference point stays on a sphere: ``|p - center| - radius = 0``.
@@ -75,11 +82,15 @@ class SphereContact(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, center=point, radius=length, reference_point=point)
 
+    def shape(self) -> Ball:
+        return Ball("contact", self.center, self.radius)
+
     def residual(self, motion: Instant) -> Expression:
         """Signed distance, positive outside (m)."""
         return safe_norm(_from(self.center, self.reference_point, motion)) - self.radius
 
 
+@register
 @dataclass(frozen=True)
 class CylinderContact(Constraint):
     """The reference point stays on an endless cylinder: its distance from the axis is ``radius``.
@@ -107,6 +118,9 @@ class CylinderContact(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, axis=direction, radius=length, reference_point=point)
 
+    def shape(self) -> Tube:
+        return Tube("contact", self.point, self.axis, self.radius)
+
     def residual(self, motion: Instant) -> Expression:
         """Signed distance, positive outside (m)."""
         axis = unit_vector(self.axis)
@@ -114,6 +128,7 @@ class CylinderContact(Constraint):
         return safe_norm(away - ca.dot(axis, away) * axis) - self.radius
 
 
+@register
 @dataclass(frozen=True)
 class SurfaceContact(Constraint):
     """The reference point stays on an implicit surface: ``f(p) = 0``.
@@ -140,6 +155,9 @@ class SurfaceContact(Constraint):
 
     def __post_init__(self) -> None:
         settle(self, self.name, surface=checked_surface, unit=_unit, reference_point=point)
+
+    def shape(self) -> Implicit:
+        return Implicit("contact", self.surface)
 
     def residual(self, motion: Instant) -> Expression:
         """What f is at the reference point, in its own unit."""

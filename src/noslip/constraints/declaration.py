@@ -3,105 +3,35 @@
 Everything else follows from that expression by automatic differentiation: the matrix A and the
 vector b of the Udwadia-Kalaba equation, the correction of each discrete step, the Jacobians of the
 trajectory projection, the check of a recording.
+
+A constraint is a value: equal to another that declares the same, and sent to another process by
+what it declares.  One of the catalog is its class and its fields; any other is its attributes and
+its expression, as data.
 """
 
 from __future__ import annotations
 
-import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal, overload
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal, TypeVar
 
 import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
+from noslip.constraints.expression import Instructions
+from noslip.constraints.instant import AcceleratedInstant, Instant, motion_symbols
+from noslip.constraints.shape import Shape
+from noslip.edge import Edge
 from noslip.errors import ConstraintError
 
 Level = Literal["position", "velocity", "acceleration"]
 Relation = Literal["zero", "nonnegative"]
-AXES = ("x", "y", "z")
 UNITS: dict[Level, str] = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
-
-
-@dataclass(frozen=True)
-class Instant:
-    """What a constraint may be written in: CasADi expressions of one instant of the motion.
-
-    Attributes
-    ----------
-    time : expression, scalar
-        Seconds since the motion began.
-    position : expression, shape (3,)
-        Of the tool's frame, meters, world frame.
-    rotation : expression, shape (3, 3)
-        Body to world; ``rotation[:, 1]`` is the body's y axis in the world.
-    linear_velocity, angular_velocity : expression, shape (3,)
-        Meters and radians per second, world frame; ``dR/dt = [w] R``.
-    """
-
-    time: Expression
-    position: Expression
-    rotation: Expression
-    linear_velocity: Expression
-    angular_velocity: Expression
-
-    def at(self, reference_point: Sequence[float]) -> Instant:
-        """Motion of the frame moved to a body-fixed point: ``p + R r`` and ``v + w x R r``.
-
-        Parameters
-        ----------
-        reference_point : 3 numbers
-            r, in the body's frame (m).
-        """
-        if not any(reference_point):
-            return self
-        arm = ca.mtimes(self.rotation, ca.DM(list(reference_point)))
-        return replace(
-            self,
-            position=self.position + arm,
-            linear_velocity=self.linear_velocity + ca.cross(self.angular_velocity, arm),
-        )
-
-    def __getattr__(self, name: str) -> Any:
-        known = "time, position, rotation, linear_velocity, angular_velocity"
-        hint = ""
-        if "acceleration" in name:
-            hint = (
-                "; accelerations follow from the constraint (a limit on them is declared with "
-                'keep_nonnegative(level="acceleration"))'
-            )
-        raise ConstraintError(f"a motion has {known}, but no {name!r}{hint}")
-
-
-@dataclass(frozen=True)
-class AcceleratedInstant(Instant):
-    """A motion whose accelerations are known too, for inequalities at acceleration level.
-
-    Attributes
-    ----------
-    linear_acceleration, angular_acceleration : expression, shape (3,)
-        Of the step (m/s^2, rad/s^2), world frame, of the tool's frame.
-    """
-
-    linear_acceleration: Expression
-    angular_acceleration: Expression
-
-    def at(self, reference_point: Sequence[float]) -> AcceleratedInstant:
-        """Motion of a body-fixed point: its acceleration is ``a + alpha x R r + w x (w x R r)``."""
-        if not any(reference_point):
-            return self
-        arm = ca.mtimes(self.rotation, ca.DM(list(reference_point)))
-        turning = ca.cross(self.angular_velocity, arm)
-        return replace(
-            self,
-            position=self.position + arm,
-            linear_velocity=self.linear_velocity + turning,
-            linear_acceleration=self.linear_acceleration
-            + ca.cross(self.angular_acceleration, arm)
-            + ca.cross(self.angular_velocity, turning),
-        )
+"""Of a residual, unless its constraint says another."""
+MOST_PRIORITIES = 10
+"""Each soft priority weighs its limits by another power of ten; more would lose the least ones."""
 
 
 class Constraint(ABC):
@@ -126,10 +56,9 @@ class Constraint(ABC):
     priority : int
         Of inequalities: 0 is hard.  Where not all can hold, soft ones (1, 2, ...) give way, the
         largest number first.
-    lateral, edge : str or None
-        For a tool with a direction of travel: the body axis that must not move, and the one that
-        leads (either may carry a sign, as in ``"-x"``).  The trajectory projection starts from the
-        rotation that turns the edge into the path.
+    edge : Edge or None
+        Of a tool with a direction of travel: the trajectory projection starts from the rotation
+        that turns it into the path.
     """
 
     name: str
@@ -138,36 +67,146 @@ class Constraint(ABC):
     unit: str | None = None
     barrier_rate: float | None = None
     priority: int = 0
-    lateral: str | None = None
-    edge: str | None = None
+    edge: Edge | None = None
 
     @abstractmethod
     def residual(self, motion: Instant) -> Expression:
         """Return what must be zero, or not negative: a scalar, a column, or a list of scalars."""
 
+    def relative(self, motion: Instant) -> Instant:
+        """Motion of the tool relative to its work: the motion itself, unless the work moves."""
+        return motion
 
-class _DeclaredConstraint(Constraint):
-    """A constraint made from a user's function."""
+    def shape(self) -> Shape | None:
+        """What it looks like; None, if it has no place."""
+        return None
 
-    def __init__(
-        self,
-        function: _Function,
-        level: Level,
-        name: str | None,
-        relation: Relation = "zero",
-        barrier_rate: float | None = None,
-        priority: int = 0,
-    ) -> None:
-        self.function, self.level, self.relation = function, level, relation
-        self.barrier_rate, self.priority = barrier_rate, priority
-        self.name = name or getattr(function, "__name__", "constraint").replace("_", " ")
-        self.__doc__ = inspect.getdoc(function)
+    def __eq__(self, other: object) -> bool:
+        if self is other or not isinstance(other, Constraint):
+            return self is other
+        return declared(self) == declared(other)
+
+    def __hash__(self) -> int:
+        return hash(declared(self))
+
+    def __copy__(self) -> Constraint:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Constraint:
+        return self
+
+    def __reduce__(self) -> Any:
+        identity = declared(self)
+        if identity is self:
+            return super().__reduce__()
+        return DeclaredConstraint, (identity,)
+
+
+CATALOG: dict[str, type[Constraint]] = {}
+"""The classes known by name, on the command line and in files; each puts itself in."""
+
+Known = TypeVar("Known", bound=type[Constraint])
+
+
+def register(kind: Known) -> Known:
+    """Make a constraint's class known by its ``name``; it is a frozen dataclass of plain values."""
+    if CATALOG.setdefault(kind.name, kind) is not kind:
+        raise ConstraintError(f"two constraints are called {kind.name!r}")
+    return kind
+
+
+def is_registered(constraint: Constraint) -> bool:
+    """Whether a constraint is one of the catalog."""
+    return any(type(constraint) is kind for kind in CATALOG.values())
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a constraint outside the catalog is: its attributes, and its residual as data."""
+
+    name: str
+    level: Level
+    relation: Relation
+    unit: str | None
+    barrier_rate: float | None
+    priority: int
+    edge: Edge | None
+    expression: Instructions
+    relative: Instructions | None
+
+
+class DeclaredConstraint(Constraint):
+    """A constraint from its declaration; the code that declared it is not needed.
+
+    Parameters
+    ----------
+    declaration : Declaration
+    """
+
+    def __init__(self, declaration: Declaration) -> None:
+        for name in _ATTRIBUTES:
+            setattr(self, name, getattr(declaration, name))
+        self.instructions, self._relative = declaration.expression, declaration.relative
 
     def residual(self, motion: Instant) -> Expression:
-        return self.function(motion)
+        return self.instructions(*vars(motion).values())
+
+    def relative(self, motion: Instant) -> Instant:
+        if self._relative is None:
+            return motion
+        column = self._relative(*list(vars(motion).values())[:5])
+        position, rotation, velocities = ca.vertsplit(column, [0, 3, 12, 18])
+        rotation = ca.reshape(rotation, 3, 3)
+        return Instant(motion.time, position, rotation, *ca.vertsplit(velocities, 3))
 
     def __repr__(self) -> str:
         return described(self)
+
+
+_ATTRIBUTES = ["name", "level", "relation", "unit", "barrier_rate", "priority", "edge"]
+
+
+def declared(constraint: Constraint) -> Constraint | Declaration:
+    """Return what a constraint is, whoever made it: hashable, and without graphs.
+
+    One of the catalog is itself.
+
+    Raises
+    ------
+    ConstraintError
+        See :func:`constraint_function`.
+    """
+    if is_registered(constraint):
+        return constraint
+    kept = {name: getattr(constraint, name) for name in _ATTRIBUTES}
+    expression = getattr(constraint, "instructions", None) or residual_instructions(constraint)
+    relative = relative_function(constraint)
+    return Declaration(
+        **kept,
+        expression=expression,
+        relative=None if relative is None else Instructions.of(relative),
+    )
+
+
+def from_declared(identity: Constraint | Declaration) -> Constraint:
+    """Return a constraint that :func:`declared` finds to be this."""
+    return DeclaredConstraint(identity) if isinstance(identity, Declaration) else identity
+
+
+def relative_function(constraint: Constraint) -> Any:
+    """CasADi function (t, p, R, v, w) -> column of the relative p, R, v, w; None of all motion."""
+    motion = motion_symbols()
+    seen = constraint.relative(motion)
+    if seen is motion:
+        return None
+    parts = seen.position, ca.vec(seen.rotation), seen.linear_velocity, seen.angular_velocity
+    column = ca.densify(ca.vertcat(*map(ca.SX, parts)))
+    return ca.Function("relative", list(vars(motion).values())[:5], [column])
+
+
+def residual_instructions(constraint: Constraint) -> Instructions:
+    """Return a constraint's residual as data."""
+    return Instructions.of(_built(constraint))
 
 
 def described(constraint: Constraint) -> str:
@@ -176,135 +215,12 @@ def described(constraint: Constraint) -> str:
 
 
 _KINDS: dict[Relation, str] = {"zero": "constraint", "nonnegative": "inequality"}
-# An inequality at acceleration level is given an AcceleratedInstant.
-_Function = Callable[[Any], Expression]
-
-
-def _decorator(
-    decorator: str, function: _Function | None, make: Callable[[_Function], Constraint]
-) -> Constraint | Callable[[_Function], Constraint]:
-    def declare(function: _Function) -> Constraint:
-        if not callable(function):
-            raise ConstraintError(
-                f"@{decorator} is put before a function of the motion, got {function!r}"
-            )
-        return make(function)
-
-    return declare if function is None else declare(function)
-
-
-@overload
-def velocity_constraint(function: _Function, /) -> Constraint: ...
-@overload
-def velocity_constraint(*, name: str | None = None) -> Callable[[_Function], Constraint]: ...
-def velocity_constraint(
-    function: _Function | None = None, /, *, name: str | None = None
-) -> Constraint | Callable[[_Function], Constraint]:
-    """Declare ``phi(p, R, v, w, t) = 0``: non-holonomic, or any other rule about velocities.
-
-    Examples
-    --------
-    >>> @ns.velocity_constraint
-    ... def no_lateral_slip(motion):
-    ...     return motion.rotation[:, 1].T @ motion.linear_velocity
-    """
-    return _decorator(
-        "velocity_constraint", function, lambda f: _DeclaredConstraint(f, "velocity", name)
-    )
-
-
-@overload
-def position_constraint(function: _Function, /) -> Constraint: ...
-@overload
-def position_constraint(*, name: str | None = None) -> Callable[[_Function], Constraint]: ...
-def position_constraint(
-    function: _Function | None = None, /, *, name: str | None = None
-) -> Constraint | Callable[[_Function], Constraint]:
-    """Declare ``psi(p, R, t) = 0``: holonomic, a rule about where the tool may be.
-
-    Examples
-    --------
-    >>> @ns.position_constraint
-    ... def stay_on_table(motion):
-    ...     return motion.position[2]
-    """
-    return _decorator(
-        "position_constraint", function, lambda f: _DeclaredConstraint(f, "position", name)
-    )
-
-
-@overload
-def keep_nonnegative(function: _Function, /) -> Constraint: ...
-@overload
-def keep_nonnegative(
-    *,
-    name: str | None = None,
-    level: Level | None = None,
-    barrier_rate: float | None = None,
-    priority: int = 0,
-) -> Callable[[_Function], Constraint]: ...
-def keep_nonnegative(
-    function: _Function | None = None,
-    /,
-    *,
-    name: str | None = None,
-    level: Level | None = None,
-    barrier_rate: float | None = None,
-    priority: int = 0,
-) -> Constraint | Callable[[_Function], Constraint]:
-    """Declare an inequality, ``h >= 0``, of the pose or of the velocities too.
-
-    At run time it is a barrier row of the quadratic program: ``dh/dt + rate h >= 0`` at velocity
-    level (relative degree one), the same twice over at position level (relative degree two).  The
-    margin h is then never used up.
-
-    Parameters
-    ----------
-    function : callable
-        Takes the motion, returns the margin: a number, a column or a list.
-    name : str, optional
-    level : "position", "velocity" or "acceleration", optional
-        By default "velocity" if the margin depends on a velocity, else "position".  At
-        "acceleration", the motion has ``linear_acceleration`` and ``angular_acceleration`` too.
-    barrier_rate : float, optional
-        1/s; the higher, the later and the harder the limit acts.  By default 300 per duration.
-    priority : int
-        0 is hard.  Where not all can hold, soft limits (1, 2, ...) give way, the largest number
-        first.
-
-    Examples
-    --------
-    >>> @ns.keep_nonnegative
-    ... def above_the_table(motion):
-    ...     return motion.position[2]
-    """
-
-    def make(f: _Function) -> Constraint:
-        constraint = _DeclaredConstraint(
-            f, level or "velocity", name, "nonnegative", barrier_rate, priority
-        )
-        if level is None and not _depends_on_velocity(constraint):
-            constraint.level = "position"
-        return constraint
-
-    return _decorator("keep_nonnegative", function, make)
-
-
-def motion_symbols() -> AcceleratedInstant:
-    """One instant of a motion, as symbols."""
-    return AcceleratedInstant(
-        ca.SX.sym("t"),
-        ca.SX.sym("p", 3),
-        ca.SX.sym("R", 3, 3),
-        ca.SX.sym("v", 3),
-        ca.SX.sym("w", 3),
-        ca.SX.sym("a", 3),
-        ca.SX.sym("alpha", 3),
-    )
 
 
 def constraint_function(constraint: Constraint) -> Any:
     """CasADi function (t, p, R, v, w, a, alpha) -> residual column, checked for what it must be.
+
+    Those that declare the same share one.
 
     Raises
     ------
@@ -312,8 +228,30 @@ def constraint_function(constraint: Constraint) -> Any:
         If the declaration fails, gives no number or column of numbers, does not depend on the
         motion, or depends on other quantities than those of its level.
     """
-    motion = motion_symbols()
-    column = _column(constraint, motion)
+    _require_attributes(constraint)
+    return _function(declared(constraint))
+
+
+@lru_cache(maxsize=256)
+def _function(identity: Constraint | Declaration) -> Any:
+    return _built(from_declared(identity))
+
+
+def row_units(constraint: Constraint) -> list[str]:
+    """For each row, the unit of its residual.
+
+    Several in a constraint's ``unit`` are those of its rows, in order: ``"m/s, rad/s"`` of four
+    rows are two rows of each.
+    """
+    rows = constraint_function(constraint).size1_out(0)
+    unit = constraint.unit or UNITS[constraint.level]
+    units = unit.split(", ")
+    if rows % len(units):
+        return [unit] * rows
+    return [units[row * len(units) // rows] for row in range(rows)]
+
+
+def _require_attributes(constraint: Constraint) -> None:
     name = constraint.name
     if constraint.relation not in list(_KINDS) or constraint.level not in list(UNITS):
         raise ConstraintError(
@@ -325,6 +263,11 @@ def constraint_function(constraint: Constraint) -> Any:
             f"constraint {name!r}: an equality is declared at position or velocity level; "
             "accelerations follow from it"
         )
+    if not (constraint.edge is None or isinstance(constraint.edge, Edge)):
+        raise ConstraintError(
+            f"constraint {name!r}: edge is an Edge, as in Edge('x', lateral='y'), or None; got "
+            f"{constraint.edge!r}"
+        )
     if constraint.barrier_rate is not None:
         _arguments.positive(f"constraint {name!r}: barrier_rate", constraint.barrier_rate, "1/s")
     if not (type(constraint.priority) is int and 0 <= constraint.priority < MOST_PRIORITIES):
@@ -332,6 +275,12 @@ def constraint_function(constraint: Constraint) -> Any:
             f"constraint {name!r}: priority is 0 (hard) or a whole number up to "
             f"{MOST_PRIORITIES - 1} (soft), got {constraint.priority!r}"
         )
+
+
+def _built(constraint: Constraint) -> Any:
+    _require_attributes(constraint)
+    name, motion = constraint.name, motion_symbols()
+    column = _column(constraint, motion)
     levels = _levels(motion)
     if not any(ca.depends_on(column, quantity) for quantity in levels.values()):
         raise ConstraintError(
@@ -357,9 +306,6 @@ def constraint_function(constraint: Constraint) -> Any:
         if constraint.level == "acceleration" and not ca.depends_on(row, levels["acceleration"]):
             raise ConstraintError(f"{which} depends on no acceleration; leave out its level")
     return ca.Function("constraint", [*vars(motion).values()], [column])
-
-
-MOST_PRIORITIES = 10
 
 
 def _column(constraint: Constraint, motion: AcceleratedInstant) -> Expression:
@@ -415,14 +361,6 @@ def _levels(motion: AcceleratedInstant) -> dict[Level, Expression]:
     }
 
 
-def _depends_on_velocity(constraint: Constraint) -> bool:
+def depends_on_velocity(constraint: Constraint) -> bool:
     motion = motion_symbols()
     return bool(ca.depends_on(_column(constraint, motion), _levels(motion)["velocity"]))
-
-
-def axis_index(axis: str, name: str = "axis") -> tuple[int, float]:
-    """Index and sign of a body axis such as ``"y"`` or ``"-x"``."""
-    letter = axis.removeprefix("-") if isinstance(axis, str) else axis
-    if not isinstance(letter, str) or letter not in AXES:
-        raise ConstraintError(f"{name}: a body axis is one of x, y, z, -x, -y, -z; got {axis!r}")
-    return AXES.index(letter), -1.0 if axis.startswith("-") else 1.0

@@ -7,10 +7,13 @@ and reading it back can do nothing but arithmetic.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
+from noslip._typing import Expression
 from noslip.errors import ConstraintError
 
 _CONSTANT, _INPUT, _OUTPUT = "CONST", "INPUT", "OUTPUT"
@@ -75,58 +78,90 @@ _CODES = {
 _NAMES = {code: name for name, code in _CODES.items()}
 
 
-def to_data(function: Any) -> list[list[Any]]:
-    """Instructions of an SX function with one output: name, result, operands (or a number).
+@dataclass(frozen=True)
+class Instructions:
+    """A function of expressions as its arithmetic: called like it, equal and sent by what it does.
 
-    Raises
-    ------
-    ConstraintError
-        If it uses something other than arithmetic.
+    Attributes
+    ----------
+    steps : tuple of tuples
+        Name, result, operands (or a number) of each instruction.
     """
-    instructions: list[list[Any]] = []
+
+    steps: tuple[tuple[Any, ...], ...]
+
+    @classmethod
+    def of(cls, function: Any) -> Instructions:
+        """Return the instructions of a CasADi SX function with one output.
+
+        Raises
+        ------
+        ConstraintError
+            If it uses something other than arithmetic.
+        """
+        return cls(tuple(_steps(function)))
+
+    @classmethod
+    def from_data(cls, data: Any) -> Instructions:
+        """Return the instructions that :meth:`to_data` wrote.
+
+        Raises
+        ------
+        ConstraintError
+            If the data are none.
+        """
+        try:
+            return cls(tuple(tuple(step) for step in data))
+        except TypeError as error:
+            raise ConstraintError(f"its expression cannot be read: {error}") from error
+
+    def to_data(self) -> list[list[Any]]:
+        """Return plain data, for JSON."""
+        return [list(step) for step in self.steps]
+
+    def __call__(self, *arguments: Expression) -> Expression:
+        """Evaluate on expressions; return the output as a column.
+
+        Raises
+        ------
+        ConstraintError
+            If an instruction is none.
+        """
+        work: dict[int, Any] = {}
+        outputs: dict[int, Any] = {}
+        try:
+            for name, result, *operands in self.steps:
+                if name == _CONSTANT:
+                    work[result] = ca.SX(float(operands[0]))
+                elif name == _INPUT:
+                    argument, place = operands
+                    work[result] = ca.vec(arguments[argument])[place]
+                elif name == _OUTPUT:
+                    outputs[result] = work[operands[0]]
+                elif name in _UNARY:
+                    work[result] = ca.SX.unary(_CODES[name], work[operands[0]])
+                elif name in _BINARY:
+                    work[result] = ca.SX.binary(_CODES[name], *(work[k] for k in operands))
+                else:
+                    raise ValueError(f"unknown operation {name!r}")
+            return ca.vertcat(*(outputs[row] for row in range(len(outputs))))
+        except Exception as error:
+            reason = " ".join(str(error).split())
+            raise ConstraintError(f"its expression cannot be read: {reason}") from error
+
+
+def _steps(function: Any) -> Iterator[tuple[Any, ...]]:
     for k in range(function.n_instructions()):
         name = _NAMES.get(function.instruction_id(k))
         if name is None:
             raise ConstraintError(
                 f"constraint uses CasADi operation {function.instruction_id(k)}, which cannot be "
-                "saved; write it with arithmetic"
+                "kept; write it with arithmetic"
             )
         result, operands = function.instruction_output(k), function.instruction_input(k)
         if name == _CONSTANT:
-            instructions.append([name, result[0], function.instruction_constant(k)])
+            yield name, result[0], function.instruction_constant(k)
         elif name == _OUTPUT:
-            instructions.append([name, result[1], operands[0]])
+            yield name, result[1], operands[0]
         else:
-            instructions.append([name, result[0], *operands])
-    return instructions
-
-
-def from_data(instructions: Any, arguments: list[Any]) -> Any:
-    """Evaluate instructions on expressions; return the output as a column.
-
-    Raises
-    ------
-    ConstraintError
-        If the data are not instructions that :func:`to_data` wrote.
-    """
-    work: dict[int, Any] = {}
-    outputs: dict[int, Any] = {}
-    try:
-        for name, result, *operands in instructions:
-            if name == _CONSTANT:
-                work[result] = ca.SX(float(operands[0]))
-            elif name == _INPUT:
-                argument, place = operands
-                work[result] = ca.vec(arguments[argument])[place]
-            elif name == _OUTPUT:
-                outputs[result] = work[operands[0]]
-            elif name in _UNARY:
-                work[result] = ca.SX.unary(_CODES[name], work[operands[0]])
-            elif name in _BINARY:
-                work[result] = ca.SX.binary(_CODES[name], work[operands[0]], work[operands[1]])
-            else:
-                raise ValueError(f"unknown operation {name!r}")
-        return ca.vertcat(*(outputs[row] for row in range(len(outputs))))
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise ConstraintError(f"its expression cannot be read: {reason}") from error
+            yield name, result[0], *operands

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import AXES, Constraint, Instant, axis_index
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.instant import Instant
+from noslip.edge import AXES, Edge, axis_index
 from noslip.errors import ConstraintError, InputError
 
 Triple = Sequence[float]
@@ -38,6 +40,23 @@ def settle(constraint: Constraint, name: str, /, **checks: Check) -> None:
         except InputError as error:
             raise ConstraintError(str(error)) from None
         object.__setattr__(constraint, field, value)
+
+
+def settle_edge(constraint: Constraint, name: str, lateral: str | None, across: str = "") -> None:
+    """Make the :class:`Edge` of a constraint whose argument ``edge`` names the axis of travel.
+
+    `across` is what an error calls the lateral axis.
+    """
+    settle(constraint, name, edge=_travel)
+    travel, place = cast(str, constraint.edge), constraint.reference_point  # type: ignore[attr-defined]
+    if lateral is not None and axis_index(lateral)[0] == axis_index(travel)[0]:
+        raise ConstraintError(f"{name}: {across} and the edge must differ, both are {travel!r}")
+    object.__setattr__(constraint, "edge", Edge(travel, lateral, place))
+
+
+def _travel(name: str, value: Any) -> str:
+    # A copy with other arguments is given the edge that was made before.
+    return axis(name, value.travel if isinstance(value, Edge) else value)
 
 
 def point(name: str, value: Any, unit: str = "m") -> tuple[float, ...]:

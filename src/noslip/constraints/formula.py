@@ -9,11 +9,14 @@ from typing import Any
 import casadi as ca
 
 from noslip._typing import Expression
+from noslip.constraints.expression import Instructions
 from noslip.constraints.fields import safe_norm
 from noslip.errors import ConstraintError
 
 Surface = str | Callable[[Expression], Expression]
-"""f of an implicit surface ``f(p) = 0``: text, or a function of a position (shape (3,))."""
+"""f of an implicit surface ``f(p) = 0``: text, or a function of a position (shape (3,)).
+
+A constraint keeps a user's function as its instructions."""
 
 _FUNCTIONS = {
     "abs": ca.fabs,
@@ -58,8 +61,9 @@ def checked_surface(name: str, surface: Any) -> Surface:
         raise ConstraintError(f"{name} must give one number, it has shape {value.shape}")
     if not ca.depends_on(value, position):
         raise ConstraintError(f"{name} does not depend on the position: it is {value}")
-    checked: Surface = surface
-    return checked
+    if isinstance(surface, str):
+        return surface
+    return Instructions.of(ca.Function("surface", [position], [ca.densify(value)]))
 
 
 def surface_value(surface: Surface, position: Expression) -> Expression:

@@ -13,11 +13,14 @@ import casadi as ca
 import numpy as np
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Instant
+from noslip.constraints.declaration import register
 from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
+from noslip.constraints.instant import Instant
 from noslip.constraints.limit import ROUNDING, Limit, rounded_length
+from noslip.constraints.shape import Ball, Capsule
 
 
+@register
 @dataclass(frozen=True)
 class KeepOutSphere(Limit):
     """``|p - c| - r >= 0``: the tool stays out of a sphere.
@@ -42,12 +45,16 @@ class KeepOutSphere(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, center=point, radius=length, reference_point=point)
 
+    def shape(self) -> Ball:
+        return Ball("keep-out", self.center, self.radius)
+
     def residual(self, motion: Instant) -> Expression:
         """Distance to the sphere (m)."""
         position = motion.at(self.reference_point).position
         return _clearance(position - ca.DM(list(self.center)), self.radius)
 
 
+@register
 @dataclass(frozen=True)
 class KeepOutCapsule(Limit):
     """``min_s |p - a - s (b - a)| - r >= 0`` over s in [0, 1]: the tool stays out of a capsule.
@@ -76,6 +83,9 @@ class KeepOutCapsule(Limit):
 
     def __post_init__(self) -> None:
         settle(self, self.name, start=point, end=point, radius=length, reference_point=point)
+
+    def shape(self) -> Capsule:
+        return Capsule("keep-out", self.start, self.end, self.radius)
 
     def residual(self, motion: Instant) -> Expression:
         """Distance to the capsule (m)."""

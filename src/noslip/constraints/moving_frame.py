@@ -12,16 +12,20 @@ import numpy as np
 from noslip import _arguments
 from noslip._typing import Expression
 from noslip.constraints.blade import Blade
-from noslip.constraints.declaration import Constraint, Instant
+from noslip.constraints.catalog import parse_constraint
+from noslip.constraints.declaration import Constraint, register
+from noslip.constraints.expression import Instructions
 from noslip.constraints.fields import ORIGIN, Triple, number, point, settle
+from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError
 from noslip.rotations import quaternion_exp, rotation_matrix
 
 NAME = "in-moving-frame"
-_INHERITED = ("level", "relation", "lateral", "edge", "unit", "barrier_rate", "priority")
+_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority")
 _LISTS = (list, tuple, np.ndarray)
 
 
+@register
 @dataclass(frozen=True)
 class InMovingFrame(Constraint):
     """A constraint on the motion as seen from a frame with origin ``c(t)``, rotation ``R_f(t)``.
@@ -68,7 +72,7 @@ class InMovingFrame(Constraint):
     velocity: Triple = ORIGIN
     frame: Callable[[Expression], Any] | None = None
 
-    inner: Constraint = field(init=False, repr=False, compare=False)
+    name = NAME
 
     def __post_init__(self) -> None:
         settle(
@@ -86,14 +90,28 @@ class InMovingFrame(Constraint):
                 f"{NAME}: constraint {inner.name!r} is a limit on accelerations; only those on "
                 "poses and velocities can move with a frame"
             )
-        object.__setattr__(self, "inner", inner)
+        object.__setattr__(self, "constraint", inner)
         object.__setattr__(self, "name", f"{inner.name} in moving frame")
         for attribute in _INHERITED:
             object.__setattr__(self, attribute, getattr(inner, attribute))
-        self._require_frame()
+        if self.frame is not None:
+            object.__setattr__(self, "frame", _frame_instructions(self.frame))
+
+    @property
+    def inner(self) -> Constraint:
+        """What holds in the frame."""
+        assert isinstance(self.constraint, Constraint)
+        return self.constraint
 
     def residual(self, motion: Instant) -> Expression:
         """The constraint's own residual on the relative motion, in its unit."""
+        return self.inner.residual(self._seen(motion))
+
+    def relative(self, motion: Instant) -> Instant:
+        """Motion relative to the frame, and to what moves in it."""
+        return self.inner.relative(self._seen(motion))
+
+    def _seen(self, motion: Instant) -> Instant:
         t = ca.SX.sym("t")
         c, R = self.pose(t)
         spin = ca.mtimes(ca.reshape(ca.jacobian(ca.vec(R), t), 3, 3), R.T)
@@ -101,21 +119,19 @@ class InMovingFrame(Constraint):
         c, R, c_rate, w = ca.substitute([c, R, ca.jacobian(c, t), w], [t], [motion.time])
         away = motion.position - c
         carried = c_rate + ca.cross(w, away)
-        relative = Instant(
+        return Instant(
             motion.time,
             ca.mtimes(R.T, away),
             ca.mtimes(R.T, motion.rotation),
             ca.mtimes(R.T, motion.linear_velocity - carried),
             ca.mtimes(R.T, motion.angular_velocity - w),
         )
-        return self.inner.residual(relative)
 
     def pose(self, time: Expression) -> tuple[Expression, Expression]:
         """Origin (m), 3 x 1, and rotation matrix, frame to world, 3 x 3, at a time (s)."""
         if self.frame is not None:
-            value = self.frame(time)
-            origin, rotation = value if _is_pair(value) else (value, np.eye(3))
-            return ca.SX(_matrix(origin)), ca.SX(_matrix(rotation))
+            column = self.frame(time)
+            return column[:3], ca.reshape(column[3:], 3, 3)
         sway = ca.sin(2 * np.pi / self.period * time + self.phase)
         origin = ca.DM(list(self.velocity)) * time + ca.DM(list(self.amplitude)) * sway
         if not any(self.rotation_amplitude):
@@ -123,33 +139,38 @@ class InMovingFrame(Constraint):
         turn = quaternion_exp(ca.DM(list(self.rotation_amplitude)) * sway)
         return ca.SX(origin), rotation_matrix(turn)
 
-    def _require_frame(self) -> None:
-        """Refuse a user's function that gives no frame."""
-        if self.frame is None:
-            return
-        if not callable(self.frame):
-            raise ConstraintError(f"{NAME}: frame must be a function of time, got {self.frame!r}")
-        t = ca.SX.sym("t")
-        try:
-            origin, rotation = self.pose(t)
-            pose = ca.Function("frame", [t], [origin, rotation])
-        except Exception as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
+
+def _frame_instructions(frame: Any) -> Instructions:
+    """Origin, then the rotation matrix's columns, of a user's function of time; checked."""
+    if isinstance(frame, Instructions):
+        return frame
+    if not callable(frame):
+        raise ConstraintError(f"{NAME}: frame must be a function of time, got {frame!r}")
+    t = ca.SX.sym("t")
+    try:
+        value = frame(t)
+        origin, rotation = value if _is_pair(value) else (value, np.eye(3))
+        origin, rotation = ca.SX(_matrix(origin)), ca.SX(_matrix(rotation))
+        pose = ca.Function("frame", [t], [origin, rotation])
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ConstraintError(
+            f"{NAME}: frame cannot be evaluated: {reason}; it takes the time and returns 3 "
+            "expressions, or a tuple of them and a 3 x 3 matrix"
+        ) from error
+    if origin.shape != (3, 1) or rotation.shape != (3, 3):
+        raise ConstraintError(
+            f"{NAME}: frame must return 3 expressions, or a tuple of them and a 3 x 3 matrix; "
+            f"got shapes {origin.shape} and {rotation.shape}"
+        )
+    for instant in (0.0, 0.37):
+        R = np.array(pose(instant)[1])
+        if not np.abs(R.T @ R - np.eye(3)).max() < 1e-6 or np.linalg.det(R) < 0:
             raise ConstraintError(
-                f"{NAME}: frame cannot be evaluated: {reason}; it takes the time and returns 3 "
-                "expressions, or a tuple of them and a 3 x 3 matrix"
-            ) from error
-        if origin.shape != (3, 1) or rotation.shape != (3, 3):
-            raise ConstraintError(
-                f"{NAME}: frame must return 3 expressions, or a tuple of them and a 3 x 3 matrix; "
-                f"got shapes {origin.shape} and {rotation.shape}"
+                f"{NAME}: frame must return a rotation matrix; at {instant:g} s it is none"
             )
-        for instant in (0.0, 0.37):
-            R = np.array(pose(instant)[1])
-            if not np.abs(R.T @ R - np.eye(3)).max() < 1e-6 or np.linalg.det(R) < 0:
-                raise ConstraintError(
-                    f"{NAME}: frame must return a rotation matrix; at {instant:g} s it is none"
-                )
+    column = ca.densify(ca.vertcat(origin, ca.vec(rotation)))
+    return Instructions.of(ca.Function("frame", [t], [column]))
 
 
 def _resolved(constraint: Any) -> Constraint:
@@ -167,9 +188,6 @@ def _resolved(constraint: Any) -> Constraint:
             f"{NAME}: constraint {constraint!r} names a file; declare InMovingFrame(...) in that "
             "file and name that"
         )
-    # The catalog knows this class, so it cannot be known when this module is read.
-    from noslip.constraints.catalog import parse_constraint
-
     try:
         return parse_constraint(constraint)
     except ConstraintError as error:

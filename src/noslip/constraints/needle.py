@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import AXES, Constraint, Instant, axis_index
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -18,9 +18,12 @@ from noslip.constraints.fields import (
     point,
     settle,
 )
+from noslip.constraints.instant import Instant
+from noslip.edge import AXES, Edge, axis_index
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class Needle(Constraint):
     """A needle in tissue moves along its shaft: ``(R e_1) . v = (R e_2) . v = 0``.
@@ -64,8 +67,8 @@ class Needle(Constraint):
                 f"got {self.bevel!r}"
             )
         # The shaft leads, and the path bends to the side that is perpendicular to the bevel axis.
-        object.__setattr__(self, "edge", self.shaft)
-        object.__setattr__(self, "lateral", AXES[3 - shaft - bevel])
+        lateral = AXES[3 - shaft - bevel]
+        object.__setattr__(self, "edge", Edge(self.shaft, lateral, self.reference_point))
         if self.curvature:
             object.__setattr__(self, "unit", "m/s, rad/s")
 

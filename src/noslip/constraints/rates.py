@@ -10,12 +10,14 @@ from typing import Any
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import UNITS, Instant
+from noslip.constraints.declaration import UNITS, register
 from noslip.constraints.fields import ORIGIN, Triple, point, settle
+from noslip.constraints.instant import Instant
 from noslip.constraints.limit import Limit, rounded_length
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class SpeedLimit(Limit):
     """``s - |v| >= 0``: the tool moves no faster than a speed, in whatever direction.
@@ -44,6 +46,7 @@ class SpeedLimit(Limit):
         return self.speed - rounded_length(velocity, self.speed)
 
 
+@register
 @dataclass(frozen=True)
 class AngularRateLimit(Limit):
     """``r - |w| >= 0``: the tool turns no faster than a rate, about whatever axis.
@@ -68,6 +71,7 @@ class AngularRateLimit(Limit):
         return self.rate - rounded_length(motion.angular_velocity, self.rate)
 
 
+@register
 @dataclass(frozen=True)
 class AccelerationLimit(Limit):
     """``l - |a| >= 0`` and ``m - |alpha| >= 0``: bounds on the acceleration of each step.

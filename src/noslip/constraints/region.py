@@ -10,17 +10,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import Instant
+from noslip.constraints.declaration import register
 from noslip.constraints.fields import ORIGIN, Triple, direction, point, settle, unit_vector
+from noslip.constraints.instant import Instant
 from noslip.constraints.limit import Limit
+from noslip.constraints.shape import Plane, Sides
 from noslip.errors import ConstraintError
 
-Sides = tuple[float | None, float | None, float | None]
+_Bounds = tuple[float | None, float | None, float | None]
 
 
+@register
 @dataclass(frozen=True)
 class HalfSpace(Limit):
     """``n . (p - p_0) >= 0``: the tool stays on the side of a plane that the normal points to.
@@ -47,11 +51,15 @@ class HalfSpace(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, normal=direction, reference_point=point)
 
+    def shape(self) -> Plane:
+        return Plane("limit", self.point, self.normal)
+
     def residual(self, motion: Instant) -> Expression:
         """Distance to the plane, negative behind it (m)."""
         return _height(motion, self.point, self.normal, self.reference_point)
 
 
+@register
 @dataclass(frozen=True)
 class DepthLimit(Limit):
     """``d + n . (p - p_s) >= 0``: the tool goes at most a depth d below a flat surface.
@@ -86,12 +94,19 @@ class DepthLimit(Limit):
             reference_point=point,
         )
 
+    def shape(self) -> Plane:
+        deepest = np.subtract(
+            self.surface_point, self.depth * np.array(unit_vector(self.normal)).ravel()
+        )
+        return Plane("limit", tuple(deepest.tolist()), self.normal)
+
     def residual(self, motion: Instant) -> Expression:
         """How much deeper the tool may go (m)."""
         height = _height(motion, self.surface_point, self.normal, self.reference_point)
         return self.depth + height
 
 
+@register
 @dataclass(frozen=True)
 class Box(Limit):
     """``l <= p <= u``, side by side: the tool stays within a box along the world's axes.
@@ -104,8 +119,8 @@ class Box(Limit):
         The point of the tool that must stay there (m, body frame).
     """
 
-    lower: Sides = (-1.0, -1.0, -1.0)
-    upper: Sides = (1.0, 1.0, 1.0)
+    lower: _Bounds = (-1.0, -1.0, -1.0)
+    upper: _Bounds = (1.0, 1.0, 1.0)
     reference_point: Triple = ORIGIN
 
     name = "box"
@@ -120,6 +135,9 @@ class Box(Limit):
                 raise ConstraintError(
                     f"box: lower must be below upper, got {low} and {high} ({axis})"
                 )
+
+    def shape(self) -> Sides:
+        return Sides("limit", self.lower, self.upper)
 
     def residual(self, motion: Instant) -> Expression:
         """Distances to the sides (m): from the lower ones x, y, z, then from the upper ones."""
@@ -136,15 +154,15 @@ def _height(
     return ca.dot(unit_vector(normal), offset)
 
 
-def _lower_sides(name: str, value: Any) -> Sides:
+def _lower_sides(name: str, value: Any) -> _Bounds:
     return _sides(name, value, -math.inf)
 
 
-def _upper_sides(name: str, value: Any) -> Sides:
+def _upper_sides(name: str, value: Any) -> _Bounds:
     return _sides(name, value, math.inf)
 
 
-def _sides(name: str, value: Any, left_out: float) -> Sides:
+def _sides(name: str, value: Any, left_out: float) -> _Bounds:
     try:
         sides = [left_out if side is None else float(side) for side in value]
     except (TypeError, ValueError, OverflowError):

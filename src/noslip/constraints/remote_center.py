@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, other_axes, point, settle
+from noslip.constraints.instant import Instant
+from noslip.constraints.shape import Mark
 
 
+@register
 @dataclass(frozen=True)
 class RemoteCenter(Constraint):
     """The shaft's line passes through a point: ``(R e_1) . (c - p) = (R e_2) . (c - p) = 0``.
@@ -37,6 +40,9 @@ class RemoteCenter(Constraint):
 
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, shaft=axis, reference_point=point)
+
+    def shape(self) -> Mark:
+        return Mark(self.point)
 
     def residual(self, motion: Instant) -> Expression:
         """Where the point lies beside the shaft (m), along both perpendicular body axes."""

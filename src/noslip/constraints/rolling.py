@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -20,8 +20,10 @@ from noslip.constraints.fields import (
     settle,
     unit_vector,
 )
+from noslip.constraints.instant import Instant
 
 
+@register
 @dataclass(frozen=True)
 class RollingDisc(Constraint):
     """A thin disc that rolls on a plane: ``v + w x (-radius u) = 0`` at its lowest point.
@@ -63,6 +65,7 @@ class RollingDisc(Constraint):
         )
 
 
+@register
 @dataclass(frozen=True)
 class RollingSphere(Constraint):
     """A ball that rolls on a plane: ``v + w x (-radius n) = 0`` at its contact.

@@ -2,25 +2,41 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Sequence
-from functools import cached_property
-from typing import TypeVar
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from functools import cached_property, lru_cache
+from threading import RLock
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from noslip._typing import Expression, Floats
-from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, constraint_function
+from noslip.constraints.declaration import (
+    Constraint,
+    Level,
+    Relation,
+    constraint_function,
+    declared,
+    row_units,
+)
 from noslip.errors import ConstraintError
-from noslip.rotations import quaternion_product, rotation_matrix
+from noslip.rotations import quaternion_exp, quaternion_product, rotation_matrix
 
 T = TypeVar("T")
+
+MOST_SYSTEMS = 64
+"""More than a program uses at once; the graphs of one take some 100 kB to 10 MB."""
+MOST_OWNED = 64
+"""Of one system: its own five graphs, and steps and stages in a dozen metrics and forms."""
 
 
 class ConstraintSystem:
     """Constraints stacked row by row, in the order given.
+
+    Equal to another of the same constraints in the same order; both share their graphs, and what
+    else is kept with :meth:`owned`.
 
     The residual of an inequality is its margin.  Projections treat :attr:`equalities` and
     :attr:`limits` apart; checks and figures take all rows together.
@@ -56,32 +72,66 @@ class ConstraintSystem:
                     f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
                 )
         self.names = _numbered([c.name for c in self.constraints])
-        t, p, q, v, w = _state_symbols()
-        a, alpha = ca.SX.sym("a", 3), ca.SX.sym("alpha", 3)
-        R = rotation_matrix(q)
-        columns = [constraint_function(c)(t, p, R, v, w, a, alpha) for c in self.constraints]
-        self.rows: tuple[int, ...] = tuple(column.shape[0] for column in columns)
-        stacked = ca.vertcat(ca.SX(0, 1), *columns)
-        self.function = ca.Function("residual", [t, p, q, v, w, a, alpha], [stacked])
+        self._own()
 
-    @cached_property
+    def _own(self) -> None:
+        self.rows: tuple[int, ...] = tuple(
+            constraint_function(c).size1_out(0) for c in self.constraints
+        )
+        self._identity = tuple(map(declared, self.constraints)), self.names
+        self._hash = hash(self._identity)
+        self._graphs = _graphs(self)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ConstraintSystem):
+            return NotImplemented
+        return self._hash == other._hash and self._identity == other._identity
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> Any:
+        return _named, (self.constraints, self.names)
+
+    def owned(self, key: Hashable, build: Callable[[], T]) -> T:
+        """Return what is kept under a key for all systems that declare the same.
+
+        Parameters
+        ----------
+        key : hashable
+            Names what is kept, and all that it depends on besides the constraints.
+        build : callable
+            Called without arguments if there is nothing yet, or no longer; by one thread at a time.
+        """
+        found: T = self._graphs.get(key, build)
+        return found
+
+    @property
     def equalities(self) -> ConstraintSystem:
         """Those of the constraints that must be zero."""
         return self._those("zero")
 
-    @cached_property
+    @property
     def limits(self) -> ConstraintSystem:
         """Those of the constraints that must not be negative."""
         return self._those("nonnegative")
 
     def _those(self, relation: Relation) -> ConstraintSystem:
-        chosen = [c for c in self.constraints if c.relation == relation]
+        chosen = [i for i, c in enumerate(self.constraints) if c.relation == relation]
         if len(chosen) == len(self.constraints):
             return self
-        system = ConstraintSystem(chosen)
-        numbered = zip(self.names, self.constraints, strict=True)
-        system.names = tuple(name for name, c in numbered if c.relation == relation)
-        return system
+        constraints = tuple(self.constraints[i] for i in chosen)
+        names = tuple(self.names[i] for i in chosen)
+        return self.owned(relation, lambda: _named(constraints, names))
+
+    @property
+    def edged(self) -> Constraint | None:
+        """The constraint that says where the tool's edge is, and what moves under it.
+
+        The first with a lateral axis, else the first with an axis of travel.
+        """
+        named = [c for c in self.constraints if c.edge is not None]
+        return next((c for c in named if c.edge and c.edge.lateral), named[0] if named else None)
 
     @property
     def size(self) -> int:
@@ -109,18 +159,8 @@ class ConstraintSystem:
 
     @cached_property
     def row_units(self) -> list[str]:
-        """For each row, the unit of its residual.
-
-        Several in a constraint's ``unit`` are those of its rows, in order: ``"m/s, rad/s"`` of four
-        rows are two rows of each.
-        """
-        found = []
-        for constraint, rows in zip(self.constraints, self.rows, strict=True):
-            unit = constraint.unit or UNITS[constraint.level]
-            units = unit.split(", ")
-            parts = [units[row * len(units) // rows] for row in range(rows)]
-            found += [unit] * rows if rows % len(units) else parts
-        return found
+        """For each row, the unit of its residual."""
+        return [unit for constraint in self.constraints for unit in row_units(constraint)]
 
     @cached_property
     def row_names(self) -> list[str]:
@@ -130,6 +170,19 @@ class ConstraintSystem:
             for name, rows in zip(self.names, self.rows, strict=True)
             for row in range(rows)
         ]
+
+    @property
+    def function(self) -> Any:
+        """CasADi function (t, p, q, v, w, a, alpha) -> stacked residual."""
+        return self.owned("residual", self._residual)
+
+    def _residual(self) -> Any:
+        t, p, q, v, w = _state_symbols()
+        a, alpha = ca.SX.sym("a", 3), ca.SX.sym("alpha", 3)
+        R = rotation_matrix(q)
+        columns = [constraint_function(c)(t, p, R, v, w, a, alpha) for c in self.constraints]
+        stacked = ca.vertcat(ca.SX(0, 1), *columns)
+        return ca.Function("residual", [t, p, q, v, w, a, alpha], [stacked])
 
     def residual(
         self,
@@ -155,21 +208,28 @@ class ConstraintSystem:
         angular_accelerations: ArrayLike | None = None,
     ) -> Floats:
         """Residuals of many instants, shape (N, m); arguments have time first."""
-        count = len(np.atleast_1d(times))
-        if self.size == 0:
-            return np.zeros((count, 0))
-        still = np.zeros((count, 3))
-        given = (
+        return self._mapped(
+            self.function,
             times,
             positions,
             quaternions,
             linear_velocities,
             angular_velocities,
-            still if linear_accelerations is None else linear_accelerations,
-            still if angular_accelerations is None else angular_accelerations,
+            linear_accelerations,
+            angular_accelerations,
         )
-        arguments = (np.asarray(a, dtype=np.float64).reshape(count, -1).T for a in given)
-        residuals = np.array(self.function.map(count)(*arguments)).T.reshape(count, self.size)
+
+    def _mapped(self, function: ca.Function, times: ArrayLike, *given: ArrayLike | None) -> Floats:
+        """Residuals at many instants or steps; what is not given is zero."""
+        count = np.size(times)
+        if self.size == 0:
+            return np.zeros((count, 0))
+        still = np.zeros((3, count))
+        arguments = (
+            still if a is None else np.asarray(a, dtype=np.float64).reshape(count, -1).T
+            for a in (times, *given)
+        )
+        residuals = np.array(function.map(count)(*arguments)).T.reshape(count, self.size)
         if not np.all(np.isfinite(residuals)):
             sample, row = np.argwhere(~np.isfinite(residuals))[0]
             raise ConstraintError(
@@ -178,8 +238,74 @@ class ConstraintSystem:
             )
         return residuals
 
-    @cached_property
-    def _first_order(self) -> ca.Function:
+    def of_step(
+        self,
+        t: Expression,
+        h: Expression,
+        p: Expression,
+        q: Expression,
+        v: Expression,
+        w: Expression,
+        a: Expression = 0,
+        alpha: Expression = 0,
+    ) -> Expression:
+        """Residual of the step of length h from (t, p, q) at constant velocities v, w.
+
+        Rows at velocity level are those of the step's middle, ``p + h v / 2``, ``Exp(h w / 2) R``,
+        which is second order and symmetric in time; rows at position level those of its end.
+        """
+        at_end = [level == "position" for level in self.row_levels]
+        middle = end = ca.SX()
+        if not all(at_end):
+            turned = quaternion_product(quaternion_exp(h / 2 * w), q)
+            middle = self.residual(t + h / 2, p + h / 2 * v, turned, v, w, a, alpha)
+        if any(at_end):
+            half = quaternion_exp(h / 2 * w)
+            turned = quaternion_product(half, quaternion_product(half, q))
+            end = self.residual(t + h, p + h * v, turned, v, w, a, alpha)
+        rows = [(end if ends else middle)[i] for i, ends in enumerate(at_end)]
+        return ca.vertcat(ca.SX(0, 1), *rows)
+
+    def _step_residual(self) -> Any:
+        t, p, q, v, w = _state_symbols()
+        h, a, alpha = ca.SX.sym("h"), ca.SX.sym("a", 3), ca.SX.sym("alpha", 3)
+        arguments = [t, h, p, q, v, w, a, alpha]
+        return ca.Function("of_step", arguments, [ca.cse(self.of_step(*arguments))])
+
+    def of_steps(
+        self,
+        times: ArrayLike,
+        positions: ArrayLike,
+        quaternions: ArrayLike,
+        linear_velocities: ArrayLike,
+        angular_velocities: ArrayLike,
+        linear_accelerations: ArrayLike | None = None,
+        angular_accelerations: ArrayLike | None = None,
+    ) -> Floats:
+        """Residuals of the N - 1 steps between N samples, as :meth:`of_step`, shape (N - 1, m).
+
+        Parameters
+        ----------
+        times, positions, quaternions : array, shape (N, ...)
+            Of the samples (s, m, w first).
+        linear_velocities, angular_velocities : array, shape (N - 1, 3)
+            Of the steps.
+        linear_accelerations, angular_accelerations : array, shape (N - 1, 3), optional
+        """
+        times = np.asarray(times, dtype=np.float64)
+        return self._mapped(
+            self.owned("of step", self._step_residual),
+            times[:-1],
+            np.diff(times),
+            np.asarray(positions)[:-1],
+            np.asarray(quaternions)[:-1],
+            linear_velocities,
+            angular_velocities,
+            linear_accelerations,
+            angular_accelerations,
+        )
+
+    def _first_order(self) -> Any:
         state = _state_symbols()
         value = self.residual(*state)
         rate = _time_derivative(value, *state)
@@ -192,10 +318,9 @@ class ConstraintSystem:
         self, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression
     ) -> Expression:
         """Rows as conditions on velocities: phi itself, and d psi/dt for position level."""
-        return self._first_order(t, p, q, v, w)
+        return self.owned("first order", self._first_order)(t, p, q, v, w)
 
-    @cached_property
-    def _instant(self) -> ca.Function:
+    def _instant(self) -> Any:
         state = _state_symbols()
         phi = self.first_order(*state)
         rows = ca.jacobian(phi, ca.vertcat(*state[3:]))
@@ -225,14 +350,13 @@ class ConstraintSystem:
         given[8:11], given[11:14] = linear_velocity, angular_velocity
         if size:
             # Read and written in place: a call that converts takes ten times as long.
-            buffer, evaluate = self._instant.buffer()
+            buffer, evaluate = self.owned("instant", self._instant).buffer()
             buffer.set_arg(0, given.data)
             buffer.set_res(0, found.data)
             evaluate()
         return found[:size], found[size : 2 * size], found[2 * size :].reshape(size, 6)
 
-    @cached_property
-    def _acceleration_form(self) -> ca.Function:
+    def _acceleration_form(self) -> Any:
         if "acceleration" in self.row_levels:
             raise ConstraintError("limits of accelerations have no form A a = b; leave them out")
         t, p, q, v, w = state = _state_symbols()
@@ -277,7 +401,7 @@ class ConstraintSystem:
             Columns: linear, then angular acceleration, world frame.
         b : array, shape (m,)
         """
-        A, b = self._acceleration_form(
+        A, b = self.owned("acceleration form", self._acceleration_form)(
             time,
             position,
             quaternion,
@@ -287,6 +411,37 @@ class ConstraintSystem:
             damping_ratio,
         )
         return np.array(A).reshape(self.size, 6), np.array(b).reshape(self.size)
+
+
+class _Graphs:
+    """What is dear to build from a declaration, the most recently used."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[Hashable, Any] = OrderedDict()
+        # Building one thing may ask for another.
+        self._lock = RLock()
+
+    def get(self, key: Hashable, build: Callable[[], Any]) -> Any:
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = build()
+                while len(self._kept) > MOST_OWNED:
+                    self._kept.popitem(last=False)
+            self._kept.move_to_end(key)
+            return self._kept[key]
+
+
+@lru_cache(maxsize=MOST_SYSTEMS)
+def _graphs(system: ConstraintSystem) -> _Graphs:
+    return _Graphs()
+
+
+def _named(constraints: tuple[Constraint, ...], names: tuple[str, ...]) -> ConstraintSystem:
+    """Part of a system, whose constraints keep the names that they have there."""
+    system = ConstraintSystem.__new__(ConstraintSystem)
+    system.constraints, system.names = constraints, names
+    system._own()
+    return system
 
 
 def as_system(

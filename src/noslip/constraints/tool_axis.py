@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -23,12 +23,14 @@ from noslip.constraints.fields import (
     unit_vector,
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_normal
+from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError
 
 _PARALLEL = 1e-6
 """Angles (rad) this close to 0 or pi count as such; there, the cosine says nothing."""
 
 
+@register
 @dataclass(frozen=True)
 class ToolAxis(Constraint):
     """A body axis keeps its angle to a direction d: ``d . (R axis) = cos(angle)``.
@@ -47,8 +49,8 @@ class ToolAxis(Constraint):
     angle : float
         Radians, 0 to pi.
     surface : str or callable, optional
-        f of an implicit surface, as for :class:`noslip.SurfaceContact`.  d is then its normal
-        ``grad f / |grad f|`` at the reference point: the stand-off angle to a surface.
+        f of an implicit surface, as for :class:`noslip.constraints.SurfaceContact`.  d is then its
+        normal ``grad f / |grad f|`` at the reference point: the stand-off angle to a surface.
     reference_point : 3 numbers
         Where the surface's normal is taken, m, body frame.
     """

@@ -11,12 +11,24 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.declaration import Instant, axis_index
-from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, length, point, settle
+from noslip.constraints.declaration import register
+from noslip.constraints.fields import (
+    ORIGIN,
+    Triple,
+    axis,
+    body_axis,
+    length,
+    point,
+    settle,
+    settle_edge,
+)
+from noslip.constraints.instant import Instant
 from noslip.constraints.limit import Limit
+from noslip.edge import Edge, axis_index
 from noslip.errors import ConstraintError
 
 
+@register
 @dataclass(frozen=True)
 class ForwardOnly(Limit):
     """``(R e_b) . v - s >= 0``: the edge leads; the tool never backs up.
@@ -32,7 +44,7 @@ class ForwardOnly(Limit):
         The point of the tool that must not back up (m, body frame).
     """
 
-    edge: str = "x"
+    edge: Edge | str = "x"  # type: ignore[assignment]
     minimum: float = 0.0
     reference_point: Triple = ORIGIN
 
@@ -40,14 +52,16 @@ class ForwardOnly(Limit):
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, edge=axis, minimum=_arguments.not_negative, reference_point=point)
+        settle(self, self.name, minimum=_arguments.not_negative, reference_point=point)
+        settle_edge(self, self.name, None)
 
     def residual(self, motion: Instant) -> Expression:
         """Speed along the edge, less the minimum (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
-        return ca.dot(body_axis(motion, self.edge), velocity) - self.minimum
+        return ca.dot(body_axis(motion, _travel(self)), velocity) - self.minimum
 
 
+@register
 @dataclass(frozen=True)
 class TurningRadius(Limit):
     """``v_f - r |w_u| >= 0``: the tool's path bends no tighter than a radius, as a car's (Dubins).
@@ -70,7 +84,7 @@ class TurningRadius(Limit):
     """
 
     radius: float = 0.05
-    edge: str = "x"
+    edge: Edge | str = "x"  # type: ignore[assignment]
     up: str = "z"
     reference_point: Triple = ORIGIN
 
@@ -78,16 +92,22 @@ class TurningRadius(Limit):
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, radius=length, edge=axis, up=axis, reference_point=point)
-        if axis_index(self.up)[0] == axis_index(self.edge)[0]:
+        settle(self, self.name, radius=length, up=axis, reference_point=point)
+        settle_edge(self, self.name, None)
+        if axis_index(self.up)[0] == axis_index(_travel(self))[0]:
             raise ConstraintError(
                 f"turning-radius: up and edge must be different axes, got {self.up!r} and "
-                f"{self.edge!r}"
+                f"{_travel(self)!r}"
             )
 
     def residual(self, motion: Instant) -> Expression:
         """Forward speed beyond what bends to the left, and to the right, need (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
-        forward = ca.dot(body_axis(motion, self.edge), velocity)
+        forward = ca.dot(body_axis(motion, _travel(self)), velocity)
         turning = ca.dot(body_axis(motion, self.up), motion.angular_velocity)
         return [forward - self.radius * turning, forward + self.radius * turning]
+
+
+def _travel(limit: Limit) -> str:
+    assert limit.edge is not None
+    return limit.edge.travel

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, Instant, axis_index
+from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -16,18 +16,21 @@ from noslip.constraints.fields import (
     direction,
     point,
     settle,
+    settle_edge,
     unit_vector,
 )
-from noslip.errors import ConstraintError
+from noslip.constraints.instant import Instant
+from noslip.edge import Edge
 
 
+@register
 @dataclass(frozen=True)
 class Wheel(Constraint):
     """A wheel, a unicycle, a differential drive: ``(R axle) . v = 0`` and ``n . v = 0``.
 
     The frame is that of the vehicle or the fork, which does not spin with the wheel; for the disc
-    itself see :class:`noslip.RollingDisc`.  The first row is non-holonomic and the standard model
-    of mobile robots; the second keeps the height above the ground.
+    itself see :class:`noslip.constraints.RollingDisc`.  The first row is non-holonomic and the
+    standard model of mobile robots; the second keeps the height above the ground.
 
     Parameters
     ----------
@@ -42,7 +45,7 @@ class Wheel(Constraint):
     """
 
     axle: str = "y"
-    edge: str = "x"
+    edge: Edge | str = "x"  # type: ignore[assignment]
     normal: Triple | None = (0.0, 0.0, 1.0)
     reference_point: Triple = ORIGIN
 
@@ -50,14 +53,10 @@ class Wheel(Constraint):
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, axle=axis, edge=axis, reference_point=point)
+        settle(self, self.name, axle=axis, reference_point=point)
         if self.normal is not None:
             settle(self, self.name, normal=direction)
-        if axis_index(self.axle)[0] == axis_index(self.edge)[0]:
-            raise ConstraintError(
-                f"wheel: the axle and the edge must differ, both are {self.edge!r}"
-            )
-        object.__setattr__(self, "lateral", self.axle)
+        settle_edge(self, self.name, self.axle, "the axle")
 
     def residual(self, motion: Instant) -> Expression:
         """Speed along the axle, and off the ground (m/s)."""

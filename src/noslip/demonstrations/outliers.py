@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.demonstrations._several import at_fractions, several
 from noslip.trajectory import PoseTrajectory
 
@@ -21,6 +22,7 @@ TIMES_MEDIAN = 2.0
 FEWEST = 4
 """Demonstrations: of three, no one can tell which two belong together."""
 SAMPLES = 101
+"""Instants at which motions are compared, a hundredth of their duration apart."""
 ROUNDING = 1e-9
 """Distances below this (m, rad) are none: copies differ by rounding."""
 GAUSSIAN = 1.4826
@@ -28,7 +30,7 @@ GAUSSIAN = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
-class Outliers:
+class Outliers(Value):
     """How far each demonstration lies from the others, and which are too far.
 
     Attributes

@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter1d
 from noslip import _arguments
 from noslip._pose_checks import MINIMUM_SAMPLES
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.demonstrations.preparation import _averaged_speeds, trim_time
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
@@ -64,7 +65,7 @@ class Interval:
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(Value):
     """The pieces of a recording, what was cut out and why, and by what it was judged.
 
     Attributes

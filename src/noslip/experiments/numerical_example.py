@@ -8,14 +8,18 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from noslip.comparison import Comparison, compare
 from noslip.constraints.blade import Blade
-from noslip.learning import ConstrainedDMP, learn
+from noslip.learning import learn
+from noslip.merit import FiguresOfMerit, figures_of_merit
+from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 
 SAMPLES = 1000
+"""Of the demonstration: the paper's second at its time step."""
 TIME_STEP = 1e-3
+"""The paper's (s)."""
 CONSTRAINT = Blade()
+"""The one the example is about."""
 
 
 def demonstration() -> PoseTrajectory:
@@ -45,9 +49,9 @@ class NumericalExample:
 
     @classmethod
     def run(cls) -> NumericalExample:
-        """Learn from the demonstration."""
+        """Learn from the demonstration; its motion ends where that one does."""
         recorded = demonstration()
-        return cls(learn(recorded, [CONSTRAINT]), recorded)
+        return cls(learn(recorded, [CONSTRAINT], end="position"), recorded)
 
     @cached_property
     def motions(self) -> dict[str, PoseTrajectory]:
@@ -60,9 +64,9 @@ class NumericalExample:
         }
 
     @cached_property
-    def comparisons(self) -> dict[str, Comparison]:
+    def merits(self) -> dict[str, FiguresOfMerit]:
         """Each motion against the demonstration."""
         return {
-            name: compare(motion, self.demonstration, [CONSTRAINT])
+            name: figures_of_merit(motion, self.demonstration, [CONSTRAINT])
             for name, motion in self.motions.items()
         }

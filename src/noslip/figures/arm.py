@@ -24,11 +24,10 @@ from noslip.figures.style import (
     write_title,
 )
 from noslip.robots.dynamics import Execution
-from noslip.robots.tracking import TrackedMotion
+from noslip.robots.executed import TrackedMotion
 
-_LIMIT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 1.0, "zorder": 1}
 LEAST_SLIP = 1e-9
-"""Of which a logarithmic axis shows at least so much (m/s)."""
+"""Slip that a logarithmic axis shows at least (m/s): below, it is rounding."""
 
 
 def joint_limits(tracked: TrackedMotion, *, title: str | None = None) -> Figure:
@@ -65,7 +64,7 @@ def joint_limits(tracked: TrackedMotion, *, title: str | None = None) -> Figure:
             (line,) = ax.plot(times, values[:, joint], **style)
             handles[robot.joint_names[joint]] = line
         for limit in (-1, 1):
-            ax.axhline(limit, **_LIMIT)
+            ax.axhline(limit, color=PALETTE["gray"], linewidth=1.0, zorder=1)
         ax.set_ylim(-1.1, 1.1)
         dress(ax, TIME, label)
     put_legend(figure, handles)

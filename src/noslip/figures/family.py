@@ -13,23 +13,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, NullFormatter
-from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
-from noslip._arguments import vector
 from noslip._typing import Floats
-from noslip.constraints.declaration import axis_index
+from noslip.boundary import Boundary
 from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.edge import Edge, axis_index
 from noslip.errors import InputError
-from noslip.figures.quantities import (
-    Constraints,
-    Motions,
-    amount,
-    named,
-    residual_rows,
-    scaled_unit,
-    violations,
-)
+from noslip.figures.quantities import Constraints, Motions, named, scaled_unit, value_text
+from noslip.figures.residuals import residual_rows, violations
 from noslip.figures.snapshots import equally_far_apart
 from noslip.figures.style import (
     PALETTE,
@@ -45,38 +36,47 @@ from noslip.figures.style import (
 )
 from noslip.trajectory import PoseTrajectory
 
-Goal = tuple[ArrayLike | None, Rotation | None]
-"""Where a motion should end: position (m) and rotation, None of what is left free."""
-
 MOST_NAMED = 8
-"""Motions that get a color and a name each; more of them share one color."""
+"""Motions that get a color and a name each; more of them share one color, for colors can no longer
+be told apart."""
 SIDE_VIEW = 0.15
-"""Share of the family's reach from which its least axis gets a view of its own."""
+"""Share of the family's reach from which its least axis gets a view of its own: flatter paths are
+seen from above."""
 TICK = 0.035
-"""Half the length of a tick across the tool, as a share of the family's reach."""
+"""Half the length of a tick across the tool, as a share of the family's reach: its direction is
+seen, and neighbors do not touch."""
 MOST_TICKS, FEWEST_TICKS = 9, 4
-"""Ticks along a motion that has a color of its own, when it is alone and when there are many."""
+"""Ticks along a motion that has a color of its own, when it is alone and when there are many: the
+figure has as much ink."""
 SEEN = 0.5
-"""Share of its length that an axis of the tool must show in a view to be drawn there."""
+"""Share of its length that an axis of the tool must show in a view to be drawn there: a
+foreshortened one misleads."""
 VISIBLE_SHARE, VISIBLE_TURN = 1e-3, 0.1
 """Displacement of a goal (of the path's length) and its turn (degrees) that are worth telling."""
 
 ORIGINAL: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 3.2, "zorder": 1.5}
+"""Gray, wide and below the others, which go the same way at first."""
 ON_TOP: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 1.5, "zorder": 2.8}
 """The original among so many others that would hide it."""
 MANY: dict[str, Any] = {"color": PALETTE["sky"], "linestyle": "-", "linewidth": 0.6}
+"""Thin, so that many can cross."""
 WANTED: dict[str, Any] = {"color": PALETTE["black"], "mfc": "none", "mew": 0.7, "marker": "s"}
+"""A goal: an open mark, through which the end of a motion is seen."""
 FAILED: dict[str, Any] = {"color": PALETTE["vermillion"], "marker": "x", "mew": 1.3, "ms": 5}
+"""A goal that no motion was found for."""
 NOTHING: dict[str, Any] = {"color": PALETTE["black"], "marker": "v", "mfc": "white", "ms": 4}
+"""A size of zero, which a logarithmic axis cannot show."""
 ENDS = "ends off by"
+"""Heading of the panels of ends."""
 FOOT = 0.05
-"""Height of the marks of what a logarithmic axis cannot show, as a share of the axis."""
+"""Height of the marks of what a logarithmic axis cannot show, as a share of the axis: on its
+foot."""
 
 
 def adapted_family(
     original: PoseTrajectory,
     adapted: Motions,
-    goals: Mapping[str, Goal],
+    goals: Mapping[str, Boundary],
     constraints: Constraints = (),
     *,
     title: str | None = None,
@@ -93,8 +93,8 @@ def adapted_family(
     original : PoseTrajectory
         Of the primitive as it was learned.
     adapted : PoseTrajectory or mapping of them by name
-    goals : mapping of (position, rotation) by name
-        Meters; None of what is left free.  A goal without a motion is drawn as failed.
+    goals : mapping of Boundary by name
+        Where each should end.  A goal without a motion is drawn as failed.
     constraints : Constraint or several
         None leaves their panel out.
     title : str, optional
@@ -140,14 +140,13 @@ def adapted_family(
     return figure
 
 
-def end_errors(motion: PoseTrajectory, goal: Goal) -> tuple[float | None, float | None]:
+def end_errors(motion: PoseTrajectory, goal: Boundary) -> tuple[float | None, float | None]:
     """Return how far from its goal a motion ends: meters and radians, None of what is left free."""
-    position, rotation = goal
     off = turned = None
-    if position is not None:
-        off = float(np.linalg.norm(motion.positions[-1] - vector("goal position", position)))
-    if rotation is not None:
-        turned = float((motion.rotations[-1].inv() * rotation).magnitude())
+    if goal.position is not None:
+        off = float(np.linalg.norm(motion.positions[-1] - goal.position))
+    if goal.rotation is not None:
+        turned = float((motion.rotations[-1].inv() * goal.rotation).magnitude())
     return off, turned
 
 
@@ -166,9 +165,9 @@ class _Sizes:
         return np.array([self.values[name] for name in motions if name in self.values])
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """The largest of all with its unit."""
-        return f"{number(self.most)}°" if self.unit == "°" else amount(self.most, self.unit)
+        return f"{number(self.most)}°" if self.unit == "°" else value_text(self.most, self.unit)
 
     @property
     def most(self) -> float:
@@ -176,7 +175,7 @@ class _Sizes:
 
 
 def _measured(
-    motions: Mapping[str, PoseTrajectory], goals: Mapping[str, Goal], system: ConstraintSystem
+    motions: Mapping[str, PoseTrajectory], goals: Mapping[str, Boundary], system: ConstraintSystem
 ) -> list[_Sizes]:
     """What the panels beside the paths show; nothing that is not there."""
     errors = {name: end_errors(motion, goals[name]) for name, motion in motions.items()}
@@ -205,7 +204,7 @@ def _measured(
 def _finding(
     original: PoseTrajectory,
     motions: Mapping[str, PoseTrajectory],
-    goals: Mapping[str, Goal],
+    goals: Mapping[str, Boundary],
     panels: Sequence[_Sizes],
 ) -> str:
     """Say how far away the goals are, and how well all of them are reached."""
@@ -222,9 +221,9 @@ def _finding(
         where.append(f"turned by {number(turn)}°")
     if where:
         text += f"{up_to} {' and '.join(where)}"
-    ends = [panel.told for panel in panels if panel.name == ENDS]
+    ends = [panel.text for panel in panels if panel.name == ENDS]
     results = [f"ends within {' and '.join(ends)}"] if ends else []
-    results += [f"{panel.name} {panel.told}" for panel in panels if panel.name != ENDS]
+    results += [f"{panel.name} {panel.text}" for panel in panels if panel.name != ENDS]
     return f"{text}: {', '.join(results)}" if results else text
 
 
@@ -239,12 +238,12 @@ def _styles(motions: Mapping[str, PoseTrajectory]) -> dict[str, dict[str, Any]]:
     return dict(zip(motions, colors.values(), strict=True))
 
 
-def _views(family: Sequence[PoseTrajectory], goals: Mapping[str, Goal]) -> list[tuple[int, int]]:
+def _views(
+    family: Sequence[PoseTrajectory], goals: Mapping[str, Boundary]
+) -> list[tuple[int, int]]:
     """World axes of each view of the paths: that of the furthest reach, and one from the side."""
     points = [motion.positions for motion in family]
-    points += [
-        np.reshape(position, (1, 3)) for position, _ in goals.values() if position is not None
-    ]
+    points += [goal.position[None] for goal in goals.values() if goal.position is not None]
     reach = np.ptp(np.concatenate(points), axis=0)
     least = 2 if reach[2] <= reach[:2].min() else int(np.argmin(reach[:2]))
     a, b = (axis for axis in range(3) if axis != least)
@@ -257,7 +256,7 @@ def _draw_paths(
     view: tuple[int, int],
     original: PoseTrajectory,
     motions: Mapping[str, PoseTrajectory],
-    goals: Mapping[str, Goal],
+    goals: Mapping[str, Boundary],
     styles: Mapping[str, dict[str, Any]],
     system: ConstraintSystem,
 ) -> str:
@@ -287,10 +286,10 @@ def _draw_paths(
             ax.add_collection(LineCollection(list(scale * ticks), colors=color, linewidths=0.8))
         ax.plot(*end, "s", color=color, ms=0.75 * size, zorder=3)
         ax.plot(*start, "o", color=color, mfc="white", ms=size, zorder=3.2)
-    for name, (position, _) in goals.items():
-        if position is None:
+    for name, goal in goals.items():
+        if goal.position is None:
             continue
-        place = scale * np.asarray(position, dtype=np.float64)[columns]
+        place = scale * goal.position[columns]
         if name in motions:
             ax.plot(*place, **WANTED, ms=1.6 * size, zorder=3.5)
         else:
@@ -305,9 +304,8 @@ def _tool_axis(
     system: ConstraintSystem, family: Sequence[PoseTrajectory], columns: Sequence[int]
 ) -> tuple[int, str]:
     """Body axis that ticks show, and what it is: the lateral one, unless it points at the eye."""
-    tools = [c for c in system.constraints if c.lateral is not None]
-    lateral = axis_index(tools[0].lateral)[0] if tools and tools[0].lateral else 1
-    edge = axis_index(tools[0].edge)[0] if tools and tools[0].edge else 0
+    tool = system.edged.edge if system.edged and system.edged.edge else Edge()
+    lateral, edge = axis_index(tool.lateral or "y")[0], axis_index(tool.travel)[0]
     matrices = np.concatenate([motion.rotations.as_matrix() for motion in family])
     seen = np.median(np.linalg.norm(matrices[:, columns, lateral], axis=1))
     axis = lateral if seen >= SEEN else edge

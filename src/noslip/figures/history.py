@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import groupby
 from textwrap import fill
 from typing import Any
 
@@ -15,30 +12,23 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from noslip._typing import Floats
-from noslip.constraints.check import with_unit
-from noslip.constraints.system import as_system
 from noslip.errors import InputError
 from noslip.figures.motion import TIME
 from noslip.figures.quantities import (
     FORCE_UNITS,
     MARGIN_SHARE,
-    NEGLIGIBLE,
     Constraints,
     Part,
-    amount,
     force_parts,
     force_sizes,
     index_of,
-    least_span,
-    scaled_unit,
-    violations,
 )
+from noslip.figures.records import ConstraintRecord, constraint_records
 from noslip.figures.style import (
     PALETTE,
     SMALL_FONT_SIZE,
     TWO_COLUMNS,
     dress,
-    line_styles,
     log_axis,
     new_figure,
     number,
@@ -48,22 +38,18 @@ from noslip.figures.style import (
     span_at_least,
     write_title,
 )
-from noslip.primitives.pose import HELD, Motion
+from noslip.runtime.motion import HELD, Motion
 
-ROW_HEIGHT, AROUND_ROWS = 1.05, 1.15
-"""Of a constraint's panels, and of title, time axis and legend together (inches)."""
 LONGEST_TITLE = 24
-"""Characters of a constraint's name that a panel's title shows."""
-LABEL_WIDTH = 18
-"""Characters of a label beside these panels, before it goes on in the next line."""
+"""Characters of a constraint's name that a panel's title shows: more run into the next panel's."""
 PUSHING = 1e-6
-"""Share of a limit's largest force above which it pushes."""
+"""Share of a limit's largest force above which it pushes: the barrier leaves a trace before and
+after."""
 MULTIPLIER_UNITS = {"m": "m/s²", "m/s": "m/s²", "m/s²": "m/s"}
 """By the unit of the residual, that of a position over the step; of others it depends on the metric
 too."""
 FORCE_NAMES: dict[Part, str] = {"linear": "force", "angular": "turning force"}
-_ONLY: dict[str, Any] = {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1}
-_FORCE: dict[str, Any] = {"color": PALETTE["vermillion"], "linestyle": "-", "linewidth": 1.1}
+"""What the panels call an acceleration that a constraint adds."""
 
 
 def constraint_history(
@@ -100,13 +86,13 @@ def constraint_history(
         raise InputError(
             f"constraint_history takes the rollout of a primitive, got a {type(motion).__name__}"
         )
-    held = _held(motion, constraints)
+    held = constraint_records(motion, constraints)
     if not held:
         raise InputError(f"{motion.name}: no constraint took part in it")
     times = motion.times - motion.times[0]
     parts = force_parts(one.forces for one in held)
 
-    figure = new_figure(TWO_COLUMNS, AROUND_ROWS + ROW_HEIGHT * len(held))
+    figure = new_figure(TWO_COLUMNS, 1.15 + 1.05 * len(held))
     panels = figure.subplots(len(held), 2 + len(parts), sharex=True, squeeze=False)
     for one, (values, multipliers, *forces) in zip(held, panels, strict=True):
         _plot_values(values, times, one)
@@ -151,7 +137,7 @@ def plot_constraint(
     InputError
         If the motion has no such constraint, or the constraints are not the motion's.
     """
-    held = _held(motion, constraints)
+    held = constraint_records(motion, constraints)
     one = held[index_of(name, [one.name for one in held], "constraint")]
     times = motion.times - motion.times[0]
     panels = ("residual", "multiplier", *FORCE_NAMES.values())
@@ -161,127 +147,7 @@ def plot_constraint(
     return _plot_force(ax, times, one, list(FORCE_NAMES)[kind - 2])
 
 
-# ---------------------------------------------------------------- what is shown
-
-
-@dataclass(frozen=True, eq=False)
-class _Held:
-    """A constraint or limit during a rollout; of several units, its rows of one.
-
-    Attributes
-    ----------
-    name : str
-    is_limit : bool
-    unit : str or None
-        Of its residuals or margins; None if it is not known.
-    values, multipliers : array, shape (N, rows)
-        Residuals or margins in that unit.
-    forces : array, shape (N, 6)
-        What its rows together added to the acceleration (m/s^2, rad/s^2).
-    span : float
-        What an axis of its residuals shows at least, to either side.
-    """
-
-    name: str
-    is_limit: bool
-    unit: str | None
-    values: Floats
-    multipliers: Floats
-    forces: Floats
-    span: float
-
-    @property
-    def rows(self) -> int:
-        return int(self.values.shape[1])
-
-    @property
-    def styles(self) -> dict[str, dict[str, Any]]:
-        """Of the rows' lines, by their labels."""
-        if self.rows == 1:
-            return {self.name: _ONLY}
-        return line_styles(f"row [{row}]" for row in range(self.rows))
-
-    @property
-    def violation(self) -> Floats:
-        """Largest of its rows, shape (N,)."""
-        return np.asarray(violations(self.values, self.is_limit).max(axis=1))
-
-    @property
-    def peak(self) -> float:
-        return float(self.violation.max())
-
-    @property
-    def holds(self) -> bool:
-        """Whether no violation can be seen; of limits, whether there is none but rounding."""
-        return self.peak <= (HELD if self.is_limit else NEGLIGIBLE * self.span)
-
-    @property
-    def margin(self) -> float:
-        """Least of all rows."""
-        return float(self.values.min())
-
-    @property
-    def axis(self) -> tuple[float, str]:
-        """How many of an axis' units make one of its own, and that unit."""
-        return scaled_unit(max(self.span, float(np.abs(self.values).max())), self.unit or "1")
-
-    @property
-    def told_peak(self) -> str:
-        """The largest residual, in its axis' unit, or violation of a limit."""
-        if self.is_limit:
-            return amount(self.peak, self.unit or "1")
-        scale, unit = self.axis
-        return with_unit(number(scale * self.peak), unit)
-
-    @property
-    def told_margin(self) -> str:
-        """The least margin."""
-        return amount(self.margin, self.unit or "1")
-
-    @property
-    def told_extreme(self) -> str:
-        """The largest residual, or the least margin."""
-        if not self.is_limit:
-            return f"≤ {self.told_peak}"
-        if not self.holds:
-            return f"violated by {self.told_peak}"
-        return "reached" if self.margin <= HELD else f"≥ {self.told_margin}"
-
-
-def _held(motion: Motion, constraints: Constraints) -> list[_Held]:
-    system = as_system(constraints)
-    known: dict[str, str] = dict(zip(system.row_names, system.row_units, strict=True))
-    names = (*motion.constraint_names, *motion.limit_names)
-    if missing := [name for name in names if known and name not in known]:
-        raise InputError(
-            f"{missing[0]!r} took part in {motion.name}, but is not among the constraints given: "
-            + ", ".join(known)
-        )
-    values = np.hstack([motion.constraint_residuals, motion.margins])
-    multipliers = np.hstack([motion.multipliers, motion.limit_multipliers])
-    found = []
-    for (name, unit), group in groupby(
-        range(len(names)), lambda row: (re.sub(r" \[\d+\]$", "", names[row]), known.get(names[row]))
-    ):
-        rows = list(group)
-        found.append(
-            _Held(
-                name=name,
-                is_limit=rows[0] >= len(motion.constraint_names),
-                unit=unit,
-                values=values[:, rows],
-                multipliers=multipliers[:, rows],
-                forces=np.sum([motion.force_of(names[row]) for row in rows], axis=0),
-                span=least_span(unit or "1", [motion]),
-            )
-        )
-    return found
-
-
-# ---------------------------------------------------------------- panels
-
-
-def _plot_values(ax: Axes, times: Floats, one: _Held) -> list[Line2D]:
+def _plot_values(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Line2D]:
     """Residuals or margins, with the name and the extreme above."""
     scale, unit = one.axis
     quantity, shown = "margin" if one.is_limit else "residual", scale * one.values
@@ -297,22 +163,23 @@ def _plot_values(ax: Axes, times: Floats, one: _Held) -> list[Line2D]:
         span_at_least(ax, shown.T, 2 * scale * one.span)
     _label(ax, quantity, unit if one.unit else "own unit")
     name = one.name if len(one.name) <= LONGEST_TITLE else f"{one.name[: LONGEST_TITLE - 1]}…"
-    heading = f"{short_name(name)}: {one.told_extreme}"
+    heading = f"{short_name(name)}: {one.extreme_text}"
     ax.set_title(heading, loc="left", fontsize=SMALL_FONT_SIZE, fontweight="bold")
     return lines
 
 
-def _plot_multipliers(ax: Axes, times: Floats, one: _Held) -> list[Line2D]:
+def _plot_multipliers(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Line2D]:
     lines = _plot_rows(ax, times, one.multipliers, one)
     _span_something(ax, one.multipliers)
     _label(ax, "multiplier", MULTIPLIER_UNITS.get(one.unit or "", "SI"))
     return lines
 
 
-def _plot_force(ax: Axes, times: Floats, one: _Held, part: Part) -> list[Line2D]:
+def _plot_force(ax: Axes, times: Floats, one: ConstraintRecord, part: Part) -> list[Line2D]:
     """Size of the acceleration that all rows together added, with its peak above."""
     size = force_sizes(one.forces, part)
-    lines = ax.plot(times, size, label=short_name(one.name), **_FORCE)
+    style: dict[str, Any] = {"color": PALETTE["vermillion"], "linewidth": 1.1}
+    lines = ax.plot(times, size, "-", label=short_name(one.name), **style)
     _span_something(ax, size)
     _label(ax, FORCE_NAMES[part], FORCE_UNITS[part])
     heading = "no force"
@@ -322,7 +189,7 @@ def _plot_force(ax: Axes, times: Floats, one: _Held, part: Part) -> list[Line2D]
     return lines
 
 
-def _plot_rows(ax: Axes, times: Floats, columns: Floats, one: _Held) -> list[Line2D]:
+def _plot_rows(ax: Axes, times: Floats, columns: Floats, one: ConstraintRecord) -> list[Line2D]:
     lines: list[Line2D] = []
     for (label, style), column in zip(one.styles.items(), columns.T, strict=True):
         lines += ax.plot(times, column, label=short_name(label), **style)
@@ -338,25 +205,25 @@ def _span_something(ax: Axes, values: Floats) -> None:
 
 def _label(ax: Axes, quantity: str, unit: str) -> None:
     dress(ax, TIME, "")
-    ax.set_ylabel(fill(f"{quantity} ({unit})", LABEL_WIDTH), fontsize=SMALL_FONT_SIZE)
+    ax.set_ylabel(fill(f"{quantity} ({unit})", 18), fontsize=SMALL_FONT_SIZE)
 
 
 # ---------------------------------------------------------------- the finding
 
 
-def _finding(times: Floats, held: Sequence[_Held]) -> str:
+def _finding(times: Floats, held: Sequence[ConstraintRecord]) -> str:
     equalities = [one for one in held if not one.is_limit]
     limits = [one for one in held if one.is_limit]
-    told = [_about_equalities(equalities)] if equalities else []
+    parts = [_about_equalities(equalities)] if equalities else []
     if limits:
-        told += [_about_margins(times, limits), _about_pushes(times, limits)]
-    text = "; ".join(told)
+        parts += [_about_margins(times, limits), _about_pushes(times, limits)]
+    text = "; ".join(parts)
     return text[:1].upper() + text[1:]
 
 
-def _about_equalities(equalities: Sequence[_Held]) -> str:
+def _about_equalities(equalities: Sequence[ConstraintRecord]) -> str:
     worst = max(equalities, key=lambda one: one.peak / one.span)
-    name, peak = short_name(worst.name), worst.told_peak
+    name, peak = short_name(worst.name), worst.peak_text
     if not worst.holds:
         return f"{name} is violated by up to {peak}"
     if len(equalities) == 1:
@@ -364,26 +231,26 @@ def _about_equalities(equalities: Sequence[_Held]) -> str:
     return f"{len(equalities)} constraints hold, the worst, {name}, to {peak}"
 
 
-def _about_margins(times: Floats, limits: Sequence[_Held]) -> str:
+def _about_margins(times: Floats, limits: Sequence[ConstraintRecord]) -> str:
     """What gave way, or which limit left the least of its margin."""
     broken = sorted((one for one in limits if not one.holds), key=lambda one: -one.peak / one.span)
     if broken:
-        told = [
-            f"{short_name(one.name)} gave way by up to {one.told_peak} at "
+        parts = [
+            f"{short_name(one.name)} gave way by up to {one.peak_text} at "
             f"{number(times[np.argmax(one.violation)])} s"
             for one in broken[:2]
         ]
-        if len(broken) > len(told):
-            told.append(f"{len(broken) - len(told)} more")
-        return " and ".join(told)
+        if len(broken) > len(parts):
+            parts.append(f"{len(broken) - len(parts)} more")
+        return " and ".join(parts)
     least = min(limits, key=lambda one: one.margin / one.span)
     left, name = least.values.min(axis=1), short_name(least.name)
     if least.margin <= HELD:
         return f"{name} is reached at {number(times[np.argmax(left <= HELD)])} s, and kept"
-    return f"least margin: {least.told_margin} from {name} at {number(times[np.argmin(left)])} s"
+    return f"least margin: {least.margin_text} from {name} at {number(times[np.argmin(left)])} s"
 
 
-def _about_pushes(times: Floats, limits: Sequence[_Held]) -> str:
+def _about_pushes(times: Floats, limits: Sequence[ConstraintRecord]) -> str:
     """Which limit pushed hardest, when, and how hard."""
     pushing = {
         part: max(limits, key=lambda one: float(force_sizes(one.forces, part).max()))

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.figures.motion import Plane, plot_path
-from noslip.figures.quantities import amount, angle_unit, extent, index_of, length_unit
+from noslip.figures.quantities import angle_unit, extent, index_of, length_unit, value_text
 from noslip.figures.spread import PROGRESS
 from noslip.figures.style import (
     LEAST_SHARE,
@@ -29,19 +29,19 @@ from noslip.figures.style import (
     span_at_least,
     write_title,
 )
-from noslip.learning import ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 
 ELLIPSES: Floats = np.linspace(0.0, 1.0, 11)
-"""Fractions of the duration at which the path has an ellipse."""
+"""Fractions of the duration at which the path has an ellipse: every tenth."""
 CIRCLE: Floats = np.column_stack(
     [function(np.linspace(0, 2 * np.pi, 73)) for function in (np.cos, np.sin)]
 )
-WIDE = 1.8
-"""Width of a path, over its height, from which it is larger below the panels than beside them."""
+"""Points of a unit circle, one every 5 degrees, of which ellipses are made."""
 SEEN = 0.05
-"""Share of the path's extent below which the largest half axis is enlarged, to be seen."""
+"""Share of the path's extent below which the largest half axis is enlarged: smaller, it would be
+hidden by the path's line."""
 AGREED = 1e-9
 """Standard deviation (m or rad) that is rounding."""
 
@@ -53,7 +53,9 @@ BANDS: dict[int, dict[str, Any]] = {
 }
 """Style by number of standard deviations, the outer one first."""
 MOTION: dict[str, Any] = {"linewidth": 1.2}
+"""Of the motion itself."""
 LEAST: dict[str, Any] = {"color": PALETTE["vermillion"], "linewidth": 1.0, "linestyle": (0, (3, 2))}
+"""Of the instant at which the demonstrations agree least."""
 
 
 def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
@@ -83,7 +85,7 @@ def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
     # A wide path lies below the panels, three in a row; a high one beside them, three in a column.
     plane = _plane(motion)
     reach = np.ptp(motion.positions, axis=0)[list(plane)]
-    wide = bool(reach[0] >= WIDE * reach[1])
+    wide = bool(reach[0] >= 1.8 * reach[1])
     figure = new_figure(TWO_COLUMNS, 4.8 if wide else 4.4)
     ratios = {"height_ratios" if wide else "width_ratios": (1, 1, 1.25)}
     grid = figure.add_gridspec(3, 3, **ratios)
@@ -192,8 +194,8 @@ def plot_ellipses(ax: Axes, dmp: ConstrainedDMP) -> list[Artist]:
         artists += ax.fill(*outline.T, facecolor=face, edgecolor=color, linewidth=0.5)
         ax.plot(*middle, ".", color=color, ms=3)
     enlarged = f" (× {factor:.0f})" if factor > 1 else ""
-    told = f"2 standard deviations{enlarged}, each 10 %"
-    ax.set_title(f"{ax.get_title()}\n{told}", fontsize=SMALL_FONT_SIZE)
+    caption = f"2 standard deviations{enlarged}, each 10 %"
+    ax.set_title(f"{ax.get_title()}\n{caption}", fontsize=SMALL_FONT_SIZE)
     return artists
 
 
@@ -249,13 +251,13 @@ def _finding(spread: Spread) -> str:
     parts = []
     if moved is not None:
         axis, at, size = moved
-        parts.append((f"along {'xyz'[axis]} at {100 * at:.0f} %", amount(size, "m")))
+        parts.append((f"along {'xyz'[axis]} at {100 * at:.0f} %", value_text(size, "m")))
     if turned is not None:
         axis, at, size = turned
         parts.append((f"about {'xyz'[axis]} at {100 * at:.0f} %", f"{number(np.degrees(size))}°"))
     who = f"{spread.demonstrations} demonstrations"
     if not parts:
         return f"{who} agree, starts and goals aside"
-    (where, size_told), *others = parts
-    text = f"{who} agree least {where} of the time (standard deviation {size_told})"
-    return text + "".join(f",\nand {where} ({size_told})" for where, size_told in others)
+    (where, size_text), *others = parts
+    text = f"{who} agree least {where} of the time (standard deviation {size_text})"
+    return text + "".join(f",\nand {where} ({size_text})" for where, size_text in others)

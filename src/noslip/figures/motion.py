@@ -21,21 +21,18 @@ from noslip.figures.quantities import (
     Constraints,
     Motions,
     Part,
-    ResidualRow,
     angle_unit,
     coupled,
     extent,
-    finding,
     force_parts,
     force_sizes,
     index_of,
-    least_margins,
     length_unit,
     named,
-    residual_rows,
     roll_pitch_yaw,
     scaled_unit,
 )
+from noslip.figures.residuals import ResidualRow, finding, least_margins, residual_rows
 from noslip.figures.style import (
     LEAST_SHARE,
     LEAST_TURN,
@@ -55,9 +52,12 @@ from noslip.figures.style import (
 from noslip.trajectory import PoseTrajectory
 
 Plane = Literal["XY", "XZ", "YZ"]
+"""In which a path is drawn."""
 Scale = Literal["linear", "log"]
+"""Of the axis of residuals."""
 
 TIME = "time since start (s)"
+"""What every axis of time says."""
 
 
 def compare_motions(

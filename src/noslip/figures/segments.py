@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
-from noslip.figures.quantities import amount, length_unit, scaled_unit
+from noslip.figures.quantities import length_unit, scaled_unit, value_text
 from noslip.figures.style import (
     PALETTE,
     SMALL_FONT_SIZE,
@@ -33,26 +33,30 @@ from noslip.trajectory import PoseTrajectory
 COLORS = tuple(color for name, color in PALETTE.items() if name not in ("gray", "black"))
 """Of the pieces in turn; gray is what was cut out, and black looks gray as a shade."""
 BETWEEN = ("rest", "no contact", "not asked for")
-"""Reasons that are told by the legend alone."""
+"""Reasons that the legend alone names: there are as many pauses as pieces."""
 MOST_REASONS = 16
 """Dropped pieces whose reasons are written into the figure; more of them would hide it."""
 FLOOR = 0.1
-"""Share of the lower threshold at which a logarithmic axis of speed ends."""
+"""Share of the lower threshold at which a logarithmic axis of speed ends: below it is rest,
+whatever the sensor's noise."""
 ROOM = 0.16
-"""Share of the axis above the signal, for the numbers."""
+"""Share of the axis above the signal, for a line of numbers."""
 
-SIGNAL: dict[str, Any] = {"color": "0.25", "linewidth": 0.8}
-PIECE_ALPHA = 0.3
 PAUSE: dict[str, Any] = {"facecolor": "0.94", "linewidth": 0}
+"""Behind what is no piece: paler than any color."""
 DROPPED: dict[str, Any] = {
     "facecolor": "0.85",
     "edgecolor": "0.65",
     "hatch": "////",
     "linewidth": 0,
 }
+"""Behind a piece that was dropped: hatched, so that it differs from a pause in print."""
 PATH_OUT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 0.6, "zorder": 1.5}
+"""Of the path outside of pieces: thin, below theirs."""
 _THRESHOLD: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 0.9}
+"""Black, and told apart by their dashes."""
 UPPER, LOWER = _THRESHOLD | {"linestyle": (0, (5, 2))}, _THRESHOLD | {"linestyle": (0, (1, 1.8))}
+"""Of the threshold at which a piece begins, and of that at which it ends."""
 
 
 def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
@@ -88,13 +92,13 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist]:
         values = _averaged_speeds(segments.recording)
     scale, unit = (1.0, "") if by_contact else scaled_unit(float(values.max()), "m/s")
     values = scale * values
-    ax.plot(times, values, **SIGNAL)
+    ax.plot(times, values, color="0.25", linewidth=0.8)
     handles: dict[str, Artist] = {}
     if segments.thresholds is not None:
         low, high = (scale * level for level in segments.thresholds)
         for level, what, style in ((high, "upper", UPPER), (low, "lower", LOWER)):
             ax.axhline(level, **style)
-            shown = number(level) if by_contact else amount(level / scale, "m/s")
+            shown = number(level) if by_contact else value_text(level / scale, "m/s")
             name = f"{what} threshold, {shown}"
             handles[name] = Line2D([], [], **style)
     if by_contact:
@@ -112,7 +116,7 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist]:
         if interval.reason is None:
             color = COLORS[kept % len(COLORS)]
             kept += 1
-            ax.axvspan(*extent, facecolor=color, alpha=PIECE_ALPHA, linewidth=0, zorder=0.5)
+            ax.axvspan(*extent, facecolor=color, alpha=0.3, linewidth=0, zorder=0.5)
             _write(ax, interval, str(kept), y=0.97, color=color, fontweight="bold")
         elif interval.reason in BETWEEN:
             ax.axvspan(*extent, **PAUSE, zorder=0.4)

@@ -22,16 +22,11 @@ from scipy.spatial import KDTree
 
 from noslip._typing import Floats
 from noslip.constraints.blade import Blade
+from noslip.constraints.edge_motion import edge_steps
+from noslip.edge import axis_vectors
 from noslip.errors import InputError
-from noslip.figures.quantities import (
-    Motions,
-    extent,
-    finding,
-    length,
-    length_unit,
-    named,
-    residual_rows,
-)
+from noslip.figures.quantities import Motions, extent, length, length_unit, named
+from noslip.figures.residuals import finding, residual_rows
 from noslip.figures.style import (
     PALETTE,
     SMALL_FONT_SIZE,
@@ -45,9 +40,14 @@ from noslip.figures.style import (
 from noslip.trajectory import PoseTrajectory
 
 PATH: dict[str, Any] = {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.3}
+"""Of the path that was taken."""
 DESIRED: dict[str, Any] = {"color": PALETTE["black"], "linestyle": ":", "linewidth": 1.2}
+"""Of the path that was asked for: dotted, above the one that was taken."""
 AXIS: dict[str, Any] = {"color": PALETTE["green"], "linestyle": "-", "linewidth": 1.1}
+"""Of the blade's travel axis: green, as velocities are in the viewer."""
 SLIP_COLORS = LinearSegmentedColormap.from_list("slip", ["#DCE6EE", PALETTE["vermillion"]])
+"""From none to all of the speed sideways: pale, so that a blade that does not slip stays in the
+background."""
 
 SCALPEL: Floats = np.array(
     [
@@ -65,16 +65,16 @@ SCALPEL: Floats = np.array(
 )
 """Outline of a blade and its handle in the body's x-z plane, the tip at the origin, length 1."""
 BLADE_LENGTH = 0.33
-"""Of the path's largest extent; meters, of a tool that stays in place."""
-ARROW_LENGTH = 0.45
-"""Of the blade's length."""
+"""Share of the path's largest extent, so that it is seen and neighbors can be told apart; meters,
+of a tool that stays in place."""
 AT_REST = 1e-3
 """Share of the top speed below which a tool stands: it slips nowhere."""
 VIEW = (55.0, -80.0)
-"""Elevation and azimuth of the eye (degrees)."""
+"""Elevation and azimuth of the eye (degrees): from above the side that work in the plane faces."""
 TITLE_ROOM, HEADING_ROOM, LABEL_ROOM, LEGEND_ROOM, BAR_ROOM, EDGE = 0.3, 0.6, 0.5, 0.3, 0.65, 0.06
-"""Inches for the text around panels."""
+"""Inches for the text around panels: three-dimensional ones do not know how large it is."""
 Place = tuple[float, float, float, float]
+"""Of an axes in a figure: left, bottom, width and height, as shares."""
 
 
 def blade_snapshots(
@@ -118,14 +118,14 @@ def blade_snapshots(
     panels: list[Any] = [figure.add_subplot(projection="3d") for _ in shown]
     for letter, ax, (name, motion) in zip(cycle(ascii_uppercase), panels, shown.items()):
         plot_blades(ax, motion, blades=blades, size=size, scale=scale)
-        told = []
+        lines = []
         if len(shown) > 1:
-            told += [f"{letter}   {capitalized(short_name(name))}"]
-            told += [f"{slips[0].verb} {slips[0].amount(name)}"]
+            lines += [f"{letter}   {capitalized(short_name(name))}"]
+            lines += [f"{slips[0].verb} {slips[0].peak_text(name)}"]
         if desired is not None:
             ax.plot(*(scale * desired.positions.T), zorder=3, **DESIRED)
-            told += _deviation(motion, desired)
-        ax.set_title("\n".join(told), fontsize=SMALL_FONT_SIZE, y=1)
+            lines += _deviation(motion, desired)
+        ax.set_title("\n".join(lines), fontsize=SMALL_FONT_SIZE, y=1)
     _frame(panels, unit)
     beside = _arrange(figure, panels)
 
@@ -169,7 +169,7 @@ def plot_blades(
     size = size or BLADE_LENGTH * extent(motion) or BLADE_LENGTH
     where = equally_far_apart(motion, blades)
     tips, corners = motion.positions[where], blade_corners(motion, where, size)
-    arrows = ARROW_LENGTH * size * motion.rotations[where].as_matrix()[:, :, 1]
+    arrows = 0.45 * size * axis_vectors(motion.rotations[where], "y")
 
     (path,) = ax.plot(*(scale * motion.positions.T), zorder=2, **PATH)
     polygons = Poly3DCollection(
@@ -209,11 +209,10 @@ def slip_shares(motion: PoseTrajectory) -> Floats:
 
     The first sample has that of the first step.  A tool at rest does not slip.
     """
-    velocities = motion.step_velocities()[0]
-    lateral = np.einsum("ni,ni->n", motion.rotations.as_matrix()[1:, :, 1], velocities)
-    speeds = np.linalg.norm(velocities, axis=1)
+    steps = edge_steps(motion, Blade())
+    speeds = np.linalg.norm(steps.velocities, axis=1)
     moving = speeds > AT_REST * speeds.max()
-    shares = np.where(moving, np.abs(lateral) / np.where(moving, speeds, 1.0), 0.0)
+    shares = np.where(moving, np.abs(np.sin(steps.slip_angles)), 0.0)
     return np.concatenate([shares[:1], shares])
 
 

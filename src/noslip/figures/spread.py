@@ -18,16 +18,13 @@ from noslip.figures.quantities import (
     ANGLES,
     MARGIN_SHARE,
     Constraints,
-    ResidualRow,
-    amount,
     extent,
-    least_margins,
     length,
     length_unit,
-    prominence,
-    residual_rows,
     roll_pitch_yaw,
+    value_text,
 )
+from noslip.figures.residuals import ResidualRow, least_margins, prominence, residual_rows
 from noslip.figures.style import (
     LEAST_SHARE,
     LEAST_TURN,
@@ -46,17 +43,21 @@ from noslip.figures.style import (
     trial_styles,
     write_title,
 )
-from noslip.primitives.pose import as_demonstrations
+from noslip.law.fitting import as_demonstrations
 from noslip.trajectory import PoseTrajectory
 
 PROGRESS = "share of the motion's time (%)"
+"""What the axis of time says where durations differ."""
 GRID: Floats = np.linspace(0, 100, 201)
-"""Where mean and standard deviation are taken (%)."""
+"""Where mean and standard deviation are taken (%): every half percent."""
 VISIBLE_TURN = 0.05
-"""Degrees below which an adjustment is none."""
+"""Degrees below which an adjustment is none: about a line's width."""
 EACH: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.45}
+"""Of one motion among many: thin and transparent."""
 MEAN: dict[str, Any] = {"linewidth": 1.8}
+"""Of their mean: wide."""
 BAND: dict[str, Any] = {"alpha": 0.2}
+"""Of one standard deviation about it."""
 Curve = tuple[Floats, Floats]
 """Share of the motion's time (%) and value, at a motion's own samples."""
 
@@ -304,8 +305,8 @@ def _limit_finding(limit: ResidualRow) -> str:
     broken = sum(not limit.keeps(name) for name in limit.values)
     least = min(limit.margins.values()) / limit.scale
     if not broken:
-        return f"kept by all, least margin {amount(max(least, 0.0), limit.own_unit)}"
-    return f"violated by {broken}, by up to {amount(-least, limit.own_unit)}"
+        return f"kept by all, least margin {value_text(max(least, 0.0), limit.own_unit)}"
+    return f"violated by {broken}, by up to {value_text(-least, limit.own_unit)}"
 
 
 def _adjustment_finding(peaks: Floats, names: Sequence[str]) -> str:

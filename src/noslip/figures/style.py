@@ -38,36 +38,41 @@ PALETTE = {
 is too pale for a line on white."""
 
 ONE_COLUMN, TWO_COLUMNS = 3.5, 7.16
-"""Width of a figure over one column and over two columns of a page (inches)."""
+"""Width of a figure over one column and over two columns of a page (inches): those of IEEE's
+journals."""
 COLUMNS = {1: (ONE_COLUMN, 2.2), 2: (TWO_COLUMNS, 2.6)}
 """Width and usual height of a paper's figure, by the columns that it goes over (inches)."""
 FONT_SIZE, SMALL_FONT_SIZE = 8.0, 7.0
-"""Of titles, and of everything else (points)."""
+"""Of titles, and of everything else (points): as a caption beside text of 10."""
 DPI = 200
+"""Of a PNG: sharp on a screen of high density, and small enough for a web page."""
 LONGEST_NAME = 40
-"""Characters of a motion's name that a legend shows, the last ones."""
-LONGEST_LABEL = 26
-"""Characters of a y axis' label beside a low panel, before it goes on in the next line."""
+"""Characters of a motion's name that a legend shows, the last ones: that of a file is in its
+end."""
 
 LEAST_TURN = 4.0
-"""Degrees that an angle's axis spans at least."""
+"""Degrees that an angle's axis spans at least: a tool that does not turn has a flat line."""
 LEAST_SHARE = 0.04
 """Share of the path's extent that a coordinate's axis spans at least: rounding stays flat."""
 FORBIDDEN_SHARE = 0.12
-"""Share of a margin's axis below zero, and below the least margin, that is shown at least."""
+"""Share of a margin's axis below zero, and below the least margin, that is shown at least: what is
+forbidden is always seen."""
 DECADES = 1e-5
 """Share of the smallest curve's peak at which a logarithmic axis ends: zeros lie below."""
 
 _REFERENCE = {"color": PALETTE["gray"], "linestyle": "-", "linewidth": 3.2, "zorder": 1.9}
+"""What others are compared with lies below them, wide."""
 _NAMED: dict[str, dict[str, Any]] = {
     "demonstration": _REFERENCE,
     "regular": {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1},
     "constrained": {"color": PALETTE["vermillion"], "linestyle": (0, (5, 2)), "linewidth": 1.4},
     "optimized": {"color": PALETTE["black"], "linestyle": (0, (1, 1.8)), "linewidth": 1.7},
 }
-_NAMED["optimized"] = _NAMED["optimized"]
+"""Of the motions that every figure shows: the paper's four look alike everywhere."""
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.8)), (0, (5, 1.5, 1, 1.5)))
+"""Of further motions, which differ by them where colors recur."""
 _SAVING = Lock()
+"""Matplotlib's settings are the process's: one figure is written at a time."""
 
 
 def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -164,7 +169,7 @@ def put_legend(figure: Figure, handles: Mapping[str, Artist]) -> None:
 def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> None:
     """Give axes their labels, readable sizes and a faint grid."""
     ax.set_xlabel(xlabel, fontsize=SMALL_FONT_SIZE)
-    ax.set_ylabel(fill(ylabel, LONGEST_LABEL), fontsize=SMALL_FONT_SIZE)
+    ax.set_ylabel(fill(ylabel, 26), fontsize=SMALL_FONT_SIZE)
     if title is not None:
         ax.set_title(title, fontsize=SMALL_FONT_SIZE)
     ax.tick_params(labelsize=SMALL_FONT_SIZE)

@@ -51,6 +51,13 @@ class Band:
         self.add(2, j, j, apart)
         self.add(-2, j, j, apart)
 
+    def add_slope(self, j: int, strengths: Floats) -> None:
+        """Add ``D^T diag(strengths) D`` of the first differences of unknown j, shape (N - 1,)."""
+        self.add(0, j, j, np.append(strengths, 0.0) + np.append(0.0, strengths))
+        beside = np.append(-strengths, 0.0)
+        self.add(1, j, j, beside)
+        self.add_transposed(1, j, j, beside)
+
     def fix(self, k: int, j: int) -> None:
         """Make unknown j of stage k stay as it is."""
         column = k * self.stage + j

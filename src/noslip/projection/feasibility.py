@@ -12,18 +12,18 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
-from noslip.projection.pointwise import least_change, project_velocities
+from noslip.projection.nearest import nearest
+from noslip.projection.pointwise import project_velocities
 from noslip.trajectory import PoseTrajectory
 
 _EVERYTHING = (1.0,) * 6
-_MOST_ITERATIONS = 60
+"""M^-1 in which a meter costs as much as a radian."""
 _APPROACHING = 8
+"""Newton steps to the nearest pose, and then straight onto the constraints."""
 _ON = 1e-12
 """Residual, in the constraint's own unit, at which a pose is on it."""
 _APART = 1e-6
 """Residual that shows a contradiction: far above what converges."""
-_LOST = 1e3
-"""Residual, over the first, at which the search has run away."""
 _PLACES = 3
 """Samples of a demonstration at which constraints are tried together."""
 
@@ -141,22 +141,27 @@ def _nearest_pose(
     """Pose, and what is left of the residual there."""
     given = np.array(position, dtype=np.float64)
     turned = Rotation.from_quat(np.asarray(quaternion, dtype=np.float64), scalar_first=True)
-    here, rotation = given, turned
-    is_limit = system.row_is_limit
-    residual = first = 0.0
-    for iteration in range(_MOST_ITERATIONS):
-        quat = rotation.as_quat(scalar_first=True)
-        value, _, rows = system.instant(time, here, quat, np.zeros(3), np.zeros(3))
-        missed = np.where(is_limit, np.minimum(value, 0), value)
-        residual = float(np.abs(missed).max(initial=0.0))
-        first = first or residual
-        if residual <= _ON or residual > _LOST * max(1.0, first):
-            break
-        if iteration < _APPROACHING:
-            offset = np.concatenate([here - given, (rotation * turned.inv()).as_rotvec()])
-            change = least_change(rows, rows @ offset - value, is_limit, inverse_metric)
-            here, rotation = given + change[:3], Rotation.from_rotvec(change[3:]) * turned
-        else:
-            change = least_change(rows, -value, is_limit, inverse_metric)
-            here, rotation = here + change[:3], Rotation.from_rotvec(change[3:]) * rotation
-    return (here, rotation.as_quat(scalar_first=True)), residual
+
+    def moved(change: Floats) -> tuple[Floats, Floats]:
+        rotation = Rotation.from_rotvec(change[3:]) * turned
+        return given + change[:3], rotation.as_quat(scalar_first=True)
+
+    def conditions(change: Floats) -> tuple[Floats, Floats]:
+        value, _, rows = system.instant(time, *moved(change), np.zeros(3), np.zeros(3))
+        return value, rows
+
+    change, residual = nearest(
+        conditions,
+        _then,
+        system.row_is_limit,
+        inverse_metric,
+        approaching=_APPROACHING,
+        tolerance=_ON,
+    )
+    return moved(change), residual
+
+
+def _then(change: Floats, more: Floats) -> Floats:
+    """One displacement and turn, and then another."""
+    turned = Rotation.from_rotvec(more[3:]) * Rotation.from_rotvec(change[3:])
+    return np.concatenate([change[:3] + more[:3], turned.as_rotvec()])

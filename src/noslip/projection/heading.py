@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from noslip._typing import Floats
-from noslip.constraints.declaration import axis_index
+from noslip.constraints.edge_motion import edge_motion
 from noslip.constraints.system import ConstraintSystem
+from noslip.edge import axis_index
 from noslip.trajectory import PoseTrajectory
 
 REACH = 0.005
@@ -55,18 +56,18 @@ def turn_edge_into_path(
 
     Constraints that name no edge get no turn.
     """
-    constraint = next((c for c in system.constraints if c.edge and c.lateral), None)
+    constraint = system.edged
     none = Heading(np.zeros((len(trajectory), 3)), 0)
-    if constraint is None or constraint.lateral is None or constraint.edge is None:
+    if constraint is None or constraint.edge is None or constraint.edge.lateral is None:
         return none
-    point = getattr(constraint, "reference_point", (0.0, 0.0, 0.0))
-    velocities = _travel(trajectory.positions + trajectory.rotations.apply(point), trajectory.times)
+    seen = edge_motion(constraint, trajectory.clock, trajectory.positions, trajectory.rotations)
+    velocities = _travel(seen.points, trajectory.times)
     speed = np.linalg.norm(velocities, axis=1)
     if speed.max() == 0:
         return none
-    body = trajectory.rotations.inv().apply(velocities)
-    edge, edge_sign = axis_index(constraint.edge)
-    lateral, _ = axis_index(constraint.lateral)
+    body = seen.rotations.inv().apply(velocities)
+    edge, edge_sign = axis_index(constraint.edge.travel)
+    lateral, _ = axis_index(constraint.edge.lateral)
     third = 3 - edge - lateral
     ahead, aside, across = edge_sign * body[:, edge], body[:, lateral], body[:, third]
 

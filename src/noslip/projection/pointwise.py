@@ -6,9 +6,18 @@ constraint (Udwadia-Kalaba, eq. 15):
     ``a = a_u + M^-1 A^T (A M^-1 A^T)^+ (b - A a_u)``
 
 Evaluated once a step, this formula leaves an error of the order of the step.  Here the velocities
-``v+, w+`` are chosen such that the *next state* of the discrete motion, ``p+ = p + dt v+``,
-``R+ = Exp(dt w+) R``, satisfies the constraint itself: the same projection, iterated by Newton's
-method in the same metric a fixed number of times, unrolled in the expression graph.
+``v+, w+`` of a step are chosen such that the *discrete motion* satisfies the constraint itself,
+:meth:`ConstraintSystem.of_step`: at velocity level the middle of the step, at position level its
+end.  It is the same projection, iterated by Newton's method in the same metric a fixed number of
+times, unrolled in the expression graph.
+
+Along which rows a correction goes is one choice, :data:`Push`:
+
+- ``"force"``: along the rows at the step's start, ``D = d phi / d (v, w)`` at ``(t_k, p_k, R_k)``
+  with the mean of the velocities before and after.  The motion of a body under constraint forces is
+  then of second order (at position level this is SHAKE, Ryckaert et al. 1977).
+- ``"steering"``: along the derivative of the step's own residual, J.  Where rotation shares a
+  correction it does so through a lever of half a step, which D does not have.
 
 Limits ``h >= 0`` take part in the same projection as barrier rows, so that each pass is a quadratic
 program (:mod:`noslip.projection.quadratic`).  Equality and limit share one rule for what a residual
@@ -20,21 +29,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import nnls
+from numpy.typing import ArrayLike
 
 from noslip import _arguments
 from noslip._typing import Expression, Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
-from noslip.primitives.stepping import Coupled, Coupling, StepSymbols
+from noslip.law.step import Coupled, Coupling, StepSymbols
+from noslip.projection.nearest import nearest
 from noslip.projection.quadratic import Pushes, least_push
 from noslip.rotations import quaternion_exp, quaternion_product
 from noslip.trajectory import PoseTrajectory
+
+Push = Literal["force", "steering"]
 
 POSITION_ONLY: tuple[float, ...] = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """M^-1 of the paper: infinite rotational inertia, so that only the position gives way."""
@@ -63,9 +75,6 @@ _LIMIT_APPROACHING, _LIMIT_RESTORING = 2, 4
 _HARD_CAP, _SOFT_CAPS = 1e7, (3e1, 3e4)
 """Largest multiplier of a hard limit, and of the least and most important soft one, over the
 velocity that the limits ask for."""
-_MOST_ITERATIONS = 50
-_CONTRADICTION = 1e-7
-"""What least distance programming leaves of 1 where no change keeps all limits."""
 
 
 def gauss_acceleration(
@@ -95,6 +104,7 @@ def coupling(
     constraints: ConstraintSystem | Constraint | Sequence[Constraint],
     *,
     inverse_metric: Sequence[float] = POSITION_ONLY,
+    push: Push = "force",
 ) -> Coupling:
     """Build the coupling term that holds constraints at each step.
 
@@ -108,18 +118,20 @@ def coupling(
         Equalities and limits.
     inverse_metric : 6 numbers
         Diagonal of M^-1; position only by default, as in the paper.
+    push : "force" or "steering"
+        Along which rows velocity-level equalities push.
 
     Returns
     -------
     Coupling
-        For :class:`noslip.primitives.stepping.Stepper`; rows of equalities first.
+        For :class:`noslip.runtime.stepper.Stepper`; rows of equalities first.
     """
     system = as_system(constraints)
     metric = _arguments.inverse_metric(inverse_metric)
     _require_holdable(system, metric)
 
     def couple(s: StepSymbols, linear: Expression, angular: Expression) -> Coupled:
-        step = _Step(system, metric, s, ca.vertcat(linear, angular))
+        step = _Step(system, metric, push, s, ca.vertcat(linear, angular))
         velocities, multipliers, forces, yielding = step.solve()
         return Coupled(
             velocities[:3],
@@ -140,6 +152,7 @@ class _Step:
         self,
         system: ConstraintSystem,
         metric: tuple[float, ...],
+        push: Push,
         s: StepSymbols,
         unconstrained: Expression,
     ) -> None:
@@ -173,32 +186,44 @@ class _Step:
         self.phi = scale * self.values(self.free)
         self.goal = scale * after
         self.jacobian = ca.jacobian(self.phi, self.unknown)
-        self.at_position = [i for i, level in enumerate(levels) if level == "position"]
+        is_force = [push == "force"] * self.equalities.size + [False] * self.limits.size
+        self.by_force = [
+            i
+            for i, (level, pushes) in enumerate(zip(levels, is_force, strict=True))
+            if level == "position" or (level == "velocity" and pushes)
+        ]
         self.start_rows = self._start_rows()
+        # Of limits it is settled step by step who pushes.
+        self.is_linear = not self.limits.size and not ca.depends_on(self.jacobian, self.unknown)
+        # One linear row, rotation held: along the row at the start it is one division.
+        self.is_division = (
+            self.is_linear
+            and self.by_force == [0]
+            and self.equalities.row_levels == ["velocity"]
+            and not any(metric[3:])
+            and not ca.depends_on(self.start_rows, self.unknown)
+        )
         self.caps, self.asked = _caps(self.limits), ca.SX(_SMALLEST_PIVOT)
         # Slower than this, a turn can do nothing for a tool that must not slip.
         self.floor = ca.sum1(self.weights) * (_STILL * s.time_step) ** 2 + _SMALLEST_PIVOT
 
     def _start_rows(self) -> Expression:
-        """Rows as they are before the step, for those at position level.
-
-        Forces that act along these keep the energy of a holonomic system, and make the step one of
-        second order (SHAKE, Ryckaert et al. 1977); along the rows at its end they would damp.
-        """
-        s, state = self.s, self.unknown
-        at = (s.time - s.time_step, s.position, s.quaternion, state[:3], state[3:])
+        """Rows as they are at the step's start, along which forces act."""
+        s, now = self.s, ca.SX.sym("now", 6)
+        at = (s.time - s.time_step, s.position, s.quaternion, now[:3], now[3:])
         rates = ca.vertcat(self.equalities.first_order(*at), self.limits.first_order(*at))
         held = ca.DM([float(weight != 0) for weight in self.metric])
-        return ca.jacobian(rates, state) @ ca.diag(held)
+        rows = ca.jacobian(rates, now) @ ca.diag(held)
+        before = ca.vertcat(s.linear_velocity, s.angular_velocity)
+        return ca.substitute(rows, now, (before + self.free) / 2)
 
     def values(self, velocities: Expression) -> Expression:
-        """Residuals, then margins, of the next state."""
+        """Residuals, then margins, of the step."""
         s, v, w = self.s, velocities[:3], velocities[3:]
-        position, quaternion = s.advance(v, w)
-        state = (s.time, position, quaternion, v, w)
+        step = (s.time - s.time_step, s.time_step, s.position, s.quaternion, v, w)
         linear, angular = (v - s.linear_velocity) / s.kick, (w - s.angular_velocity) / s.kick
         return ca.vertcat(
-            self.equalities.residual(*state), self.limits.residual(*state, linear, angular)
+            self.equalities.of_step(*step), self.limits.of_step(*step, linear, angular)
         )
 
     def solve(self) -> tuple[Expression, Expression, Expression, Expression]:
@@ -208,21 +233,27 @@ class _Step:
         parts = ca.SX(6, self.phi.shape[0])
         pushes = None
         for iteration in range(approaching + restoring):
-            value, rows = ca.substitute([self.phi, self.jacobian], [self.unknown], [velocities])
+            value, rows, along = ca.substitute(
+                [self.phi, self.jacobian, self.start_rows], [self.unknown], [velocities]
+            )
             reach = self.goal - value
-            if iteration < approaching:
-                rows[self.at_position, :] = self.start_rows[self.at_position, :]
+            if self.is_division:
+                impulses = reach / (rows @ ca.diag(self.weights) @ along.T + self.floor)
+                parts = _columns(self.weights, along, impulses)
+                velocities = self.unconstrained + parts
+            elif iteration < approaching:
+                rows[self.by_force, :] = along[self.by_force, :]
                 # Nearest to the unconstrained velocities.  Multipliers are corrected, not found
                 # anew: what the regularization leaves out of one pass the next makes up for.
                 reach += ca.mtimes(rows, velocities - self.unconstrained)
                 impulses, pushes = self._push(rows, reach, iteration, impulses, pushes, False)
                 parts = _columns(self.weights, rows, impulses)
                 velocities = self.unconstrained + ca.sum2(parts)
-                if iteration == 0 and restoring and self.shared:
+                if iteration == 0 and self.shared and not self.is_linear:
                     self._stiffen(ca.sum2(parts)[3:])
             else:
                 # Straight onto the constraint: quadratic, where the nearest point is linear.
-                if self.shared:
+                if self.shared and not self.is_linear:
                     self._balance(rows)
                 more, pushes = self._push(rows, reach, iteration, impulses, pushes, True)
                 impulses += more
@@ -241,8 +272,8 @@ class _Step:
         yielding = ca.SX(self.phi.shape[0], 1)
         if pushes is not None:
             yielding[self.equalities.size :] = pushes.yielding
-        if restoring:
-            change = self._instead(velocities, rows)
+        if restoring and not self.is_linear:
+            change = self._fallback(velocities, rows)
             velocities = velocities + change
             # It is for all rows alike.
             parts += ca.repmat(change / parts.shape[1], 1, parts.shape[1])
@@ -270,7 +301,7 @@ class _Step:
         factor = ca.if_else(moving > 0, share, 1)
         self.weights = ca.vertcat(self.weights[:3], factor * ca.DM(list(self.metric[3:])))
 
-    def _instead(self, velocities: Expression, rows: Expression) -> Expression:
+    def _fallback(self, velocities: Expression, rows: Expression) -> Expression:
         """What leads to other velocities where the passes have not come to what they should.
 
         Where constraints or limits all but contradict each other, a fixed number of passes may not
@@ -282,8 +313,8 @@ class _Step:
         found = self._merit(velocities, rows)
         others = [(rest, self._merit(rest, rows))]
         if self.limits.size:
-            alone = self._alone()
-            others.append((alone, self._merit(alone, rows)))
+            without = self._without_limits()
+            others.append((without, self._merit(without, rows)))
         failed = ca.logic_or(found[0] > 0, found[1] > _REACHED * self.asked)
         best, (lost, hard, soft) = velocities, found
         for candidate, (lost_there, hard_there, soft_there) in others:
@@ -325,7 +356,7 @@ class _Step:
         hard = ca.DM([float(priority == 0) for priority in _priorities(self.limits)])
         return lost, ca.mmax(hard * over), ca.dot(self.caps * (1 - hard), over)
 
-    def _alone(self) -> Expression:
+    def _without_limits(self) -> Expression:
         """Velocities that the equalities allow, without limits."""
         velocities, held = self.unconstrained, ca.SX(self.equalities.size, 1)
         if not self.equalities.size:
@@ -347,11 +378,13 @@ class _Step:
     def _passes(self) -> tuple[int, int]:
         if self.limits.size:
             return _LIMIT_APPROACHING, _LIMIT_RESTORING
-        if not ca.depends_on(self.jacobian, self.unknown):
-            # One row is divided by exactly; several are regularized, which further passes undo.
-            # Rows as before the step, along which position level pushes, are not those it ends on.
-            if self.at_position:
+        if self.is_division:
+            return 1, 0
+        if self.is_linear:
+            # Rows at the step's start, along which forces push, are not those that it is asked by.
+            if self.by_force:
                 return _APPROACHING, 2
+            # One row is divided by exactly; several are regularized, which further passes undo.
             return (1 if self.equalities.size == 1 else 3), 0
         return _APPROACHING, _RESTORING
 
@@ -438,24 +471,29 @@ def _require_holdable(system: ConstraintSystem, metric: tuple[float, ...]) -> No
 
 
 def holdable_rows(system: ConstraintSystem, metric: Sequence[float]) -> list[bool]:
-    """For each row, whether what a metric leaves free influences it within a step.
+    """For each row, whether what a metric leaves free influences it within a step."""
+    influence = system.owned("influence", lambda: _influence(system))
+    reaches = influence * np.asarray(metric, dtype=np.float64) > 1e-9 * influence.max(
+        axis=1, keepdims=True, initial=0.0
+    )
+    return [bool(row.any()) for row in reaches]
+
+
+def _influence(system: ConstraintSystem) -> Floats:
+    """Largest slope of each row with respect to the velocities of a step, shape (m, 6).
 
     Tried at random states: an expression may mention what it does not depend on.
     """
     t, p, q = ca.SX.sym("t"), ca.SX.sym("p", 3), ca.SX.sym("q", 4)
     v, w, h = ca.SX.sym("v", 3), ca.SX.sym("w", 3), 1e-3
-    turned = quaternion_product(quaternion_exp(h * w), q / ca.norm_2(q))
-    after = system.residual(t, p + h * v, turned, v, w, v / h, w / h)
+    after = system.of_step(t, h, p, q / ca.norm_2(q), v, w, v / h, w / h)
     rows = ca.Function("rows", [t, p, q, v, w], [ca.jacobian(after, ca.vertcat(v, w))])
     random = np.random.default_rng(0)
     influence = np.zeros((system.size, 6))
     for _ in range(3):
         found = rows(*(random.normal(size=n) for n in (1, 3, 4, 3, 3)))
         influence = np.fmax(influence, np.abs(np.array(found)).reshape(system.size, 6))
-    reaches = influence * np.asarray(metric, dtype=np.float64) > 1e-9 * influence.max(
-        axis=1, keepdims=True, initial=0.0
-    )
-    return [bool(row.any()) for row in reaches]
+    return influence
 
 
 def _residual_after(
@@ -463,7 +501,8 @@ def _residual_after(
 ) -> Expression:
     """What residuals may be after the step: zero, once they were zero.
 
-    At velocity level ``exp(-rate dt)`` times what they are.  At position level the solution of the
+    At velocity level ``exp(-rate kick)`` times what they were in the middle of the step before, or
+    are at the start.  At position level the solution of the
     critically damped oscillator, ``(r + c dt) exp(-rate dt)`` with ``c = dr/dt + rate r`` found
     from the previous sample; that is where the discrete motion came from, so a motion on the
     constraint stays on it to rounding.
@@ -477,6 +516,14 @@ def _residual_after(
     before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
     state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
     now, drift = system.residual(*state), system.first_order(*state)
+    half_back = quaternion_exp(-previous / 2 * s.angular_velocity)
+    middle = system.residual(
+        before - previous / 2,
+        s.position - previous / 2 * s.linear_velocity,
+        quaternion_product(half_back, s.quaternion),
+        s.linear_velocity,
+        s.angular_velocity,
+    )
     back = quaternion_exp(-previous * s.angular_velocity)
     earlier = system.residual(
         before - previous,
@@ -495,7 +542,7 @@ def _residual_after(
             continue
         left = ca.exp(-rate * dt)
         if level == "velocity":
-            asked = left * now[i]
+            asked = ca.exp(-rate * s.kick) * middle[i]
             targets.append(asked if named[i] or not is_limit else ca.fmin(asked, 0))
             continue
         # No step has led to the start; there the velocities tell.
@@ -562,51 +609,27 @@ def project_velocities(
     levels = np.array(system.row_levels, dtype=object)
     # Limits of poses say nothing of velocities yet: their barriers do, step by step.
     counts = ~system.row_is_limit | (levels == "velocity")
-    is_limit = system.row_is_limit[counts]
     given = np.concatenate([np.ravel(linear_velocity), np.ravel(angular_velocity)]).astype(float)
-    weights = np.asarray(inverse_metric, dtype=np.float64)
-    found = given
-    close = 1e-15 * max(1.0, np.abs(given).max())
-    for iteration in range(_MOST_ITERATIONS):
-        residual, phi, rows = system.instant(time, position, quaternion, found[:3], found[3:])
-        phi = (phi + np.where(levels == "position", residual_rate * residual, 0.0))[counts]
-        rows = rows[counts]
-        if np.abs(np.where(is_limit, np.minimum(phi, 0), phi)).max(initial=0.0) <= close:
-            break
-        base = given if iteration < _APPROACHING else found
-        found = base + least_change(rows, rows @ (found - base) - phi, is_limit, weights)
+
+    def conditions(change: Floats) -> tuple[Floats, Floats]:
+        velocities = given + change
+        residual, phi, rows = system.instant(
+            time, position, quaternion, velocities[:3], velocities[3:]
+        )
+        phi = phi + np.where(levels == "position", residual_rate * residual, 0.0)
+        return phi[counts], rows[counts]
+
+    change, _ = nearest(
+        conditions,
+        np.add,
+        system.row_is_limit[counts],
+        inverse_metric,
+        approaching=_APPROACHING,
+        tolerance=1e-15 * max(1.0, np.abs(given).max()),
+    )
+    found = given + change
+    residual, _, _ = system.instant(time, position, quaternion, found[:3], found[3:])
     return found[:3], found[3:], residual[~system.row_is_limit]
-
-
-def least_change(
-    rows: Floats, reach: Floats, is_limit: NDArray[np.bool_], inverse_metric: ArrayLike
-) -> Floats:
-    """Least d, in the metric, with ``rows d = reach``, or ``>= reach`` for limits.
-
-    Without limits the pseudo-inverse's, with them by non-negative least squares (Lawson and Hanson
-    1974, least distance programming).  Where not all limits can be kept, they are left out.
-    """
-    weights = np.asarray(inverse_metric, dtype=np.float64)
-    if not np.any(is_limit & (reach > 0)):
-        A, wanted = rows[~is_limit], reach[~is_limit]
-        weighted = weights[:, None] * A.T
-        d = weighted @ (np.linalg.pinv(A @ weighted, hermitian=True) @ wanted)
-        if np.all((rows @ d)[is_limit] >= reach[is_limit]):
-            return np.asarray(d)
-    roots = np.sqrt(weights)
-    A, wanted = rows * roots, reach
-    scale = np.abs(wanted).max() or 1.0
-    # An equality is two limits.
-    G = np.concatenate([A, -A[~is_limit]])
-    h = np.concatenate([wanted, -wanted[~is_limit]]) / scale
-    end = np.zeros(7)
-    end[-1] = 1.0
-    E = np.vstack([G.T, h])
-    push, distance = nnls(E, end)
-    left = E @ push - end
-    if distance < _CONTRADICTION:
-        return least_change(rows[~is_limit], reach[~is_limit], is_limit[~is_limit], weights)
-    return np.asarray(roots * (-scale * left[:6] / left[6]))
 
 
 def project_initial_velocity(

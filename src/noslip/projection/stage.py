@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,25 +21,95 @@ from noslip.rotations import (
 Entries = dict[tuple[int, int], Floats]
 """Structural nonzeros of a stage's matrix: (row, column) -> value at each stage."""
 
+KEPT_COUNTS = 8
+"""Numbers of stages for which the mapped functions are kept: those of a learning and its plans."""
 
-Evaluation = Callable[[Floats, Floats, Floats], tuple[Floats, Entries, Entries]]
 
+class Stage:
+    """What the constraints ask of one step, for any number of steps at once.
 
-# Building and differentiating the graph takes as long as two Newton steps.
-@lru_cache(maxsize=16)
-def stage_function(system: ConstraintSystem, hold_position: bool, count: int) -> Evaluation:
-    """Residual, Jacobian and curvature of the constraints of one step, for all steps at once.
-
+    Unknowns of a stage are those of the sample before the step, of its own, and of the next one.
     Rows of equalities come first, then those of limits.
+
+    Parameters
+    ----------
+    system : ConstraintSystem
+    hold_position : bool
+        Only the rotation is unknown.
     """
+
+    def __init__(self, system: ConstraintSystem, hold_position: bool) -> None:
+        z, parameters, phi = _residual(system, hold_position)
+        unknown, multipliers = ca.vertcat(*z), ca.SX.sym("lambda", system.size)
+        jacobian = ca.jacobian(phi, unknown)
+        # It is symmetric: below the diagonal, and on it, is enough.
+        curvature = ca.tril(ca.hessian(ca.dot(multipliers, phi), unknown)[0])
+        self.rows = system.size
+        self._slope = _Mapped("slope", [*z, parameters], [ca.densify(phi), *jacobian.nonzeros()])
+        self._curvature = _Mapped("curvature", [*z, parameters, multipliers], curvature.nonzeros())
+        self._slope_places, self._curvature_places = _places(jacobian), _places(curvature)
+
+    @classmethod
+    def of(cls, system: ConstraintSystem, hold_position: bool) -> Stage:
+        """Return the one that the system owns: to build it takes as long as two Newton steps."""
+        return system.owned(("stage", hold_position), lambda: cls(system, hold_position))
+
+    def slope(self, unknown: Floats, parameters: Floats) -> tuple[Floats, Entries]:
+        """Residuals, shape (N, m), and their Jacobian.
+
+        Parameters
+        ----------
+        unknown : array, shape (N, n)
+        parameters : array, shape (N, ...)
+        """
+        result = self._slope(*_neighbors(unknown), parameters)
+        columns = np.ascontiguousarray(result[:, self.rows :].T)
+        return result[:, : self.rows], dict(zip(self._slope_places, columns, strict=True))
+
+    def curvature(self, unknown: Floats, parameters: Floats, multipliers: Floats) -> Entries:
+        """Second derivative of ``lambda . phi``, its lower triangle."""
+        result = self._curvature(*_neighbors(unknown), parameters, multipliers)
+        columns = np.ascontiguousarray(result.T)
+        return dict(zip(self._curvature_places, columns, strict=True))
+
+
+class _Mapped:
+    """A function of one stage, evaluated in place for all stages at once."""
+
+    def __init__(self, name: str, inputs: list[Expression], outputs: Sequence[Expression]) -> None:
+        function = ca.Function(name, inputs, [ca.cse(ca.vertcat(ca.SX(0, 1), *outputs))])
+        self._width = function.numel_out(0)
+        self._map = lru_cache(KEPT_COUNTS)(function.map)
+
+    def __call__(self, *arguments: Floats) -> Floats:
+        count = len(arguments[0])
+        result = np.empty((count, self._width))
+        buffer, run = self._map(count).buffer()
+        # Referred to until the call is over.
+        given = [np.ascontiguousarray(a) for a in arguments]
+        for index, argument in enumerate(given):
+            buffer.set_arg(index, argument.data)
+        buffer.set_res(0, result.data)
+        run()
+        return result
+
+
+def _neighbors(unknown: Floats) -> tuple[Floats, Floats, Floats]:
+    before = np.concatenate([unknown[:1], unknown[:-1]])
+    after = np.concatenate([unknown[1:], unknown[-1:]])
+    return before, unknown, after
+
+
+def _residual(
+    system: ConstraintSystem, hold_position: bool
+) -> tuple[list[Any], Expression, Expression]:
+    """Unknowns of three samples, parameters, residual."""
     unknowns = 3 if hold_position else 6
     z = [ca.SX.sym(f"z_{name}", unknowns) for name in ("before", "here", "after")]
     q = [ca.SX.sym(f"q_{name}", 4) for name in ("before", "here", "after")]
     p, v, v_after = ca.SX.sym("p", 3), ca.SX.sym("v", 3), ca.SX.sym("v_after", 3)
     time, time_step, length = ca.SX.sym("t"), ca.SX.sym("dt"), ca.SX.sym("L")
     equalities, limits = system.equalities, system.limits
-    rows = system.size
-    multipliers = ca.SX.sym("lambda", rows)
 
     turned = [
         quaternion_product(quaternion_exp(part[:3]), reference)
@@ -54,44 +125,30 @@ def stage_function(system: ConstraintSystem, hold_position: bool, count: int) ->
         position = p + length * z[1][3:]
         velocity = v + length * (z[1][3:] - z[0][3:]) / time_step
         next_velocity = v_after + length * (z[2][3:] - z[1][3:]) / time_step
-    state = (time, position, turned[1], velocity, rate(0))
+    spin = rate(0)
     linear = (next_velocity - velocity) / time_step
-    angular = (rate(1) - rate(0)) / time_step
-    phi = ca.vertcat(equalities.residual(*state), limits.residual(*state, linear, angular))
-    jacobian = ca.jacobian(phi, ca.vertcat(*z))
-    curvature, _ = ca.hessian(ca.dot(multipliers, phi), ca.vertcat(*z))
-    parameters = ca.vertcat(*q, p, v, v_after, time, time_step, length)
-    outputs = ca.vertcat(ca.densify(phi), *jacobian.nonzeros(), *curvature.nonzeros())
-    function = ca.Function("stage", [*z, parameters, multipliers], [ca.cse(outputs)])
-    mapped = function.map(count)
-    jacobian_places = _places(jacobian)
-    curvature_places = _places(curvature)
-    width = outputs.shape[0]
+    angular = (rate(1) - spin) / time_step
+    # The quaternions are continuous from sample to sample, so their sum is halfway between them.
+    middle = turned[0] + turned[1]
+    at_middle = (
+        time - time_step / 2,
+        position - time_step / 2 * velocity,
+        middle / ca.norm_2(middle),
+        velocity,
+        spin,
+    )
+    at_end = (time, position, turned[1], velocity, spin)
 
-    def evaluate(
-        unknown: Floats, stage_parameters: Floats, weights: Floats
-    ) -> tuple[Floats, Entries, Entries]:
-        previous = np.concatenate([unknown[:1], unknown[:-1]])
-        following = np.concatenate([unknown[1:], unknown[-1:]])
-        result = np.empty((count, width))
-        arguments = [
-            np.ascontiguousarray(a)
-            for a in (previous, unknown, following, stage_parameters, weights)
+    def residual(part: ConstraintSystem, *accelerations: Expression) -> Expression:
+        middles, ends = (part.residual(*at, *accelerations) for at in (at_middle, at_end))
+        rows = [
+            (ends if level == "position" else middles)[i] for i, level in enumerate(part.row_levels)
         ]
-        buffer, run = mapped.buffer()
-        for index, argument in enumerate(arguments):
-            buffer.set_arg(index, argument.data)
-        buffer.set_res(0, result.data)
-        run()
-        columns = np.ascontiguousarray(result.T)
-        split = rows + len(jacobian_places)
-        return (
-            result[:, :rows],
-            dict(zip(jacobian_places, columns[rows:split], strict=True)),
-            dict(zip(curvature_places, columns[split:], strict=True)),
-        )
+        return ca.vertcat(ca.SX(0, 1), *rows)
 
-    return evaluate
+    phi = ca.vertcat(residual(equalities), residual(limits, linear, angular))
+    parameters = ca.vertcat(*q, p, v, v_after, time, time_step, length)
+    return z, parameters, phi
 
 
 def _places(matrix: ca.SX) -> list[tuple[int, int]]:

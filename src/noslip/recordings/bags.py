@@ -20,12 +20,18 @@ from noslip.trajectory import PoseTrajectory
 METADATA = "metadata.yaml"
 """What the folder of every ROS 2 bag has, and is known by."""
 
-POSE = "geometry_msgs/msg/PoseStamped"
-TRANSFORM = "geometry_msgs/msg/TransformStamped"
-ODOMETRY = "nav_msgs/msg/Odometry"
 PATH = "nav_msgs/msg/Path"
+"""The type whose messages each hold a whole motion."""
 TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-TYPES = (POSE, TRANSFORM, ODOMETRY, PATH, *TF)
+"""The types of links in a tree of frames, of ROS 2 and of ROS 1 before tf2."""
+TYPES = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "nav_msgs/msg/Odometry",
+    PATH,
+    *TF,
+)
+"""All that are read: the poses that ROS stamps."""
 
 Stamped = tuple[Key, int, Any, Any]
 """Frames, stamp (ns), position and orientation as a message holds them."""

@@ -4,39 +4,50 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from inspect import signature
+from pathlib import Path
+from typing import Any
 
-from noslip.constraints.catalog import CATALOG, specification
-from noslip.constraints.declaration import Constraint, described
-from noslip.learning import BARRIER_RATE, ConstrainedDMP
-from noslip.projection.metric import inverse_metric
-from noslip.projection.trajectory import ROTATION_SMOOTHING
+from noslip.adapting import adapt
+from noslip.constraints.declaration import Constraint, described, is_registered
+from noslip.constraints.expression import Instructions
+from noslip.edge import Edge
+from noslip.learning import learn
+from noslip.primitive import ConstrainedDMP
+from noslip.provenance import Origin
 
-BASIS_FUNCTIONS = 100
-"""Of ``noslip learn``, unless said otherwise."""
 OWN = "YOUR_RULES.py:NAME"
 """Stands for a constraint declared in Python: a primitive keeps it, but not where it was."""
 
 
 def declaration(constraint: Constraint) -> str:
     """Return what ``--constraint`` takes for a constraint; of a user's own, what it is called."""
-    data = specification(constraint)
-    if data["type"] == "declared":
+    if _is_own(constraint):
         return described(constraint)
     # What a constraint is about comes first, what all limits share last.
-    fields = sorted(dataclasses.fields(CATALOG[data["type"]]), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
-    told = [
-        f"{f.name}={data['arguments'][f.name]!r}"
-        for f in fields
-        if f.init and data["arguments"][f.name] != f.default
-    ]
-    return f"{data['type']}({', '.join(told)})" if told else str(data["type"])
+    fields = sorted(dataclasses.fields(constraint), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
+    arguments = []
+    for field in fields:
+        value = getattr(constraint, field.name)
+        factory = field.default_factory
+        default = field.default if factory is dataclasses.MISSING else factory()
+        if isinstance(value, Edge):
+            value = value.travel
+        if value != default:
+            text = declaration(value) if isinstance(value, Constraint) else value
+            arguments.append(f"{field.name}={text!r}")
+    name = type(constraint).name
+    return f"{name}({', '.join(arguments)})" if arguments else name
 
 
 def commands(
     dmp: ConstrainedDMP, primitive: str, recordings: Sequence[str], preparation: Sequence[str] = ()
 ) -> list[str]:
-    """Return shell commands that learn a primitive again, roll it out, check it and report it.
+    """Return shell commands that make a primitive again, roll it out, check it and report it.
+
+    What they make is the same to the bit, from the same recordings; what was re-planned in the
+    middle of a motion is not on the command line, and a comment says so.
 
     Parameters
     ----------
@@ -52,49 +63,66 @@ def commands(
         for constraint in dmp.constraints
         for word in ("--constraint", OWN if _is_own(constraint) else declaration(constraint))
     ]
-    learned = ["learn", *recordings, *preparation, *constraints, *_settings(dmp)]
-    report = ["report", primitive, *recordings]
+    lines: list[list[str]] = []
+    comments: list[str] = []
+    last = len(dmp.history) - 1
+    files = [f"{Path(primitive).stem}-{k}.json" for k in range(last)] + [primitive]
+    for k, origin in enumerate(dmp.history):
+        if origin.verb == "learn":
+            given = _options(origin, learn)
+            lines.append(["learn", *recordings, *preparation, *constraints, *given])
+        elif origin.verb == "adapt":
+            lines.append(["adapt", files[k - 1], *_options(origin, adapt)])
+        else:
+            time = origin.options["state"]["time"]
+            comments.append(f"# then re-planned in Python from its state at {time:g} s")
+            break
+        lines[-1] += ["--out", files[k]]
+    made = [shlex.join(["noslip", *line]) for line in lines]
     lines = [
-        [*learned, "--out", primitive],
         ["rollout", primitive, "--out", "motion.csv"],
-        [*report, *preparation, "--out", "report.html"],
+        ["report", primitive, *recordings, *preparation, "--out", "report.html"],
     ]
     if constraints:
-        lines.insert(2, ["check", "motion.csv", *constraints])
-    return [shlex.join(["noslip", *line]) for line in lines]
+        lines.insert(1, ["check", "motion.csv", *constraints])
+    return [*made, *comments, *(shlex.join(["noslip", *line]) for line in lines)]
 
 
 def _is_own(constraint: Constraint) -> bool:
-    return bool(specification(constraint)["type"] == "declared")
+    """Whether it holds code of a user's, of which only the expression is kept."""
+    if not is_registered(constraint):
+        return True
+    values = vars(constraint).values()
+    return any(
+        _is_own(value) if isinstance(value, Constraint) else isinstance(value, Instructions)
+        for value in values
+    )
 
 
-def _settings(dmp: ConstrainedDMP) -> list[str]:
-    """Options of ``noslip learn`` that are not its own."""
-    options = []
-    count = dmp.position.forcing.basis.count
-    if count != BASIS_FUNCTIONS:
-        options += ["--basis-functions", str(count)]
-    moved = any(record.position_change for record in dmp.record)
-    if not moved and any(record.rotation_change for record in dmp.record):
-        options += ["--hold-position"]
-    smoothing = min((record.smoothing for record in dmp.record), default=ROTATION_SMOOTHING)
-    if smoothing != ROTATION_SMOOTHING:
-        options += ["--smoothing", repr(smoothing)]
-    options += _metric(dmp)
-    if dmp.barrier_rate != BARRIER_RATE:
-        options += ["--barrier-rate", repr(dmp.barrier_rate)]
-    return options
+def _options(origin: Origin, function: Callable[..., Any]) -> list[str]:
+    """Options that differ from their defaults, as one word each: values may begin with a minus."""
+    known = signature(function).parameters
+    words = []
+    for name, value in origin.options.items():
+        option = f"--{name.replace('_', '-')}"
+        if value == known[name].default or (value == [] and not known[name].default):
+            continue
+        if name == "via":
+            words += [f"{option}={_via(passed)}" for passed in value]
+        else:
+            words.append(option if value is True else f"{option}={_text(value)}")
+    return words
 
 
-def _metric(dmp: ConstrainedDMP) -> list[str]:
-    length = dmp.inverse_metric[3] ** -0.5 if dmp.inverse_metric[3] else 1.0
-    for name in (None, "position", "shared", "rotation"):
-        if _same(inverse_metric(dmp.system, name, length, length), dmp.inverse_metric):
-            option = [] if name is None else ["--metric", name]
-            return [*option, "--metric-length", repr(length)] if dmp.inverse_metric[3] else option
-    weights = ",".join(repr(1 / weight) if weight else "inf" for weight in dmp.inverse_metric)
-    return ["--metric", weights, "--metric-length", "1"]
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return ",".join(map(repr, value))
+    return value if isinstance(value, str) else repr(value)
 
 
-def _same(a: Sequence[float], b: Sequence[float]) -> bool:
-    return all(abs(x - y) <= 1e-9 * max(abs(x), abs(y)) for x, y in zip(a, b, strict=True))
+def _via(passed: Any) -> str:
+    """``AT:X,Y,Z``, ``AT:QW,QX,QY,QZ`` or both, of what was given in either form."""
+    if isinstance(passed, dict):
+        passed = [passed["at"], passed["position"], passed["rotation"]]
+    at, *parts = passed
+    return f"{at!r}:" + ",".join(_text(part) for part in parts if part is not None)

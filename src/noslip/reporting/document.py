@@ -13,12 +13,14 @@ from matplotlib.figure import Figure
 from noslip._files import write_beside
 from noslip.errors import InputError, MissingDependencyError
 from noslip.figures.style import rendered
-from noslip.reporting.content import Report, Value
+from noslip.reporting.values import Report, Value
 
 SUFFIXES = (".html", ".pdf")
+"""Of what a report can be."""
 LARGEST_SVG = 600_000
-"""Bytes of a figure as SVG from which it becomes a PNG."""
+"""Bytes of a figure as SVG from which it becomes a PNG: a browser is slow with more."""
 MISSING = "a report needs {}: pip install 'noslip[report]'"
+"""What the extra is for, to be filled in with the package."""
 
 
 def write_report(report: Report, paths: Iterable[str | Path]) -> list[Path]:

@@ -1,21 +1,19 @@
 """Arms: motions tracked without slip, placements, closed-loop dynamics.  Extra ``robots``."""
 
 from noslip.robots.dynamics import Control, Execution, execute, summary
-from noslip.robots.model import Robot, load, named, panda
-from noslip.robots.placement import Candidate, Placement, place, postures
-from noslip.robots.tracking import (
-    RAMP,
-    TIME_STEP,
-    InfeasibleMotionError,
+from noslip.robots.executed import (
     Margins,
     ToolErrors,
     TrackedMotion,
     slip,
     slip_distance,
-    timed,
     tool_errors,
-    track,
 )
+from noslip.robots.model import Robot, load, named, panda
+from noslip.robots.placement import Candidate, Placement, place, postures
+from noslip.robots.refusal import InfeasibleMotionError
+from noslip.robots.timing import RAMP, TIME_STEP, timed
+from noslip.robots.tracking import track
 from noslip.robots.video import render
 
 __all__ = [

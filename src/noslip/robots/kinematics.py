@@ -7,9 +7,9 @@ The unknown is the joints' velocity ``x`` over a step of length ``h``.  The quad
 and to bounds (position, velocity, acceleration of each joint) and one row a near pair of bodies,
 is solved by DAQP (Arnström et al. 2022).  Where the arm may fall behind, the target's clock is an
 unknown too: a share ``y`` of the step that it waits takes ``y`` of the target's own velocity off
-``e / h``, at a small price.  The row is that of the *step*: its residual is the
-constraint at the step's end, with the velocities that lead there, ``v = (p+ - p) / h`` and
-``w = Log(R+ R^T) / h``, as everywhere in this library; so it is linearized at the iterate and
+``e / h``, at a small price.  The row is that of the *step*, as everywhere in this library
+(:meth:`ConstraintSystem.of_step`): from the tool's pose before it to the one after it, with
+``v = (p+ - p) / h`` and ``w = Log(R+ R^T) / h``; so it is linearized at the iterate and
 solved again until the forward kinematics themselves satisfy it.  What joints cannot track
 therefore falls into directions that the constraint allows and, if the clock may wait, into delay.
 
@@ -37,31 +37,38 @@ from noslip.rotations import (
 )
 
 LEVER = 0.2
-"""Meters that weigh as much as a radian."""
+"""Meters that weigh as much as a radian: about the length of a hand and its tool."""
 WEIGHTS = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
 """Of a pose's error: m, then rad."""
 REGULAR = 1e-6
-"""Weight of the preferred velocity over that of the tool's (eps)."""
+"""Weight of the preferred velocity over that of the tool's (eps): it decides where the tool leaves
+a choice, and nowhere else."""
 WAITING = 1e-6
-"""Weight of the clock's waiting over that of the tool's velocity."""
+"""Weight of the clock's waiting over that of the tool's velocity: waiting comes before leaving the
+path."""
 POSTURE_RATE, SETTLING_RATE = 2.0, 20.0
-"""How fast free joints return to the posture they rest in, and how fast they come to rest (1/s)."""
+"""How fast free joints return to the posture they rest in, and how fast they come to rest (1/s):
+slow beside the work; within the time that is left for it."""
 ITERATIONS = 5
+"""Of a step, at most: each linearizes anew, so that the error squares."""
 EXACT = 1e-9
 """Residual of a row (its unit, over the step at position level) at which a step is done."""
 LINEAR = 1e-8
 """Pose (m, rad) that linearizing may have missed when a step is done."""
 PRIMAL_TOLERANCE = 1e-11
+"""Of the quadratic program: below EXACT, by which its rows are judged."""
 APART = 0.005
-"""Least distance that is left between a pair of bodies (m)."""
+"""Least distance that is left between a pair of bodies (m): room for what a model of the arm leaves
+out."""
 APPROACH_RATE = 10.0
-"""How fast what is left of a distance may shrink (1/s)."""
+"""How fast what is left of a distance may shrink (1/s): a time constant of a tenth of a second."""
 BRAKE_SHARE = 0.9
-"""Share of the acceleration that the bounds near a range's end count on."""
+"""Share of the acceleration that the bounds near a range's end count on: the rest makes up for
+braking that begins late by a rounding."""
 _EQUAL = 5
 """DAQP's mark of an equality."""
 _DEPENDENT = 1e-9
-"""A row this much smaller than the largest is left out."""
+"""A row this much smaller than the largest is left out: rounding of rows that say the same."""
 
 
 class Chord:
@@ -80,13 +87,8 @@ class Chord:
         end_q = quaternion_product(quaternion_exp(moved[3:]), q)
         v = (end_p - p0) / h
         w = quaternion_log(quaternion_product(end_q, quaternion_conjugate(q0))) / h
-        phi = system.residual(
-            t,
-            R @ (end_p - ca.DM(offset.tolist())),
-            quaternion_product(back, end_q),
-            R @ v,
-            R @ w,
-        )
+        begin_p = R @ (p0 - ca.DM(offset.tolist()))
+        phi = system.of_step(t - h, h, begin_p, quaternion_product(back, q0), R @ v, R @ w)
         scale = [1 / h if level == "position" else 1 for level in system.row_levels]
         phi = ca.vertcat(ca.SX(0, 1), *(scale[i] * phi[i] for i in range(self.size)))
         rows = h * ca.jacobian(phi, moved)

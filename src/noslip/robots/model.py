@@ -23,11 +23,14 @@ from noslip._typing import Floats
 from noslip.errors import InputError, MissingDependencyError
 
 TABLE_SIZE = (1.2, 1.2, 0.02)
-"""Half sizes of the table (m)."""
+"""Half sizes of the table (m): wider than an arm of a meter reaches to one side."""
 NEAR = 0.05
-"""Distance below which a pair of bodies counts as near (m)."""
+"""Distance up to which bodies are looked at (m): ten times what must be left, so that there is time
+to brake."""
 TABLE, TOOL_SITE = "table", "noslip tool"
+"""Names in the model, by which they are found again."""
 _WARNED = threading.Lock()
+"""MuJoCo tells all warnings of the process in one place: one model is built at a time."""
 
 
 def required(module: str) -> Any:

@@ -24,30 +24,40 @@ from noslip.robots.model import NEAR, Robot
 from noslip.trajectory import PoseTrajectory
 
 Level = Literal["recorded", "tool"]
+"""Whether the work keeps the recorded direction of gravity, or lies as the tool at home."""
 SAMPLES = 30
+"""Of the path at which a placement is judged: the whole is tracked afterwards."""
 CANDIDATES = 200
-"""Placements or postures tried."""
+"""Placements or postures tried, at random: more are surer and slower."""
 IMPROVED, IMPROVEMENTS = 3, 40
-"""Placements that are improved by small moves, and how many of these are tried with each."""
+"""Placements that are improved by small moves, and how many of these are tried with each: the best
+are worth more of the search than the rest."""
 POSTURES = 24
-"""Postures tried for a placement that is given."""
+"""Postures tried for a placement that is given: more than the sixteen in which six joints may reach
+a pose."""
 CLOSE = 1e-4
-"""Pose (m, rad over the lever) at which a sample is reached."""
+"""Pose (m, rad over the lever) at which a sample is reached: a tenth of a millimeter, as for the
+tracking."""
 DAMPING = 1e-4
+"""Of the normal equations: past a singular posture, steps stay short."""
 MOST_STEPS, FIRST_STEPS = 8, 60
+"""Iterations to a sample from its neighbor, and to the first from anywhere."""
 LARGEST_STEP = 0.3
-"""Of a joint in one iteration (rad)."""
+"""Of a joint in one iteration (rad): beyond, the linearization points elsewhere."""
 PULL = 0.05
-"""Share of the way to the middle of their ranges that free joints go in an iteration."""
+"""Share of the way to the middle of their ranges that free joints go in an iteration: little, so
+that the pose is still reached."""
 SHARE_OF_RANGE = 0.35
-"""Of each joint's range, on either side of its middle, that random postures are drawn from."""
+"""Of each joint's range, on either side of its middle, that random postures are drawn from: room is
+left to move."""
 FRONT, CLEARANCE = np.radians(60), 0.8
 """Where work lies unless told: this far to either side of the tool at home, and from the base's
 axis at least this share of the tool's distance at home."""
 FIRST_MOVE = 0.15
-"""Of an improvement (m, and twice that in rad)."""
+"""Of an improvement (m, and twice that in rad): as large as a hand's work; later moves are
+smaller."""
 DRAWS = 100
-"""Postures drawn, at most, for one that reaches there."""
+"""Postures drawn, at most, for one that reaches there: a search for what is out of reach ends."""
 
 
 @dataclass(frozen=True, eq=False)

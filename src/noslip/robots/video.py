@@ -15,10 +15,9 @@ from noslip.errors import InputError, MissingDependencyError
 from noslip.robots.model import Robot, mujoco_warnings, required
 
 FRAMES_PER_SECOND = 30
+"""What every player plays."""
 SIZE = (480, 640)
-"""Height and width (pixels)."""
-TRAIL = 120
-"""Beads of the tool's path."""
+"""Height and width (pixels): the buffer that every MuJoCo model has."""
 
 
 def render(
@@ -53,7 +52,7 @@ def render(
         raise MissingDependencyError("videos need imageio: pip install 'noslip[video]'") from error
     instants = np.arange(times[0], min(times[-1], times[0] + seconds), 1 / FRAMES_PER_SECOND)
     shown = joint_positions[np.searchsorted(times, instants)]
-    beads, _ = robot.forward(joint_positions[:: max(1, len(times) // TRAIL)])
+    beads, _ = robot.forward(joint_positions[:: max(1, len(times) // 120)])
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / path.name
         with (

@@ -13,12 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.codegen.library import Library
 from noslip.errors import InputError
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import ProjectStart
-from noslip.primitives.stepping import STATE_SIZE
+from noslip.law.law import Law
+from noslip.law.layout import BEGINNING, FORCE, POINT, STATE
+from noslip.rule import Rule
 from noslip.runtime.numbers import Struct
+from noslip.runtime.rollout import ProjectStart, initial_state, steps_ahead
+from noslip.runtime.stepper import stepper_of
 from noslip.trajectory import PoseTrajectory
 
 _TOGETHER = 64
@@ -26,7 +29,7 @@ _TOGETHER = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motions:
+class Motions(Value):
     """Motions of equally many samples, in one array.
 
     Attributes
@@ -63,22 +66,22 @@ class Motions:
     @property
     def positions(self) -> Floats:
         """Meters, shape (M, N, 3)."""
-        return self.states[:, :, 0:3]
+        return self.states[:, :, STATE["position"]]
 
     @property
     def quaternions(self) -> Floats:
         """(qw, qx, qy, qz), shape (M, N, 4)."""
-        return self.states[:, :, 3:7]
+        return self.states[:, :, STATE["quaternion"]]
 
     @property
     def linear_velocities(self) -> Floats:
         """Of the step that led to each sample (m/s), shape (M, N, 3)."""
-        return self.states[:, :, 7:10]
+        return self.states[:, :, STATE["linear_velocity"]]
 
     @property
     def angular_velocities(self) -> Floats:
         """Of the step that led to each sample (rad/s), world frame, shape (M, N, 3)."""
-        return self.states[:, :, 10:13]
+        return self.states[:, :, STATE["angular_velocity"]]
 
     def __getitem__(self, index: int) -> PoseTrajectory:
         """One of them."""
@@ -86,16 +89,17 @@ class Motions:
         fractions = np.linspace(0.0, 1.0, len(states))
         return PoseTrajectory(
             self.begin + self.durations[index] * fractions,
-            states[:, 0:3],
-            Rotation.from_quat(states[:, 3:7], scalar_first=True),
-            states[:, 7:10],
-            states[:, 10:13],
+            states[:, STATE["position"]],
+            Rotation.from_quat(states[:, STATE["quaternion"]], scalar_first=True),
+            states[:, STATE["linear_velocity"]],
+            states[:, STATE["angular_velocity"]],
             name=f"rollout {index}",
         )
 
 
 def rollout_many(
-    dmp: ConstrainedDMP,
+    law: Law,
+    rule: Rule,
     *,
     goals: ArrayLike | None = None,
     goal_rotations: Rotation | None = None,
@@ -110,12 +114,13 @@ def rollout_many(
 ) -> Motions:
     """Roll a primitive out many times.
 
-    Each motion is that of ``dmp.rollout(goal_position=goals[i], ...)`` to 1e-12.  With a C compiler
+    Each motion is that of ``rollout(goal_position=goals[i], ...)`` to 1e-12.  With a C compiler
     all cores work on them; without one they are rolled out one after another.
 
     Parameters
     ----------
-    dmp : ConstrainedDMP
+    law : Law
+    rule : Rule
     goals, starts : array, shape (M, 3), optional
         Meters; those of the primitive by default.
     goal_rotations, start_rotations : Rotation, M of them, optional
@@ -124,7 +129,7 @@ def rollout_many(
     steps : int, optional
         Of each motion; the primitive's own by default.
     project_start, pull_in
-        As for :meth:`noslip.PoseDMP.rollout`.
+        As for :func:`noslip.runtime.rollout.rollout`.
     jobs : int, optional
         Threads; by default as many as this process may use cores.
     progress : callable, optional
@@ -152,20 +157,20 @@ def rollout_many(
             raise InputError(f"{name} has {found} rows, but {longest} has {count}")
     if (taus := given["durations"]) is not None and not np.all(taus > 0):
         raise InputError(f"durations[{int(np.argmin(taus))}] is not positive (seconds)")
-    steps = dmp.steps if steps is None else _arguments.count("steps", steps)
+    steps = law.steps if steps is None else _arguments.count("steps", steps)
     workers = cores() if jobs is None else _arguments.count("jobs", jobs, 1024)
 
-    beginnings = _beginnings(dmp, count, given, project_start, pull_in)
-    states = np.empty((count, steps + 1, STATE_SIZE))
-    equalities, rows = dmp.system.equalities.size, dmp.system.size
+    beginnings = _beginnings(law, rule, count, given, project_start, pull_in)
+    states = np.empty((count, steps + 1, STATE.size))
+    equalities, rows = rule.system.equalities.size, rule.system.size
     values = np.empty((count, steps + 1, rows))
-    states[:, 0], values[:, 0] = beginnings[:, :STATE_SIZE], beginnings[:, 22:]
-    library = dmp.stepper.native.wait()
+    states[:, 0], values[:, 0] = beginnings[:, : STATE.size], beginnings[:, BEGINNING.size :]
+    library = stepper_of(rule).native.wait()
     tell = progress or (lambda done, total: None)
     if library is None:
-        _one_by_one(dmp, beginnings, states, values, tell)
+        _one_by_one(law, rule, beginnings, states, values, tell)
     else:
-        _together(dmp, library, beginnings, states, values, workers, tell)
+        _together(law, rule, library, beginnings, states, values, workers, tell)
     for part in (states, values):
         for first in range(0, count, _TOGETHER):
             chunk = part[first : first + _TOGETHER]
@@ -176,8 +181,8 @@ def rollout_many(
                     "duration is out of what can be computed with"
                 )
     return Motions(
-        beginnings[:, 20].copy(),
-        dmp.begin,
+        beginnings[:, BEGINNING.index("duration")].copy(),
+        law.begin,
         states,
         values[..., :equalities],
         values[..., equalities:],
@@ -217,13 +222,14 @@ def cores() -> int:
 
 
 def _beginnings(
-    dmp: ConstrainedDMP,
+    law: Law,
+    rule: Rule,
     count: int,
     given: dict[str, Floats | None],
     project_start: ProjectStart,
     pull_in: float | None,
 ) -> Floats:
-    """As ``noslip_rollouts`` wants them (22 columns), and residuals and margins there."""
+    """As ``noslip_rollouts`` wants them, and residuals and margins there."""
 
     def column(name: str, default: ArrayLike) -> Floats:
         values = given[name]
@@ -233,37 +239,40 @@ def _beginnings(
             )
         return values.reshape(count, -1)
 
-    own = dmp.initial_state()
+    own = initial_state(law, rule)
     starts = np.hstack(
         [
             column("starts", own.position),
             column("start_rotations", own.quaternion),
-            column("durations", [dmp.duration]),
+            column("durations", [law.duration]),
         ]
     )
     # Projected once where they are the same; goals do not matter there.
     different, which = np.unique(starts, axis=0, return_inverse=True)
     found = []
     for start in different:
-        state = dmp.initial_state(
-            start_position=start[:3],
-            start_rotation=Rotation.from_quat(start[3:7], scalar_first=True),
-            duration=start[7],
+        state = initial_state(
+            law,
+            rule,
+            start_position=start[STATE["position"]],
+            start_rotation=Rotation.from_quat(start[STATE["quaternion"]], scalar_first=True),
+            duration=start[POINT.stop],
             project_start=project_start,
             pull_in=pull_in,
         )
-        told = [start[7:], [state.pull_in], state.constraint_residuals, state.margins]
-        found.append(np.concatenate([state.vector(), *told]))
+        clock = [state.duration, state.pull_in]
+        found.append([*state.vector(), *clock, *state.constraint_residuals, *state.margins])
     begun = np.array(found)[which.ravel()]
     goals = [
-        column("goals", dmp.position.goal),
-        column("goal_rotations", dmp.orientation.goal.as_quat(scalar_first=True)),
+        column("goals", law.goal_position),
+        column("goal_rotations", law.goal_rotation.as_quat(scalar_first=True)),
     ]
-    return np.hstack([begun[:, :STATE_SIZE], *goals, begun[:, STATE_SIZE:]])
+    return np.hstack([begun[:, : STATE.size], *goals, begun[:, STATE.size :]])
 
 
 def _together(
-    dmp: ConstrainedDMP,
+    law: Law,
+    rule: Rule,
     library: Library,
     beginnings: Floats,
     states: Floats,
@@ -272,9 +281,9 @@ def _together(
     tell: Callable[[int, int], None],
 ) -> None:
     count, steps = len(states), states.shape[1] - 1
-    struct, forces = Struct(dmp), np.empty((steps, 6))
+    struct, forces = Struct(law, rule), np.empty((steps, FORCE.size))
     library.forces(struct.address, steps, forces.ctypes.data)
-    rows = np.ascontiguousarray(beginnings[:, :22])
+    rows = np.ascontiguousarray(beginnings[:, : BEGINNING.size])
 
     def run(first: int) -> int:
         last = min(first + _TOGETHER, count)
@@ -297,24 +306,26 @@ def _together(
 
 
 def _one_by_one(
-    dmp: ConstrainedDMP,
+    law: Law,
+    rule: Rule,
     beginnings: Floats,
     states: Floats,
     values: Floats,
     tell: Callable[[int, int], None],
 ) -> None:
-    steps, columns, own = states.shape[1] - 1, dmp.stepper.outputs, dmp.initial_state()
-    outputs = np.empty((steps, columns["end"].stop))
+    steps, stepper, own = states.shape[1] - 1, stepper_of(rule), initial_state(law, rule)
+    outputs = np.empty((steps, stepper.outputs.size))
     for index, row in enumerate(beginnings):
+        begun = {name: row[BEGINNING[name]] for name in BEGINNING}
         state = replace(
             own,
-            goal_position=row[13:16],
-            goal_rotation=row[16:20],
-            duration=float(row[20]),
-            pull_in=float(row[21]),
-            constraint_residuals=row[22 : 22 + dmp.system.equalities.size],
+            goal_position=begun["goal_position"],
+            goal_rotation=begun["goal_quaternion"],
+            duration=begun["duration"].item(),
+            pull_in=begun["pull_in"].item(),
+            constraint_residuals=row[BEGINNING.size :][: rule.system.equalities.size],
         )
-        table = dmp.steps_ahead(state, steps, state.duration / steps)
-        dmp.stepper.run(row[:STATE_SIZE].copy(), table, states[index, 1:], outputs)
-        values[index, 1:] = outputs[:, columns["values"]]
+        table = steps_ahead(law, rule, state, steps, state.duration / steps)
+        stepper.run(row[: STATE.size].copy(), table, states[index, 1:], outputs)
+        values[index, 1:] = outputs[:, stepper.outputs["values"]]
         tell(index + 1, len(states))

@@ -10,23 +10,33 @@ from math import ceil, exp, isfinite
 import numpy as np
 
 from noslip.codegen.library import Library
+from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import DONE, State
-from noslip.primitives.stepping import STATE_SIZE, STEP_SIZE
+from noslip.law.clock import Phase
+from noslip.law.law import Law
+from noslip.law.layout import STATE, STEP, VELOCITY, memory_layout
+from noslip.rule import Rule
 from noslip.runtime.numbers import Struct
+from noslip.runtime.rollout import steps_ahead
+from noslip.runtime.state import State
+from noslip.runtime.stepper import stepper_of
 
-TIME, FRACTION = 0, 1
-MOVING = slice(2, 2 + STATE_SIZE)
+_PLACES = memory_layout(0)
+"""Before the constraints' rows, places are alike for all of them."""
+TIME, FRACTION, PREVIOUS_STEP, DURATION, PULL_IN = (
+    _PLACES.index(name) for name in ("time", "fraction", "previous_step", "duration", "pull_in")
+)
+POSITION, QUATERNION, LINEAR, ANGULAR = (_PLACES[name] for name in STATE)
+MOVING = _PLACES.span("position", "angular_velocity")
 """Pose and velocities."""
-POSITION, QUATERNION, LINEAR, ANGULAR = slice(2, 5), slice(5, 9), slice(9, 12), slice(12, 15)
-VELOCITIES = slice(9, 15)
-PREVIOUS_STEP, DURATION, PULL_IN = 15, 16, 17
-GOAL_POSITION, GOAL_QUATERNION, STEERING = slice(18, 21), slice(21, 25), slice(25, 28)
-ACCELERATION, FORCE = slice(28, 34), slice(34, 40)
-_VALUES = 40
-_KNOWN = 14
+VELOCITIES = _PLACES.span("linear_velocity", "angular_velocity")
+GOAL_POSITION, GOAL_QUATERNION, STEERING, ACCELERATION, FORCE = (
+    _PLACES[name]
+    for name in ("goal_position", "goal_quaternion", "steering", "acceleration", "force")
+)
+_OFFSET, _KICK = STEP["rotation_offset"], STEP.index("kick")
 _MOST_ROWS_AHEAD = 256
+"""Rows of the step table computed at once: more would make one step wait for many."""
 NOT_FINITE = (
     "the step is not finite; its state or goal is out of what can be computed with, and is kept"
 )
@@ -45,24 +55,29 @@ class Memory:
     multipliers, limit_multipliers, values, all_multipliers : slice
     """
 
-    def __init__(self, dmp: ConstrainedDMP) -> None:
-        equalities, rows = dmp.system.equalities.size, dmp.system.size
-        room = max(1, rows)
-        self.data = np.zeros(_VALUES + 2 * room + _KNOWN)
-        self.equalities = slice(_VALUES, _VALUES + equalities)
-        self.limits = slice(_VALUES + equalities, _VALUES + rows)
-        first = _VALUES + room
-        self.multipliers = slice(first, first + equalities)
-        self.limit_multipliers = slice(first + equalities, first + rows)
-        self.values = slice(_VALUES, _VALUES + rows)
-        self.all_multipliers = slice(first, first + rows)
-        self.known = slice(first + room, None)
-        self._alpha_s = dmp.phase.alpha_s
+    def __init__(self, clock: Phase, system: ConstraintSystem) -> None:
+        equalities, rows = system.equalities.size, system.size
+        layout = memory_layout(rows)
+        self.data = np.zeros(layout.size)
+        values, multipliers = layout.index("values"), layout.index("multipliers")
+        self.equalities = slice(values, values + equalities)
+        self.limits = slice(values + equalities, values + rows)
+        self.multipliers = slice(multipliers, multipliers + equalities)
+        self.limit_multipliers = slice(multipliers + equalities, multipliers + rows)
+        self.values = slice(values, values + rows)
+        self.all_multipliers = slice(multipliers, multipliers + rows)
+        self.known = layout.span("known_fraction", "known_turn")
+        self._clock = clock
 
-    def set(self, dmp: ConstrainedDMP, state: State) -> None:
-        """Take over a state."""
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Memory) and np.array_equal(self.data, other.data)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def set(self, state: State) -> None:
+        """Write a state to it."""
         data = self.data
-        data[TIME], data[FRACTION] = state.time, dmp.phase.fraction(state.phase)
+        data[TIME], data[FRACTION] = state.time, self._clock.fraction(state.phase)
         data[MOVING] = state.vector()
         data[PREVIOUS_STEP], data[DURATION] = state.previous_step, state.duration
         data[PULL_IN] = state.pull_in
@@ -89,7 +104,7 @@ class Memory:
         state = object.__new__(State)
         state.__dict__.update(
             time=data.item(TIME),
-            phase=exp(-self._alpha_s * fraction),
+            phase=exp(-self._clock.alpha_s * fraction),
             position=data[POSITION],
             _rotation=data[QUATERNION],
             linear_velocity=data[LINEAR],
@@ -106,7 +121,7 @@ class Memory:
             limit_multipliers=data[self.limit_multipliers],
             acceleration=data[ACCELERATION],
             constraint_forces=data[FORCE],
-            done=fraction >= DONE,
+            done=self._clock.is_over(fraction),
         )
         return state
 
@@ -116,14 +131,15 @@ class Compiled:
 
     Parameters
     ----------
-    dmp : ConstrainedDMP
+    law : Law
+    rule : Rule
     memory : Memory
         Written to by each step.
     library : Library
     """
 
-    def __init__(self, dmp: ConstrainedDMP, memory: Memory, library: Library) -> None:
-        self._struct = Struct(dmp)
+    def __init__(self, law: Law, rule: Rule, memory: Memory, library: Library) -> None:
+        self._struct = Struct(law, rule)
         if (self._struct.size, memory.data.nbytes) != library.sizes:
             raise NoslipError(f"{library.path}: another layout than expected; remove the file")
         self._memory = memory
@@ -144,20 +160,21 @@ class Virtual:
 
     Parameters
     ----------
-    dmp : ConstrainedDMP
+    law : Law
+    rule : Rule
     memory : Memory
         Written to by each step.
     time_step : float
         Of the steps to expect (s).
     """
 
-    def __init__(self, dmp: ConstrainedDMP, memory: Memory, time_step: float) -> None:
-        self._dmp, self._memory = dmp, memory
-        stepper = dmp.stepper
+    def __init__(self, law: Law, rule: Rule, memory: Memory, time_step: float) -> None:
+        self._law, self._rule, self._memory = law, rule, memory
+        stepper = stepper_of(rule)
         self._columns = stepper.outputs
-        self._now, self._row = np.empty(STATE_SIZE), np.empty(STEP_SIZE)
-        self._after, self._output = np.empty(STATE_SIZE), np.empty(stepper.outputs["end"].stop)
-        self._change = np.empty(6)
+        self._now, self._row = np.empty(STATE.size), np.empty(STEP.size)
+        self._after, self._output = np.empty(STATE.size), np.empty(stepper.outputs.size)
+        self._change = np.empty(VELOCITY.stop - VELOCITY.start)
         buffer, self._evaluate = stepper.function.buffer()
         buffer.set_arg(0, self._now.data)
         buffer.set_arg(1, self._row.data)
@@ -167,7 +184,7 @@ class Virtual:
         # All the way to the end, of steps as they are meant to be.
         fraction, duration = memory.data.item(FRACTION), memory.data.item(DURATION)
         self._ahead = max(1, ceil((1 - fraction) * duration / time_step)) + 1
-        self._table = dmp.steps_ahead(memory.state(), self._ahead, time_step)
+        self._table = steps_ahead(law, rule, memory.state(), self._ahead, time_step)
         self._next, self._expected = 0, (fraction, duration, time_step)
 
     def step(self, time_step: float) -> None:
@@ -177,14 +194,14 @@ class Virtual:
         if self._next == len(self._table) or self._expected != (fraction, duration, h):
             self._look_ahead(h)
         self._row[:] = self._table[self._next]
-        self._row[-3:] += data[STEERING]
+        self._row[_OFFSET] += data[STEERING]
         self._now[:] = data[MOVING]
         self._evaluate()
         after, output, columns = self._after, self._output, self._columns
         if not isfinite(after.sum()):
             raise InputError(NOT_FINITE)
-        np.subtract(after[7:], self._now[7:], out=self._change)
-        np.multiply(self._change, 1 / self._row[1], out=data[ACCELERATION])
+        np.subtract(after[VELOCITY], self._now[VELOCITY], out=self._change)
+        np.multiply(self._change, 1 / self._row[_KICK], out=data[ACCELERATION])
         data[MOVING] = after
         data[FORCE] = output[columns["force"]]
         data[self._memory.values] = output[columns["values"]]
@@ -198,5 +215,7 @@ class Virtual:
     def _look_ahead(self, time_step: float) -> None:
         used_up = 0 < len(self._table) == self._next and self._expected[2] == time_step
         self._ahead = min(2 * self._ahead, _MOST_ROWS_AHEAD) if used_up else 1
-        self._table = self._dmp.steps_ahead(self._memory.state(), self._ahead, time_step)
+        self._table = steps_ahead(
+            self._law, self._rule, self._memory.state(), self._ahead, time_step
+        )
         self._next = 0

@@ -14,8 +14,11 @@ import numpy as np
 from noslip._files import write_beside
 from noslip.codegen import c99
 from noslip.errors import InputError
-from noslip.learning import ConstrainedDMP
+from noslip.law.law import Law
+from noslip.rule import Rule
 from noslip.runtime import numbers
+from noslip.runtime.rollout import rollout
+from noslip.runtime.stepper import stepper_of
 
 _COMPARED = 100
 """Samples of the motion that the generated test compares, about."""
@@ -42,12 +45,13 @@ class Exported:
     instructions: int | None
 
 
-def export_c(dmp: ConstrainedDMP, folder: str | Path, *, name: str = "primitive") -> Exported:
+def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive") -> Exported:
     """Write a primitive as C99.
 
     Parameters
     ----------
-    dmp : ConstrainedDMP
+    law : Law
+    rule : Rule
     folder : path
         Made if it is missing.
     name : str
@@ -69,8 +73,8 @@ def export_c(dmp: ConstrainedDMP, folder: str | Path, *, name: str = "primitive"
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; give the name of a folder")
-    rows = dmp.system.equalities.size, dmp.system.limits.size
-    texts = _texts(dmp, name)
+    rows = rule.system.equalities.size, rule.system.limits.size
+    texts = _texts(law, rule, name)
     instructions = _instructions(texts, name)
     counted = (
         f"\n * At most {instructions} instructions in any step of {name} (callgrind, x86-64, -O2);"
@@ -84,13 +88,14 @@ def export_c(dmp: ConstrainedDMP, folder: str | Path, *, name: str = "primitive"
     return Exported(tuple(written), instructions)
 
 
-def _texts(dmp: ConstrainedDMP, name: str) -> dict[str, str]:
-    motion = dmp.rollout()
+def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
+    motion = rollout(law, rule)
     steps = len(motion) - 1
     every = max(1, steps // _COMPARED)
     rows = np.hstack([motion.positions, motion.quaternions])[every::every]
     reach = float(np.abs(motion.positions).max()) + float(np.ptp(motion.positions, axis=0).max())
     speed = max(float(np.linalg.norm(motion.linear_velocities, axis=1).max()), 1.0)
+    system = rule.system
     values = {
         "NAME": name,
         "STEPS": str(steps),
@@ -103,11 +108,11 @@ def _texts(dmp: ConstrainedDMP, name: str) -> dict[str, str]:
     declared = f"#ifndef {name.upper()}_H\n#define {name.upper()}_H\n\n"
     declared += f'#include "noslip.h"\n\nextern const noslip_primitive {name};\n\n#endif\n'
     texts = {
-        "noslip.h": c99.header(dmp.system.equalities.size, dmp.system.limits.size),
+        "noslip.h": c99.header(system.equalities.size, system.limits.size),
         # Forces and values, without each row's own part.
-        "noslip.c": c99.source(dmp.stepper.function, 6 + 2 * dmp.system.size),
+        "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False),
         f"{name}.h": declared,
-        f"{name}.c": numbers.text(dmp, name),
+        f"{name}.c": numbers.text(law, rule, name),
     }
     for file in ("example.c", "test.c", "CMakeLists.txt"):
         text = c99.template(file)

@@ -9,38 +9,36 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip._typing import Floats
-from noslip.learning import ConstrainedDMP
+from noslip.law.law import Law
+from noslip.law.layout import PRIMITIVE
+from noslip.rule import Rule
+from noslip.runtime.rollout import initial_state
 
 Number = int | float | Floats
 
-_ARRAYS = ("centers", "widths", "weights", "knot_quaternions", "knot_splines")
-"""Behind pointers; the other fields stand in the struct itself."""
 
-
-def numbers(dmp: ConstrainedDMP) -> dict[str, Number]:
-    """Fields of ``noslip_primitive`` (``noslip.h``), in order."""
-    basis, winding = dmp.position.forcing.basis, dmp.orientation.winding
-    attractor, state = dmp.position.attractor, dmp.initial_state()
+def numbers(law: Law, rule: Rule) -> dict[str, Number]:
+    """Values of the fields of ``noslip_primitive``, see :data:`noslip.law.layout.PRIMITIVE`."""
+    winding, state = law.goal.winding, initial_state(law, rule)
     splines = winding.splines.reshape(-1, 12)
     return {
-        "basis_functions": basis.count,
-        "centers": basis.centers,
-        "widths": basis.widths,
-        "weights": dmp.offset_weights,
-        "alpha": attractor.alpha,
-        "beta": attractor.beta,
-        "alpha_s": dmp.phase.alpha_s,
+        "basis_functions": law.basis.count,
+        "centers": law.basis.centers,
+        "widths": law.basis.widths,
+        "weights": law.offset_weights,
+        "alpha": law.attractor.alpha,
+        "beta": law.attractor.beta,
+        "alpha_s": law.clock.alpha_s,
         "knots": len(winding.quaternions),
         "knot_quaternions": winding.quaternions,
         # C knows no empty arrays.
         "knot_splines": splines if len(splines) else np.zeros((1, 12)),
-        "projected_step": dmp.leading_step,
-        "duration": dmp.duration,
-        "residual_rate": dmp.stabilization,
-        "barrier_rate": dmp.barrier_rate,
-        "begin": dmp.begin,
+        "duration": law.duration,
+        "residual_rate": rule.stabilization,
+        "barrier_rate": rule.barrier_rate,
+        "begin": law.begin,
         "start_position": state.position,
-        "start_quaternion": state.rotation.as_quat(scalar_first=True),
+        "start_quaternion": state.quaternion,
         "start_linear_velocity": state.linear_velocity,
         "start_angular_velocity": state.angular_velocity,
         "goal_position": state.goal_position,
@@ -56,44 +54,47 @@ class Struct:
     address, size : int
     """
 
-    def __init__(self, dmp: ConstrainedDMP) -> None:
+    def __init__(self, law: Law, rule: Rule) -> None:
         fields: list[tuple[str, Any]] = []
         values: dict[str, Any] = {}
         # What pointers point to must live as long as the struct.
         self._kept: list[Floats] = []
-        for name, value in numbers(dmp).items():
-            if isinstance(value, int):
-                fields.append((name, ctypes.c_int))
-                values[name] = value
-            elif name in _ARRAYS:
+        given = numbers(law, rule)
+        for field in PRIMITIVE:
+            value = given[field.name]
+            if field.kind == "array":
                 array = np.array(value, dtype=np.float64, order="C")
                 self._kept.append(array)
-                fields.append((name, ctypes.c_void_p))
-                values[name] = array.ctypes.data
-            elif isinstance(value, np.ndarray):
-                fields.append((name, ctypes.c_double * value.size))
-                values[name] = tuple(value.tolist())
+                fields.append((field.name, ctypes.c_void_p))
+                values[field.name] = array.ctypes.data
+            elif field.kind == "int":
+                fields.append((field.name, ctypes.c_int))
+                values[field.name] = value
+            elif field.shape:
+                fields.append((field.name, ctypes.c_double * field.size))
+                values[field.name] = tuple(np.ravel(value).tolist())
             else:
-                fields.append((name, ctypes.c_double))
-                values[name] = float(value)
+                fields.append((field.name, ctypes.c_double))
+                values[field.name] = float(value)
         layout = type("noslip_primitive", (ctypes.Structure,), {"_fields_": fields})
         self._struct = layout(**values)
         self.address, self.size = ctypes.addressof(self._struct), ctypes.sizeof(self._struct)
 
 
-def text(dmp: ConstrainedDMP, name: str) -> str:
+def text(law: Law, rule: Rule, name: str) -> str:
     """A C file with the numbers of a primitive, as ``const noslip_primitive name``."""
     arrays, values = [], []
-    for field, value in numbers(dmp).items():
-        if isinstance(value, int):
-            values.append(f"    .{field} = {value}")
-        elif isinstance(value, np.ndarray) and field in _ARRAYS:
-            arrays.append(_array(field, value))
-            values.append(f"    .{field} = {field}")
-        elif isinstance(value, np.ndarray):
-            values.append(f"    .{field} = {_list(value)}")
+    given = numbers(law, rule)
+    for field in PRIMITIVE:
+        value = given[field.name]
+        if field.kind == "array":
+            arrays.append(_array(field.name, np.asarray(value)))
+            shown = field.name
+        elif field.kind == "int":
+            shown = str(value)
         else:
-            values.append(f"    .{field} = {_number(value)}")
+            shown = _list(value) if field.shape else _number(float(value))
+        values.append(f"    .{field.name} = {shown}")
     return (
         '#include "noslip.h"\n\n#define R(x) ((noslip_real)(x))\n\n'
         + "\n\n".join(arrays)

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.boundary import Boundary
 from noslip.errors import NoslipError
-from noslip.learning import ConstrainedDMP
-from noslip.primitives.pose import Motion, State
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
+from noslip.rule import Rule
+from noslip.runtime.motion import Motion
+from noslip.runtime.state import State
 
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
-"""Of an adaptation while a goal is dragged."""
+"""Of an adaptation while a goal is dragged, and of its rollout: few, so that the drag is
+followed."""
 METRICS = ("as learned", "position", "rotation", "shared")
+"""What the dropdown offers: the primitive's own, or one of those known by name."""
 MOST_STEPS_AT_ONCE = 200
-"""Of a pushed motion; one that falls behind runs slower than the clock."""
+"""Of a pushed motion between two frames: what takes longer runs slower than the clock, instead of
+holding the page up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,19 +34,15 @@ class Wish:
 
     Attributes
     ----------
-    goal_position, start_position : array, shape (3,), or None
-        Meters.
-    goal_rotation, start_rotation : Rotation or None
+    goal, start : Boundary
     duration : float or None
         Seconds.
     metric : str
         Of ``METRICS``.
     """
 
-    goal_position: Floats | None = None
-    goal_rotation: Rotation | None = None
-    start_position: Floats | None = None
-    start_rotation: Rotation | None = None
+    goal: Boundary = field(default_factory=lambda: Boundary(1.0))
+    start: Boundary = field(default_factory=lambda: Boundary(0.0))
     duration: float | None = None
     metric: str = METRICS[0]
 
@@ -75,11 +76,11 @@ class Adapted:
     def __str__(self) -> str:
         if self.primitive is None:
             return f"no such motion: {self.message}"
-        told = (
+        text = (
             f"residual at most {self.residual:.1e}, ends {1e3 * self.goal_error:.2g} mm from the "
             f"goal, {self.milliseconds:.0f} ms"
         )
-        return f"{told}; {self.message}" if self.message else told
+        return f"{text}; {self.message}" if self.message else text
 
 
 class Adapter:
@@ -111,7 +112,8 @@ class Adapter:
         except (NoslipError, ArithmeticError) as error:
             passed = 1e3 * (time.perf_counter() - began)
             return Adapted(None, None, np.nan, np.nan, passed, str(error) or type(error).__name__)
-        goal = self.primitive.position.goal if wish.goal_position is None else wish.goal_position
+        own = self.primitive.goal_position, self.primitive.goal_rotation
+        goal, _ = wish.goal.pose_or(*own)
         return Adapted(
             dmp,
             motion,
@@ -126,21 +128,25 @@ class Adapter:
 
     def _adapted(self, wish: Wish, coarse: bool) -> ConstrainedDMP:
         dmp = self._with_metric(wish.metric)
-        asked = {
-            name: value
-            for name, value in vars(wish).items()
-            if name != "metric" and value is not None
-        }
-        if not asked:
+        if wish.goal.is_free and wish.start.is_free and wish.duration is None:
             return dmp
-        return dmp.adapt(**asked, samples=COARSE_SAMPLES if coarse else None)
+        return dmp.adapt(
+            goal_position=wish.goal.position,
+            goal_rotation=wish.goal.rotation,
+            start_position=wish.start.position,
+            start_rotation=wish.start.rotation,
+            duration=wish.duration,
+            samples=COARSE_SAMPLES if coarse else None,
+        )
 
     def _with_metric(self, metric: str) -> ConstrainedDMP:
         if metric not in self._by_metric:
             dmp = self.primitive
             length = dmp.regular.rollout().path_length
             chosen = inverse_metric(dmp.system, metric, None, length)  # type: ignore[arg-type]
-            self._by_metric[metric] = replace(dmp, inverse_metric=chosen)
+            rates = dmp.rule.stabilization, dmp.rule.barrier_rate
+            rule = Rule(dmp.system, chosen, stabilization=rates[0], barrier_rate=rates[1])
+            self._by_metric[metric] = replace(dmp, rule=rule)
         return self._by_metric[metric]
 
 
@@ -205,4 +211,4 @@ class PushedRun:
     @property
     def goal_error(self) -> float:
         """Distance from where the tool is to the goal (m)."""
-        return float(np.linalg.norm(self.states[-1].position - self.dmp.position.goal))
+        return float(np.linalg.norm(self.states[-1].position - self.dmp.goal_position))

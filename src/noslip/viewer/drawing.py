@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 
 from noslip._typing import Floats
 from noslip.figures.style import PALETTE
-from noslip.primitives.pose import State
+from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm
-from noslip.viewer.scene import Track, rgb
+from noslip.viewer.colors import rgb
 from noslip.viewer.shapes import COLORS, OPACITIES, Shape
 from noslip.viewer.tool import Part
+from noslip.viewer.track import Track
 
 ARROW_COLORS = {"lateral": "purple", "velocity": "green", "force": "black"}
-"""Of :meth:`noslip.viewer.scene.Track.arrows`, by their names in the palette."""
-GHOST = rgb(PALETTE["gray"])
-GHOST_OPACITY = 0.3
+"""Of :meth:`noslip.viewer.track.Track.arrows`, by their names in the palette."""
+GHOST, GHOST_OPACITY = rgb(PALETTE["gray"]), 0.3
+"""Color and opacity of what a motion is compared with: seen, and seen through."""
 TRAIL_WIDTH, GHOST_WIDTH = 3.5, 1.5
-"""Pixels."""
+"""Pixels: what a motion is compared with is thinner."""
 
 
 class Follower(Protocol):
@@ -115,7 +116,7 @@ class Drawing:
         Parameters
         ----------
         name : str
-            Of its nodes; see :func:`noslip.viewer.scene.node_name`.
+            Of its nodes; see :func:`noslip.viewer.entries.node_name`.
         track : Track
         worst : float
             Violation that has the last color.
@@ -285,15 +286,15 @@ def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def legend(worst: float, unit: str, arrows: Mapping[str, object]) -> str:
     """Return what the colors mean, as HTML."""
     stops = ", ".join(PALETTE[name] for name in ("blue", "orange", "vermillion"))
-    told = [
+    lines = [
         f'<div style="height:8px;border-radius:4px;background:linear-gradient(to right,{stops})">'
         f'</div><div style="display:flex;justify-content:space-between"><span>0</span>'
         f"<span>violation along the trail</span><span>{worst:.2g} {unit}</span></div>"
     ]
     names = {"lateral": "lateral axis", "velocity": "velocity", "force": "constraint force"}
-    told += [
+    lines += [
         f'<span style="color:{PALETTE[color]}">&#10142;</span> {names[arrow]}&ensp;'
         for arrow, color in ARROW_COLORS.items()
         if arrow in arrows
     ]
-    return "".join(told)
+    return "".join(lines)

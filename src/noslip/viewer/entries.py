@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -9,23 +10,26 @@ from types import MappingProxyType
 import numpy as np
 import viser
 
+from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
+from noslip.edge import Edge
 from noslip.errors import InputError
-from noslip.learning import ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm, Simulation
 from noslip.viewer.changes import Adapted, Adapter, Wish
 from noslip.viewer.drawing import Drawing, Follower, legend
-from noslip.viewer.scene import Track, extent, node_name
 from noslip.viewer.shapes import shapes
 from noslip.viewer.tool import Part, scalpel
+from noslip.viewer.track import Track
 
 Shown = PoseTrajectory | ConstrainedDMP | Simulation
+"""What a page takes: a recording, a primitive, or what ``noslip simulate`` wrote."""
 LEAST_WORST = 1e-3
 """Violation that has the last color, at least: what holds must not look as if it did not."""
 TOOL_LENGTH = 0.45
-"""Of the scalpel, over the scene's size."""
+"""Of the scalpel, over the scene's size: its turning is seen, and it hides little of the path."""
 
 
 @dataclass
@@ -122,14 +126,14 @@ def suitable_scalpel(
     motions: Sequence[PoseTrajectory], constraints: Sequence[Constraint], size: float
 ) -> list[Part]:
     """Return a scalpel along the constraints' axes, its handle on the upper side."""
-    blade = next((c for c in constraints if c.lateral and c.edge), None)
-    edge, lateral = (blade.edge, blade.lateral) if blade else (None, None)
-    tool = scalpel(TOOL_LENGTH * size, edge=edge or "x", lateral=lateral or "y")
+    edged = ConstraintSystem(constraints).edged
+    edge = edged.edge if edged and edged.edge and edged.edge.lateral else Edge()
+    tool = scalpel(TOOL_LENGTH * size, edge)
     handle = tool[-1].vertices.mean(axis=0)
     up = float(np.mean([motion.rotations.apply(handle)[:, 2].mean() for motion in motions]))
     if up >= 0:
         return tool
-    return scalpel(TOOL_LENGTH * size, edge=edge or "x", lateral=lateral or "y", flip=True)
+    return scalpel(TOOL_LENGTH * size, edge, flip=True)
 
 
 def worst(shown: Mapping[str, Entry]) -> float:
@@ -151,3 +155,18 @@ def unique(constraints: Sequence[Constraint]) -> list[Constraint]:
         if constraint not in found:
             found.append(constraint)
     return found
+
+
+def extent(motions: list[PoseTrajectory]) -> tuple[Floats, float]:
+    """Center (m), shape (3,), and size (m) of a scene: of the box about all paths."""
+    points = np.concatenate([motion.positions for motion in motions])
+    low, high = points.min(axis=0), points.max(axis=0)
+    # A tool that only turns has no path; it is looked at from 10 cm.
+    return (low + high) / 2, float(np.linalg.norm(high - low)) or 0.1
+
+
+def node_name(name: str, taken: Mapping[str, object]) -> str:
+    """Return a motion's name as a node of the scene: short, without slashes, and not yet taken."""
+    short = re.sub(r"[^\w.+-]+", "_", re.split(r"[/\\]", name)[-1]) or "motion"
+    numbered = (short if k == 1 else f"{short}_{k}" for k in range(1, len(taken) + 2))
+    return next(candidate for candidate in numbered if candidate not in taken)

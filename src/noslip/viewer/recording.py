@@ -14,17 +14,19 @@ from noslip.constraints.declaration import Constraint
 from noslip.viewer import serving
 from noslip.viewer.drawing import Follower
 from noslip.viewer.entries import TOOL_LENGTH, Shown, drawn, entries, key
-from noslip.viewer.scene import Track
 from noslip.viewer.tool import Part
+from noslip.viewer.track import Track
 
 FRAMES_PER_SECOND = 30.0
+"""Smooth to the eye; more would make the file larger."""
 MOST_FRAMES = 600
-"""Of a long motion; it then has fewer frames per second."""
+"""Of a long motion, which then has fewer frames per second: the file's size has a bound."""
 _BOX = (
     '<div style="position:fixed;left:12px;top:12px;z-index:5;max-width:30em;padding:8px 12px;'
     "background:rgba(255,255,255,.88);border:1px solid #ddd;border-radius:6px;"
     'font:13px/1.4 system-ui,sans-serif;color:#222">{}</div>'
 )
+"""Where the verdicts stand: above the scene, where viser's page has nothing."""
 
 
 def save_page(

@@ -11,6 +11,7 @@ import viser
 from noslip.errors import InputError
 
 LOOPBACK = "127.0.0.1"
+"""This machine alone: what is served elsewhere is asked for."""
 
 
 def serve(host: str, port: int) -> viser.ViserServer:

@@ -12,28 +12,39 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.formula import surface_value
-from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
-from noslip.constraints.region import Box, DepthLimit, HalfSpace
-from noslip.constraints.remote_center import RemoteCenter
+from noslip.constraints.shape import (
+    Ball,
+    Capsule,
+    Implicit,
+    Mark,
+    Plane,
+    Sides,
+    Tube,
+)
+from noslip.constraints.shape import Shape as Place
 from noslip.figures.style import PALETTE
+from noslip.viewer.colors import rgb
 from noslip.viewer.frames import Frame
-from noslip.viewer.scene import rgb
 
 REACH = 0.75
-"""Half the side of what has no end, such as a plane, over the scene's size."""
+"""Half the side of what has no end, such as a plane, over the scene's size: somewhat beyond the
+paths."""
 MARK = 0.015
-"""Radius of a point, over the scene's size."""
+"""Radius of a point, over the scene's size: seen, and no larger than the tip of the tool."""
 AXIS = 0.08
-"""Length of a moving frame's axes, over the scene's size."""
+"""Length of a moving frame's axes, over the scene's size: shorter than the arrows at the tool."""
 GRID = 41
-"""Points along a side of a surface that is given by a formula."""
+"""Points along a side of a surface that is given by a formula: odd, so that one is the middle; the
+cost grows as their square."""
 NEWTON_STEPS = 30
+"""Onto such a surface: from a near start its quadratic rate needs a few; from elsewhere it may need
+more."""
 _ON_SURFACE = 1e-9
-"""m, from the surface: the most at which a point counts as on it, over the scene's size."""
+"""Distance from the surface at which a point counts as on it, over the scene's size: far below a
+pixel."""
 COLORS = {
     "contact": rgb(PALETTE["sky"]),
     "limit": rgb(PALETTE["orange"]),
@@ -41,7 +52,9 @@ COLORS = {
     "mark": rgb(PALETTE["green"]),
     "frame": rgb(PALETTE["gray"]),
 }
+"""By kind: what is touched, what bounds, what is forbidden, and what only helps to see."""
 OPACITIES = {"contact": 0.25, "limit": 0.2, "keep-out": 0.35, "mark": 1.0, "frame": 1.0}
+"""By kind: what is forbidden is seen best, and the path through all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,42 +110,33 @@ def shapes(constraints: Iterable[Constraint], center: ArrayLike, size: float) ->
             axes = Shape(constraint.name, "frame", *_axes(there, size))
             found += [replace(shape, frame=frame) for shape in [*still, axes]]
             continue
-        drawn = _drawn(constraint, middle, size)
-        if drawn is not None:
-            kind, vertices, faces = drawn
-            found.append(Shape(constraint.name, kind, vertices, faces))
+        shape = constraint.shape()
+        mesh = None if shape is None else _meshed(shape, middle, size)
+        if shape is not None and mesh is not None:
+            found.append(Shape(constraint.name, shape.kind, *mesh))
     return found
 
 
-_Drawn = tuple[str, Floats, NDArray[np.int64]]
-
-
-def _drawn(constraint: Constraint, center: Floats, size: float) -> _Drawn | None:
-    match constraint:
-        case PlaneContact(point=point, normal=normal):
-            return "contact", *_patch(point, normal, 0.0, center, size)
-        case SphereContact(center=middle, radius=radius):
-            return "contact", *_ball(middle, radius)
-        case CylinderContact(point=point, axis=axis, radius=radius):
-            return "contact", *_tube(point, axis, radius, center, size)
-        case SurfaceContact():
-            return _surface(constraint, center, size)
-        case HalfSpace(point=point, normal=normal):
-            return "limit", *_patch(point, normal, 0.0, center, size)
-        case DepthLimit(surface_point=point, normal=normal, depth=depth):
-            return "limit", *_patch(point, normal, depth, center, size)
-        case Box():
-            return "limit", *_sides(constraint, center, size)
-        case KeepOutSphere(center=middle, radius=radius):
-            return "keep-out", *_ball(middle, radius)
-        case KeepOutCapsule(start=start, end=end, radius=radius):
-            return "keep-out", *_capsule(start, end, radius)
-        case RemoteCenter(point=point):
-            return "mark", *_ball(point, MARK * size)
-    return None
-
-
 _Mesh = tuple[Floats, NDArray[np.int64]]
+"""Vertices, shape (V, 3), and faces, shape (F, 3)."""
+
+
+def _meshed(shape: Place, center: Floats, size: float) -> _Mesh | None:
+    match shape:
+        case Plane():
+            return _patch(shape.point, shape.normal, center, size)
+        case Ball():
+            return _ball(shape.center, shape.radius)
+        case Tube():
+            return _tube(shape.point, shape.axis, shape.radius, center, size)
+        case Capsule():
+            return _capsule(shape.start, shape.end, shape.radius)
+        case Sides():
+            return _sides(shape, center, size)
+        case Implicit():
+            return _surface(shape, center, size)
+        case Mark():
+            return _ball(shape.point, MARK * size)
 
 
 def _mesh(made: trimesh.Trimesh) -> _Mesh:
@@ -158,10 +162,10 @@ def _basis(normal: ArrayLike) -> tuple[Floats, Floats, Floats]:
     return u, np.cross(n, u), n
 
 
-def _patch(point: ArrayLike, normal: ArrayLike, below: float, center: Floats, size: float) -> _Mesh:
-    """Return a square of the plane through a point, or that far below it."""
+def _patch(point: ArrayLike, normal: ArrayLike, center: Floats, size: float) -> _Mesh:
+    """Return a square of the plane through a point."""
     u, v, n = _basis(normal)
-    middle = center - ((center - np.asarray(point)) @ n + below) * n
+    middle = center - ((center - np.asarray(point)) @ n) * n
     corners = [
         middle + REACH * size * (a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
@@ -199,7 +203,7 @@ def _capsule(start: ArrayLike, end: ArrayLike, radius: float) -> _Mesh:
     return np.asarray(start) + vertices @ np.stack(_basis(along)), faces
 
 
-def _sides(box: Box, center: Floats, size: float) -> _Mesh:
+def _sides(box: Sides, center: Floats, size: float) -> _Mesh:
     """Return the sides of a box that there are; what is open ends where the scene does."""
     reach = REACH * size
     low = np.array([c - reach if s is None else s for s, c in zip(box.lower, center, strict=True)])
@@ -216,13 +220,13 @@ def _sides(box: Box, center: Floats, size: float) -> _Mesh:
     return np.where(corners == 1, high, low), np.array(faces)
 
 
-def _surface(contact: SurfaceContact, center: Floats, size: float) -> _Drawn | None:
+def _surface(shape: Implicit, center: Floats, size: float) -> _Mesh | None:
     """Points of a grid beside the scene, moved onto ``f = 0`` along the gradient at its middle.
 
     Where no point of the surface is found, there is a hole.
     """
     p = ca.SX.sym("p", 3)
-    f = surface_value(contact.surface, p)
+    f = surface_value(shape.surface, p)
     function = ca.Function("surface", [p], [f, ca.jacobian(f, p)])
 
     middle, reach = center[None], REACH * size
@@ -252,7 +256,7 @@ def _surface(contact: SurfaceContact, center: Floats, size: float) -> _Drawn | N
     if not len(corners):
         return None
     points[~good] = middle
-    return "contact", points, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    return points, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
 
 
 def _value_at(function: ca.Function, points: Floats) -> tuple[Floats, Floats]:

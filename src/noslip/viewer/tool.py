@@ -8,21 +8,31 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.constraints.declaration import axis_index
+from noslip.edge import Edge
 from noslip.errors import InputError
 
 SUFFIXES = (".stl", ".obj", ".glb")
+"""Of the meshes that trimesh reads without more packages."""
 STEEL, HANDLE = (168, 176, 186), (62, 74, 90)
+"""Colors: a blade that reflects, a handle that is dark beside every path."""
 _CUTTING = ((0.0, 0.0), (0.06, 0.025), (0.095, 0.08), (0.105, 0.15), (0.105, 0.30))
 """The edge, from the tip upwards: along its travel (x) and up (z), over the tool's length."""
 _BACK = ((0.02, 0.36), (0.0, 0.30), (-0.035, 0.12))
+"""The other side of the blade, from the handle back to the tip."""
 _SHARP, _SPINE = 0.0002, 0.008
 """Half the thickness of the blade's edge and of its back, over the tool's length."""
 _SHAFT = ((0.02, 0.34), (0.098, 0.30), (0.085, 1.0), (0.03, 1.0))
+"""The handle, in the same plane."""
 _SHAFT_HALF = 0.022
+"""Half the thickness of the handle, over the tool's length."""
+
+
+SCALPEL_EDGE = Edge()
+"""The frame of a blade: x along the edge's travel, y lateral."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,27 +52,23 @@ class Part:
     color: tuple[int, int, int]
 
 
-def scalpel(
-    length: float, *, edge: str = "x", lateral: str = "y", flip: bool = False
-) -> list[Part]:
+def scalpel(length: float, edge: Edge = SCALPEL_EDGE, *, flip: bool = False) -> list[Part]:
     """Return a scalpel whose tip is the tool's origin.
 
     Parameters
     ----------
     length : float
         Meters.
-    edge, lateral : str
-        The body axes along which it cuts, and across which it is flat.
+    edge : Edge
+        With a lateral axis: along its travel it cuts, across that it is flat.
     flip : bool
         Whether the handle points the other way along the third axis.
     """
     blade = _wedge(np.array(_CUTTING + _BACK), [_SHARP] * len(_CUTTING) + [_SPINE] * len(_BACK))
     shaft = _wedge(np.array(_SHAFT), [_SHAFT_HALF] * len(_SHAFT))
-    frame = np.zeros((3, 3))
-    for row, axis in enumerate((edge, lateral)):
-        index, sign = axis_index(axis)
-        frame[row, index] = sign
-    frame[2] = np.cross(frame[0], frame[1])
+    still = Rotation.identity()
+    travel, lateral = edge.travel_axes(still), edge.lateral_axes(still)
+    frame = np.array([travel, lateral, np.cross(travel, lateral)])
     if flip:
         # A half turn about the edge: the lateral axis changes its sign alone, and it has none.
         frame[1:] *= -1

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from noslip.errors import InputError, NoslipError
-from noslip.learning import ConstrainedDMP
+from noslip.primitive import ConstrainedDMP
 from noslip.recordings import load_demonstrations
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory

@@ -13,7 +13,7 @@ void noslip_run(const double *state, const double *table, double *states, double
                 long long steps) {
     long long k;
     for (k = 0; k < steps; ++k) {
-        noslip_core(k ? states + (k - 1) * 13 : state, table + k * NOSLIP_STEP, states + k * 13,
+        noslip_core(k ? states + (k - 1) * STATE_SIZE : state, table + k * STEP_SIZE, states + k * STATE_SIZE,
                     outputs + k * NOSLIP_OUTPUTS);
     }
 }
@@ -21,63 +21,61 @@ void noslip_run(const double *state, const double *table, double *states, double
 static void sample(const noslip_state *s, double *state, double *values) {
     int i;
     for (i = 0; i < 3; ++i) {
-        state[i] = s->position[i];
-        state[7 + i] = s->linear_velocity[i];
-        state[10 + i] = s->angular_velocity[i];
+        state[STATE_POSITION + i] = s->position[i];
+        state[STATE_LINEAR_VELOCITY + i] = s->linear_velocity[i];
+        state[STATE_ANGULAR_VELOCITY + i] = s->angular_velocity[i];
     }
-    for (i = 0; i < 4; ++i) state[3 + i] = s->quaternion[i];
+    for (i = 0; i < 4; ++i) state[STATE_QUATERNION + i] = s->quaternion[i];
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) values[i] = s->values[i];
 }
 
 /* Forces of a motion in so many steps, six a step: they depend on the phase alone. */
 void noslip_forces(const noslip_primitive *primitive, long long steps, double *forces) {
-    const double h = 1.0 / (double)steps, lead = lead_of(primitive, h);
+    const double h = 1.0 / (double)steps;
     noslip_state s;
     long long k;
     noslip_start(primitive, &s);
     for (k = 0; k < steps; ++k) {
-        stepping_force(primitive, &s, h, lead, forces + 6 * k);
+        stepping_force(primitive, &s, h, forces + 6 * k);
         s.fraction += h;
         s.previous_step = h;
     }
 }
 
-/* One motion for each of several beginnings: pose and velocities (13), goal's position and
- * quaternion (7), duration, pull-in.  Of each sample after the first: pose and velocities, and the
- * rows' values. */
+/* One motion for each of several beginnings.  Of each sample after the first: pose and velocities, and
+ * the rows' values. */
 void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
                      const double *beginnings, long long count, long long steps, double *states,
                      double *values) {
     const long long rows = NOSLIP_EQUALITIES + NOSLIP_LIMITS;
-    const double lead = lead_of(primitive, 1.0 / (double)steps);
     long long motion, k;
     int i;
     for (motion = 0; motion < count; ++motion) {
-        const double *begin = beginnings + motion * 22;
+        const double *begin = beginnings + motion * BEGINNING_SIZE;
         noslip_state s;
         noslip_start(primitive, &s);
         for (i = 0; i < 3; ++i) {
-            s.position[i] = begin[i];
-            s.linear_velocity[i] = begin[7 + i];
-            s.angular_velocity[i] = begin[10 + i];
-            s.goal_position[i] = begin[13 + i];
+            s.position[i] = begin[BEGINNING_POSITION + i];
+            s.linear_velocity[i] = begin[BEGINNING_LINEAR_VELOCITY + i];
+            s.angular_velocity[i] = begin[BEGINNING_ANGULAR_VELOCITY + i];
+            s.goal_position[i] = begin[BEGINNING_GOAL_POSITION + i];
         }
         for (i = 0; i < 4; ++i) {
-            s.quaternion[i] = begin[3 + i];
-            s.goal_quaternion[i] = begin[16 + i];
+            s.quaternion[i] = begin[BEGINNING_QUATERNION + i];
+            s.goal_quaternion[i] = begin[BEGINNING_GOAL_QUATERNION + i];
         }
         for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
             s.values[i] = values[motion * (steps + 1) * rows + i];
         }
-        s.duration = begin[20];
-        s.pull_in = begin[21];
+        s.duration = begin[BEGINNING_DURATION];
+        s.pull_in = begin[BEGINNING_PULL_IN];
         for (k = 1; k <= steps; ++k) {
             const long long at = motion * (steps + 1) + k;
             const double h = s.duration / (double)steps;
-            const int lost = advance(primitive, &s, h, lead, forces + 6 * (k - 1));
-            sample(&s, states + at * 13, values + at * rows);
+            const int lost = advance(primitive, &s, h, forces + 6 * (k - 1));
+            sample(&s, states + at * STATE_SIZE, values + at * rows);
             /* The caller looks for it. */
-            if (lost) states[at * 13] = NAN;
+            if (lost) states[at * STATE_SIZE] = NAN;
         }
     }
 }

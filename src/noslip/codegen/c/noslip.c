@@ -11,8 +11,8 @@ static void noslip_core(const noslip_real *state, const noslip_real *step, nosli
 /* Of the core: force, values, multipliers. */
 #define NOSLIP_OUTPUTS @OUTPUTS@
 
-/* Numbers that a step of the core takes. */
-#define NOSLIP_STEP 19
+/* Where each number stands in what the core takes and returns. */
+@OFFSETS@
 /* A rate that leaves nothing after any step, 1/s. */
 #define AT_ONCE REAL(1e18)
 /* Residual that rounding causes, over the largest velocity, or 1. */
@@ -29,14 +29,13 @@ static noslip_real exponent_of(const noslip_primitive *p, int i, noslip_real pha
     return REAL(-0.5) * apart * apart;
 }
 
-/* Learned force over alpha beta at a fraction of the motion; columns first to last. */
-static void force_at(const noslip_primitive *p, noslip_real fraction, int first, int last,
-                     noslip_real *force) {
+/* Learned forces over alpha beta at a fraction of the motion. */
+static void forces_at(const noslip_primitive *p, noslip_real fraction, noslip_real *force) {
     const noslip_real phase = exp(-p->alpha_s * fraction);
     const int count = p->basis_functions;
     noslip_real place = fraction * (noslip_real)(count - 1) + REAL(0.5), nearest, sum = 0;
     int middle, i, j, side;
-    for (j = first; j < last; ++j) force[j] = 0;
+    for (j = 0; j < 6; ++j) force[j] = 0;
     /* Centers are evenly spaced in time; from the nearest, or the outermost, both ways until the
      * Gaussians vanish.  Its exponent is taken out, so that no phase leaves all of them at zero. */
     if (!(place > 0)) place = 0;
@@ -48,57 +47,10 @@ static void force_at(const noslip_primitive *p, noslip_real fraction, int first,
             const noslip_real psi = exponent >= NEGLIGIBLE ? exp(exponent) : 0;
             if (!(psi > 0)) break;
             sum += psi;
-            for (j = first; j < last; ++j) force[j] += psi * p->weights[i][j];
+            for (j = 0; j < 6; ++j) force[j] += psi * p->weights[i][j];
         }
     }
-    for (j = first; j < last; ++j) force[j] *= phase / sum;
-}
-
-/* Both forces, the orientation's with a lead. */
-static void forces_at(const noslip_primitive *p, noslip_real fraction, noslip_real lead,
-                      noslip_real *force) {
-    if (lead > 0 || lead < 0) {
-        force_at(p, fraction, 0, 3, force);
-        force_at(p, fraction + lead, 3, 6, force);
-    } else {
-        force_at(p, fraction, 0, 6, force);
-    }
-}
-
-/* The same as a step from there wants it: what a constant target leaves out is added. */
-static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_real h,
-                           noslip_real lead, noslip_real *force) {
-    const int starting = !(s->previous_step > 0);
-    const int known = !starting && !(s->known_fraction < s->fraction)
-                      && !(s->known_fraction > s->fraction) && !(s->known_step < h)
-                      && !(s->known_step > h);
-    noslip_real before[6], now[6], after[6];
-    int j;
-    if (known) {
-        for (j = 0; j < 6; ++j) {
-            before[j] = s->known[0][j];
-            now[j] = s->known[1][j];
-        }
-    } else {
-        if (!starting) forces_at(p, s->fraction - h, lead, before);
-        forces_at(p, s->fraction, lead, now);
-    }
-    forces_at(p, s->fraction + h, lead, after);
-    s->known_fraction = s->fraction + h;
-    s->known_step = h;
-    for (j = 0; j < 6; ++j) {
-        s->known[0][j] = now[j];
-        s->known[1][j] = after[j];
-    }
-    if (starting) {
-        for (j = 0; j < 6; ++j) force[j] = now[j] + (after[j] - now[j]) / 3;
-        return;
-    }
-    for (j = 0; j < 6; ++j) {
-        const noslip_real bend = after[j] - 2 * now[j] + before[j];
-        const noslip_real slope = p->alpha * h / 2 * (after[j] - before[j]);
-        force[j] = now[j] + (bend + slope) / 12;
-    }
+    for (j = 0; j < 6; ++j) force[j] *= phase / sum;
 }
 
 static void multiply(const noslip_real *a, const noslip_real *b, noslip_real *product) {
@@ -108,16 +60,11 @@ static void multiply(const noslip_real *a, const noslip_real *b, noslip_real *pr
     product[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
 }
 
-/* The rotation that plays the goal's part in the attractor, led to the state's goal. */
-static void leading(const noslip_primitive *p, noslip_real fraction, const noslip_real *goal,
-                    noslip_real *quaternion) {
-    noslip_real turn[4], rotation[4], vector[3], quarter[4], own[4], size, scale, within;
+/* The winding's rotation at a fraction of the motion; of more than one knot. */
+static void winding_at(const noslip_primitive *p, noslip_real fraction, noslip_real *rotation) {
+    noslip_real turn[4], vector[3], size, scale, within;
     const noslip_real *spline;
     int interval, i;
-    if (p->knots == 1) {
-        for (i = 0; i < 4; ++i) quaternion[i] = goal[i];
-        return;
-    }
     if (!(fraction > 0)) fraction = 0;
     fraction = smaller(fraction, 1);
     interval = (int)(fraction * (noslip_real)(p->knots - 1));
@@ -133,11 +80,103 @@ static void leading(const noslip_primitive *p, noslip_real fraction, const nosli
     turn[0] = cos(size / 2);
     for (i = 0; i < 3; ++i) turn[1 + i] = scale * vector[i];
     multiply(p->knot_quaternions[interval], turn, rotation);
+}
+
+/* Rotation vector that leads from one rotation to another, world frame. */
+static void turn_between(const noslip_real *from, const noslip_real *to, noslip_real *vector) {
+    noslip_real back[4], turn[4], size, scale;
+    int i;
+    back[0] = from[0];
+    for (i = 1; i < 4; ++i) back[i] = -from[i];
+    multiply(to, back, turn);
+    if (turn[0] < 0) {
+        for (i = 0; i < 4; ++i) turn[i] = -turn[i];
+    }
+    size = sqrt(turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3]);
+    scale = size > REAL(1e-6) ? 2 * atan2(size, turn[0]) / size : 2 / turn[0];
+    for (i = 0; i < 3; ++i) vector[i] = scale * turn[1 + i];
+}
+
+/* The rotation that plays the goal's part in the attractor, led to the state's goal. */
+static void leading(const noslip_primitive *p, noslip_real fraction, const noslip_real *goal,
+                    noslip_real *quaternion) {
+    noslip_real rotation[4], quarter[4], own[4];
+    int i;
+    if (p->knots == 1) {
+        for (i = 0; i < 4; ++i) quaternion[i] = goal[i];
+        return;
+    }
+    winding_at(p, fraction, rotation);
     /* In the tool's frame: from the learned goal to the one asked for. */
     own[0] = p->knot_quaternions[p->knots - 1][0];
     for (i = 1; i < 4; ++i) own[i] = -p->knot_quaternions[p->knots - 1][i];
     multiply(own, goal, quarter);
     multiply(rotation, quarter, quaternion);
+}
+
+/* What a target that stands still for a step leaves out of the winding, added to the force. */
+static void stepping_winding(const noslip_primitive *p, noslip_state *s, noslip_real h, int known,
+                             noslip_real *force) {
+    const int starting = !(s->previous_step > 0);
+    noslip_real earlier[4], now[4], later[4], before[3] = {0, 0, 0}, after[3];
+    int j;
+    if (p->knots == 1) return;
+    if (known) {
+        for (j = 0; j < 4; ++j) now[j] = s->known_winding[j];
+        for (j = 0; j < 3; ++j) before[j] = s->known_turn[j];
+    } else {
+        winding_at(p, s->fraction, now);
+        if (!starting) {
+            winding_at(p, s->fraction - h, earlier);
+            turn_between(earlier, now, before);
+        }
+    }
+    winding_at(p, s->fraction + h, later);
+    turn_between(now, later, after);
+    for (j = 0; j < 4; ++j) s->known_winding[j] = later[j];
+    for (j = 0; j < 3; ++j) {
+        const noslip_real bend = after[j] - before[j];
+        const noslip_real slope = p->alpha * h / 2 * (after[j] + before[j]);
+        s->known_turn[j] = after[j];
+        force[3 + j] += starting ? after[j] / 3 : (bend + slope) / 12;
+    }
+}
+
+/* The same as a step from there wants it: what a constant target leaves out is added. */
+static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_real h,
+                           noslip_real *force) {
+    const int starting = !(s->previous_step > 0);
+    const int known = !starting && !(s->known_fraction < s->fraction)
+                      && !(s->known_fraction > s->fraction) && !(s->known_step < h)
+                      && !(s->known_step > h);
+    noslip_real before[6], now[6], after[6];
+    int j;
+    if (known) {
+        for (j = 0; j < 6; ++j) {
+            before[j] = s->known[0][j];
+            now[j] = s->known[1][j];
+        }
+    } else {
+        if (!starting) forces_at(p, s->fraction - h, before);
+        forces_at(p, s->fraction, now);
+    }
+    forces_at(p, s->fraction + h, after);
+    s->known_fraction = s->fraction + h;
+    s->known_step = h;
+    for (j = 0; j < 6; ++j) {
+        s->known[0][j] = now[j];
+        s->known[1][j] = after[j];
+    }
+    if (starting) {
+        for (j = 0; j < 6; ++j) force[j] = now[j] + (after[j] - now[j]) / 3;
+    } else {
+        for (j = 0; j < 6; ++j) {
+            const noslip_real bend = after[j] - 2 * now[j] + before[j];
+            const noslip_real slope = p->alpha * h / 2 * (after[j] - before[j]);
+            force[j] = now[j] + (bend + slope) / 12;
+        }
+    }
+    stepping_winding(p, s, h, known, force);
 }
 
 void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
@@ -161,24 +200,20 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
     for (i = 0; i < 6; ++i) state->acceleration[i] = state->force[i] = 0;
     state->known_fraction = state->known_step = -1;
     for (i = 0; i < 6; ++i) state->known[0][i] = state->known[1][i] = 0;
+    for (i = 0; i < 4; ++i) state->known_winding[i] = 0;
+    for (i = 0; i < 3; ++i) state->known_turn[i] = 0;
     for (i = 0; i < NOSLIP_ROWS; ++i) state->values[i] = state->multipliers[i] = 0;
 }
 
 int noslip_done(const noslip_state *state) { return state->fraction >= 1 - REAL(1e-9); }
 
-/* How far the orientation is ahead of the phase. */
-static noslip_real lead_of(const noslip_primitive *p, noslip_real h) {
-    const noslip_real lead = (p->projected_step - h) / 2;
-    return p->projected_step > 0 && fabs(lead) > REAL(1e-9) ? lead : 0;
-}
-
 /* A step with known forces; 1 and the state as it was if what comes of it is not finite. */
 static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
-                    noslip_real lead, const noslip_real *offset) {
+                   const noslip_real *offset) {
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
     const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
-    noslip_real now[13], step[NOSLIP_STEP], after[13], output[NOSLIP_OUTPUTS];
+    noslip_real now[STATE_SIZE], step[STEP_SIZE], after[STATE_SIZE], output[NOSLIP_OUTPUTS];
     noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain;
     noslip_real sum = 0, fast = 1, slip_rate = state->previous_step > 0 ? AT_ONCE : state->pull_in;
     int i;
@@ -200,41 +235,41 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
         gain = less * less + 4 * half * turned * turned;
     }
     for (i = 0; i < 3; ++i) {
-        now[i] = state->position[i];
-        now[7 + i] = state->linear_velocity[i];
-        now[10 + i] = state->angular_velocity[i];
-        step[9 + i] = state->goal_position[i] + offset[i];
-        step[16 + i] = offset[3 + i] + state->steering[i];
+        now[STATE_POSITION + i] = state->position[i];
+        now[STATE_LINEAR_VELOCITY + i] = state->linear_velocity[i];
+        now[STATE_ANGULAR_VELOCITY + i] = state->angular_velocity[i];
+        step[STEP_POSITION_TARGET + i] = state->goal_position[i] + offset[i];
+        step[STEP_ROTATION_OFFSET + i] = offset[3 + i] + state->steering[i];
     }
-    for (i = 0; i < 4; ++i) now[3 + i] = state->quaternion[i];
-    step[0] = time_step;
-    step[1] = kick;
-    step[2] = state->previous_step;
-    step[3] = state->time + time_step;
-    step[4] = state->pull_in;
-    step[5] = slip_rate;
-    step[6] = p->barrier_rate / tau;
-    step[7] = decay;
-    step[8] = gain / kick;
-    leading(p, state->fraction + lead, state->goal_quaternion, step + 12);
+    for (i = 0; i < 4; ++i) now[STATE_QUATERNION + i] = state->quaternion[i];
+    step[STEP_TIME_STEP] = time_step;
+    step[STEP_KICK] = kick;
+    step[STEP_PREVIOUS_STEP] = state->previous_step;
+    step[STEP_TIME] = state->time + time_step;
+    step[STEP_RESIDUAL_RATE] = state->pull_in;
+    step[STEP_SLIP_RATE] = slip_rate;
+    step[STEP_BARRIER_RATE] = p->barrier_rate / tau;
+    step[STEP_DECAY] = decay;
+    step[STEP_GAIN] = gain / kick;
+    leading(p, state->fraction, state->goal_quaternion, step + STEP_ROTATION_GOAL);
 
     noslip_core(now, step, after, output);
 
-    for (i = 0; i < 13; ++i) sum += after[i] - after[i];
+    for (i = 0; i < STATE_SIZE; ++i) sum += after[i] - after[i];
     if (!(sum >= 0)) return 1;
     for (i = 0; i < 3; ++i) {
-        state->position[i] = after[i];
-        state->linear_velocity[i] = after[7 + i];
-        state->angular_velocity[i] = after[10 + i];
+        state->position[i] = after[STATE_POSITION + i];
+        state->linear_velocity[i] = after[STATE_LINEAR_VELOCITY + i];
+        state->angular_velocity[i] = after[STATE_ANGULAR_VELOCITY + i];
     }
-    for (i = 0; i < 4; ++i) state->quaternion[i] = after[3 + i];
+    for (i = 0; i < 4; ++i) state->quaternion[i] = after[STATE_QUATERNION + i];
     for (i = 0; i < 6; ++i) {
-        state->acceleration[i] = (after[7 + i] - now[7 + i]) / kick;
-        state->force[i] = output[i];
+        state->acceleration[i] = (after[STATE_LINEAR_VELOCITY + i] - now[STATE_LINEAR_VELOCITY + i]) / kick;
+        state->force[i] = output[OUTPUT_FORCE + i];
     }
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
-        state->values[i] = output[6 + i];
-        state->multipliers[i] = output[6 + NOSLIP_EQUALITIES + NOSLIP_LIMITS + i];
+        state->values[i] = output[OUTPUT_VALUES + i];
+        state->multipliers[i] = output[OUTPUT_MULTIPLIERS + i];
     }
     state->time += time_step;
     state->fraction += h;
@@ -243,10 +278,14 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 }
 
 int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
-    const noslip_real h = time_step / state->duration, lead = lead_of(primitive, h);
-    noslip_real offset[6];
+    noslip_real h = time_step / state->duration, offset[6];
     /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
     if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
-    stepping_force(primitive, state, h, lead, offset);
-    return advance(primitive, state, time_step, lead, offset);
+    /* The last step ends where the motion does; a whole one would go beyond. */
+    if (!noslip_done(state) && h > 1 - state->fraction) {
+        h = 1 - state->fraction;
+        time_step = h * state->duration;
+    }
+    stepping_force(primitive, state, h, offset);
+    return advance(primitive, state, time_step, offset);
 }

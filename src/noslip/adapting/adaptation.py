@@ -1,0 +1,191 @@
+"""A motion moved to other ends, projected, and a primitive fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip._values import Value
+from noslip.adapting.ends import asked, placed, require_feasible
+from noslip.boundary import Boundary, End
+from noslip.errors import ConvergenceError, InputError
+from noslip.law.fitting import SAMPLES_PER_BASIS_FUNCTION, fit
+from noslip.law.law import Law
+from noslip.law.scaling import Scaling, scaled
+from noslip.projection.blend import through
+from noslip.projection.request import ADAPTING, Request, Weights
+from noslip.projection.result import ProjectedTrajectory
+from noslip.projection.trajectory import project_heeding_what_it_can
+from noslip.rule import Rule
+from noslip.runtime.rollout import rollout
+
+MOST_SAMPLES = 2001
+"""An adapted motion is as smooth as its primitive; more samples than these add nothing."""
+FEWEST_SAMPLES = 20
+"""Fewer do not show where a motion bends once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted(Value):
+    """What an adaptation comes to.
+
+    Attributes
+    ----------
+    law : Law
+        Fitted to the projected trajectory.
+    request : Request
+        What was projected: the unconstrained motion, moved to the boundaries.
+    projected : ProjectedTrajectory
+    """
+
+    law: Law
+    request: Request
+    projected: ProjectedTrajectory
+
+
+def adapt(
+    law: Law,
+    rule: Rule,
+    *,
+    goal_position: ArrayLike | None = None,
+    goal_rotation: Rotation | None = None,
+    goal_velocity: ArrayLike | None = None,
+    start_position: ArrayLike | None = None,
+    start_rotation: Rotation | None = None,
+    start_velocity: ArrayLike | None = None,
+    duration: float | None = None,
+    via: Iterable[Boundary | Sequence[Any]] = (),
+    scaling: Scaling = "none",
+    start: End = "pose",
+    end: End = "pose",
+    samples: int | None = None,
+    position_weight: float = ADAPTING.position,
+    position_smoothing: float = ADAPTING.position_smoothing,
+    rotation_smoothing: float = ADAPTING.rotation_smoothing,
+) -> Adapted:
+    """Find a law that starts, passes and ends elsewhere, and keeps the constraints.
+
+    The law is rolled out without constraints, its motion moved to the new boundary values,
+    projected onto the constraints with these values fixed, and fitted again.
+
+    Parameters
+    ----------
+    law : Law
+    rule : Rule
+    goal_position, start_position : array, shape (3,), optional
+        Meters; those of the law by default.
+    goal_rotation, start_rotation : Rotation, optional
+    goal_velocity, start_velocity : 0, array of shape (3,) or (6,), optional
+        At rest (0), or linear velocity (m/s), then angular (rad/s), world frame; projected onto
+        the constraints.  By default whatever suits the motion.
+    duration : float, optional
+        tau (s).
+    via : sequence of (at, position), (at, position, rotation) or Boundary
+        Points or poses to pass, at fractions of the duration.
+    scaling : "none", "difference" or "rotation-dilation"
+        How the path follows a new goal before it is projected, see
+        :func:`noslip.law.scaling.scaled`.  Without scaling the displacement
+        grows along the motion by minimum jerk.  Where the path turns, orientations that are
+        not named turn along.
+    start, end : "free", "position", "rotation" or "pose"
+        What of the start and the goal is kept to; all of it by default.  What is not named in
+        the call is that of the law.
+    samples : int, optional
+        Of the projection; by default one a step, from 5 a basis function up to 2001.
+    position_weight, position_smoothing, rotation_smoothing : float
+        Of the projection, see :func:`noslip.project_trajectory`.
+
+    Raises
+    ------
+    InputError, ConstraintError
+        If an argument is not what it must be, or no motion under the constraints can end there.
+    ConvergenceError
+        If the projection does not converge.
+    """
+    tau = law.duration
+    if duration is not None:
+        tau = _arguments.positive("duration", duration, "seconds")
+    count = samples_of(law, samples)
+    free = law
+    if scaling != "none":
+        free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
+    first = placed(
+        asked("start", start_position, start_rotation, start_velocity),
+        (law.start_position, free.start_rotation),
+        rule.system,
+        rule.inverse_metric,
+        law.begin,
+    )
+    last = placed(
+        asked("goal", goal_position, goal_rotation, goal_velocity),
+        (law.goal_position, free.goal_rotation),
+        rule.system,
+        rule.inverse_metric,
+        law.begin + tau,
+    )
+    request = Request(
+        rollout(free, Rule(), duration=tau, time_step=tau / (count - 1)),
+        rule.system,
+        (first.part(start), *Boundary.vias(via), last.part(end)),
+        Weights(position_weight, position_smoothing, rotation_smoothing),
+        begin=law.begin,
+    )
+    for passed in request.fixed.values():
+        if 0 < passed.at < 1:
+            time = request.begin + passed.at * tau
+            require_feasible(request.system, f"via at {passed.at:g}", time, passed)
+    moved = through(request.reference, request.boundaries)
+    adapted = carried_out(free, replace(request, reference=moved), law.steps)
+    limits = request.system.limits
+    left_out = [
+        name
+        for name, constraint in zip(limits.names, limits.constraints, strict=True)
+        if constraint.priority == 0 and name in adapted.projected.left_out
+    ]
+    if left_out:
+        raise ConvergenceError(
+            f"no motion found that keeps {', '.join(left_out)} between these ends; give it more "
+            "time (duration), other ends, or a priority above 0"
+        )
+    found = replace(adapted.law, duration=tau)
+    if request.leads_in:
+        found = replace(found, start_velocity=np.concatenate(request.twist_at(0)) * tau)
+    return replace(adapted, law=found)
+
+
+def samples_of(law: Law, samples: int | None) -> int:
+    """Return how many samples an adaptation takes."""
+    if samples is None:
+        return _samples_for(law.basis.count, law.steps)
+    samples = _arguments.count("samples", samples, MOST_SAMPLES)
+    if samples < FEWEST_SAMPLES:
+        raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
+    return samples
+
+
+def carried_out(law: Law, request: Request, steps: int) -> Adapted:
+    """Project a reference that meets its boundaries, and fit a primitive of so many steps."""
+    projected = project_heeding_what_it_can(request)
+    trajectory = projected.trajectory
+    samples = _samples_for(law.basis.count, steps)
+    if len(trajectory) < samples:
+        times = np.linspace(trajectory.times[0], trajectory.times[-1], samples)
+        trajectory = trajectory.resampled(times=times)
+    fitted = fit(
+        trajectory,
+        basis_functions=law.basis.count,
+        alpha=law.attractor.alpha,
+        beta=law.attractor.beta,
+        alpha_s=law.clock.alpha_s,
+    )
+    return Adapted(replace(fitted, steps=steps, begin=request.begin), request, projected)
+
+
+def _samples_for(basis_functions: int, steps: int) -> int:
+    return min(max(steps, SAMPLES_PER_BASIS_FUNCTION * basis_functions) + 1, MOST_SAMPLES)

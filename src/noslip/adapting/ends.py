@@ -1,0 +1,137 @@
+"""Starts, goals and via points: from what a caller names to what a motion can reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip._typing import Floats
+from noslip.boundary import Boundary, twist
+from noslip.constraints.system import ConstraintSystem
+from noslip.errors import ConstraintError
+from noslip.projection.feasibility import project_pose
+from noslip.projection.pointwise import project_velocities
+
+_OFF = 1e-9
+"""Residual of a boundary pose that is none (m or rad): above rounding, below any tool's play."""
+
+
+def asked(
+    what: Literal["start", "goal"],
+    position: ArrayLike | None,
+    rotation: Rotation | None,
+    velocity: ArrayLike | None = None,
+) -> Boundary:
+    """Return the boundary that arguments ``start_position``, ``start_rotation``, ... ask for.
+
+    Parameters
+    ----------
+    velocity : 0, array of shape (3,) or (6,), optional
+        At rest; linear (m/s); linear, then angular (rad/s).
+
+    Raises
+    ------
+    InputError
+        Naming the argument.
+    """
+    if position is not None:
+        position = _arguments.vector(f"{what}_position", position)
+    if rotation is not None:
+        rotation = _arguments.rotation(f"{what}_rotation", rotation)
+    linear, angular = (None, None) if velocity is None else twist(f"{what}_velocity", velocity)
+    return Boundary(0.0 if what == "start" else 1.0, position, rotation, linear, angular)
+
+
+def placed(
+    boundary: Boundary,
+    own: tuple[Floats, Rotation],
+    system: ConstraintSystem,
+    inverse_metric: Sequence[float],
+    time: float,
+) -> Boundary:
+    """Return a start or goal as a whole pose that the constraints allow.
+
+    What is not named is the primitive's own.  A start, and a goal of which nothing is named, is
+    moved onto the constraints; velocities are the nearest that they allow.
+
+    Parameters
+    ----------
+    own : (position, rotation)
+        The primitive's.
+    inverse_metric : 6 numbers
+        In which velocities are nearest.
+    time : float
+        Of the constraints' clock (s).
+
+    Raises
+    ------
+    ConstraintError
+        If a goal violates a position-level constraint or hard limit.
+    """
+    position, rotation = boundary.pose_or(*own)
+    is_start = boundary.at == 0
+    equalities = system.equalities
+    stays = not is_start and not (boundary.position is None and boundary.rotation is None)
+    if "position" in equalities.row_levels and not stays:
+        quaternion = rotation.as_quat(scalar_first=True)
+        position, quaternion = project_pose(equalities, time, position, quaternion)
+        rotation = Rotation.from_quat(quaternion, scalar_first=True)
+    found = replace(boundary, position=position, rotation=rotation)
+    if not is_start:
+        require_feasible(system, "goal", time, found)
+    if boundary.linear_velocity is None or boundary.angular_velocity is None:
+        return found
+    linear, angular, _ = project_velocities(
+        equalities,
+        time,
+        position,
+        rotation.as_quat(scalar_first=True),
+        boundary.linear_velocity,
+        boundary.angular_velocity,
+        inverse_metric=inverse_metric,
+    )
+    return replace(found, linear_velocity=linear, angular_velocity=angular)
+
+
+def require_feasible(system: ConstraintSystem, what: str, time: float, boundary: Boundary) -> None:
+    """Refuse a pose that position-level equalities or hard limits do not allow.
+
+    Where only a position or a rotation is given, what depends on the other is not asked.
+
+    Raises
+    ------
+    ConstraintError
+        Naming the constraint and by how much it is missed.
+    """
+    # What is open takes any value: rows that change with it are not decided.
+    random = np.random.default_rng(0)
+    tried = []
+    for _ in range(1 if boundary.is_pose else 2):
+        position = random.normal(size=3) if boundary.position is None else boundary.position
+        rotation = Rotation.random(rng=random) if boundary.rotation is None else boundary.rotation
+        quaternion = rotation.as_quat(scalar_first=True)
+        tried.append(system.residuals(time, position, quaternion, np.zeros(3), np.zeros(3))[0])
+    values, decided = tried[0], np.ptp(tried, axis=0) <= _OFF
+    priorities = system.per_row(c.priority for c in system.constraints)
+    for name, counts, level, is_limit, unit, priority, value in zip(
+        system.row_names,
+        decided,
+        system.row_levels,
+        system.row_is_limit,
+        system.row_units,
+        priorities,
+        values,
+        strict=True,
+    ):
+        off = max(-value, 0.0) if is_limit else abs(value)
+        if counts and level == "position" and priority == 0 and off > _OFF:
+            raise ConstraintError(
+                f"{what} violates {name!r} by {off:.3g} {unit}; no motion that satisfies it "
+                f"{'ends' if what == 'goal' else 'passes'} there"
+            )

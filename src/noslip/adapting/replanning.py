@@ -1,0 +1,180 @@
+"""What remains of a motion, led from the state that it is in back onto its path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip._typing import Floats
+from noslip.adapting.adaptation import FEWEST_SAMPLES, Adapted, carried_out, samples_of
+from noslip.adapting.ends import asked, placed
+from noslip.boundary import Boundary, End
+from noslip.errors import InputError
+from noslip.law.fitting import FEWEST_STEPS, SAMPLES_PER_BASIS_FUNCTION
+from noslip.law.law import Law
+from noslip.projection.blend import through
+from noslip.projection.feasibility import project_pose
+from noslip.projection.request import ADAPTING, Request, Weights
+from noslip.rule import Rule
+from noslip.runtime.rollout import rollout
+from noslip.runtime.state import State
+from noslip.trajectory import PoseTrajectory
+
+REPLANNED_SAMPLES = 201
+"""Of a re-planned motion unless told otherwise: planned in a few milliseconds."""
+_STATE_VECTORS = ("position", "linear_velocity", "angular_velocity", "goal_position")
+"""Of a state, that must be finite."""
+_DETOUR = 5.0
+"""Way for which time is allotted to a displacement, over its length: it may lie sideways."""
+_SETTLED = 0.3
+"""Fraction of what remains after which a displacement is to be gone, unless it is large."""
+_LEAST_TIME = 0.05
+"""Of the duration, that a re-planned motion takes at least: a jump to the end is no plan."""
+
+
+def replan(
+    law: Law,
+    rule: Rule,
+    state: State,
+    *,
+    goal_position: ArrayLike | None = None,
+    goal_rotation: Rotation | None = None,
+    duration: float | None = None,
+    end: End = "pose",
+    samples: int = REPLANNED_SAMPLES,
+    position_weight: float = ADAPTING.position,
+    position_smoothing: float = ADAPTING.position_smoothing,
+    rotation_smoothing: float = ADAPTING.rotation_smoothing,
+) -> Adapted:
+    """Find a law for what remains of a motion, from any state in the middle of it.
+
+    It starts in the state's pose, with its velocities, leads back onto the path as it was and
+    ends at the goal.  What was planned for the rest of the motion is the first guess.
+
+    Parameters
+    ----------
+    law : Law
+    rule : Rule
+    state : State
+        Of the law, as ``initial_state`` and ``step`` give it, with whatever was
+        measured in place of what was expected.
+    goal_position, goal_rotation
+        The state's own by default.
+    duration : float, optional
+        Of what remains (s); by default what is left, and longer where the way is.
+    end : "free", "position", "rotation" or "pose"
+        What of the goal is kept to.
+    samples : int
+        Of the projection, at most: fewer are faster.
+
+    Returns
+    -------
+    Adapted
+        The ``initial_state`` of its law is the state to go on from.
+    """
+    count = samples_of(law, samples)
+    require_state(state)
+    nominal = rollout(law, rule, duration=state.duration, time_step=state.duration / (count - 1))
+    weights = Weights(position_weight, position_smoothing, rotation_smoothing)
+    request = Request(nominal, rule.system, weights=weights)
+    goal = asked("goal", goal_position, goal_rotation)
+    system = rule.system
+    if duration is not None:
+        duration = _arguments.positive("duration", duration, "seconds")
+    done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
+    step = state.previous_step or state.duration / law.steps
+    if duration is None:
+        toward = state.goal_position if goal.position is None else goal.position
+        duration = max(_time_needed(nominal, state, done, toward), FEWEST_SAMPLES * step)
+    # Not on shorter steps than those that the motion is run on.
+    samples = min(len(nominal), max(round(duration / step) + 1, FEWEST_SAMPLES))
+    rest = _rest(nominal, done, samples, duration)
+    own = state.goal_position, state.goal_rotation
+    last = placed(goal, own, system, (1.0,) * 6, state.time + duration).part(end)
+    first = _start(request, state, nominal, done)
+    assert first.position is not None
+    # Back onto the path, not just to its end, if the way there is long enough.
+    moved = through(rest, [last])
+    traveled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))
+    displaced = float(np.linalg.norm(first.position - moved.positions[0]))
+    k = max(round(_SETTLED * samples), int(np.searchsorted(traveled, _DETOUR * displaced)) + 1)
+    back = []
+    if k < samples - 1:
+        back = [Boundary.keeping(moved, k / (samples - 1), "pose")]
+    # The time step stays what it was, unless that is too long for the fit.
+    steps = round(law.steps * duration / state.duration)
+    steps = max(steps, SAMPLES_PER_BASIS_FUNCTION * law.basis.count, FEWEST_STEPS)
+    request = replace(
+        request,
+        reference=through(moved, [first, *back, last]),
+        boundaries=(first, last),
+        begin=state.time,
+    )
+    adapted = carried_out(law, request, steps)
+    return replace(adapted, law=replace(adapted.law, duration=request.reference.duration))
+
+
+def _time_needed(nominal: PoseTrajectory, state: State, done: float, goal: Floats) -> float:
+    """Seconds for what is left of a motion, and for a displacement besides."""
+    now = round(done * (len(nominal) - 1))
+    # Sideways, and the more so where little of the path is left to spread it over.
+    displaced = float(np.linalg.norm(state.position - nominal.positions[now]))
+    displaced += float(np.linalg.norm(goal - nominal.positions[-1]))
+    way = float(np.linalg.norm(np.diff(nominal.positions[now:], axis=0), axis=1).sum())
+    speed = nominal.path_length / state.duration
+    detour = _DETOUR * displaced**2 / (displaced + way) if displaced else 0.0
+    longer = detour / speed / state.duration if speed > 0 else 0.0
+    turn = float((state.rotation * nominal.rotations[now].inv()).magnitude()) / np.pi
+    return max(1.0 - done + longer, turn, _LEAST_TIME) * state.duration
+
+
+def _start(request: Request, state: State, nominal: PoseTrajectory, done: float) -> Boundary:
+    """Pose and velocities to go on from."""
+    position, quaternion = state.position, state.rotation.as_quat(scalar_first=True)
+    system = request.system
+    if "position" in system.row_levels:
+        # A state off a surface is led back onto it at run time; the plan lies on it.
+        position, quaternion = project_pose(system.equalities, state.time, position, quaternion)
+    turned = Rotation.from_quat(quaternion, scalar_first=True)
+    return Boundary(0.0, position, turned, *_velocities_now(nominal, done, state))
+
+
+def _rest(nominal: PoseTrajectory, done: float, samples: int, duration: float) -> PoseTrajectory:
+    """What remains of a motion of which a fraction is done, over another duration."""
+    times = np.linspace(0.0, duration, samples)
+    if (1 - done) * nominal.duration < 4 * nominal.period:
+        # Next to nothing: it stays where it ends.
+        last = Rotation.concatenate([nominal.rotations[-1]] * samples)
+        return PoseTrajectory(times, np.repeat(nominal.positions[-1:], samples, axis=0), last)
+    fractions = np.linspace(done, 1.0, samples)
+    rest = nominal.resampled(times=nominal.times[0] + nominal.duration * fractions)
+    return PoseTrajectory(times, rest.positions, rest.rotations, name="re-planned")
+
+
+def _velocities_now(nominal: PoseTrajectory, done: float, state: State) -> tuple[Floats, Floats]:
+    """Velocities at a state, half a step after those of the step that led to it."""
+    # Both velocities of the nominal motion change but little within half a step.
+    steps = len(nominal) - 1
+    k = min(max(round(done * steps), 1), steps - 1)
+    share = state.previous_step / 2 / nominal.period
+    return (
+        state.linear_velocity + share * np.diff(nominal.linear_velocities[k : k + 2], axis=0)[0],
+        state.angular_velocity + share * np.diff(nominal.angular_velocities[k : k + 2], axis=0)[0],
+    )
+
+
+def require_state(state: State) -> None:
+    """Refuse what is not a state of a motion."""
+    if not isinstance(state, State):
+        raise InputError(f"state must be a State, got {type(state).__name__}")
+    vectors = {name: getattr(state, name) for name in _STATE_VECTORS}
+    for name, value in vectors.items():
+        _arguments.vector(f"state: {name}", value)
+    _arguments.positive("state: duration", state.duration, "seconds")
+    _arguments.not_negative("state: previous_step", state.previous_step)
+    for name in ("time", "phase"):
+        _arguments.finite(f"state: {name}", getattr(state, name))

@@ -1,0 +1,196 @@
+"""What a motion must reach at its start, at its goal or on the way: one form from end to end."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.errors import InputError
+from noslip.trajectory import PoseTrajectory
+
+End = Literal["free", "position", "rotation", "pose"]
+"""What of a pose is kept to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary(Value):
+    """A pose, a twist or part of them that must be reached; what is None is free.
+
+    Compares by value.
+
+    Parameters
+    ----------
+    at : float
+        When, as a fraction of the duration: at 0 the start, at 1 the goal, between them a via.
+    position : array, shape (3,), optional
+        Meters, world frame.
+    rotation : Rotation, optional
+        Body to world.
+    linear_velocity : array, shape (3,), optional
+        m/s, world frame.
+    angular_velocity : array, shape (3,), optional
+        rad/s, world frame.
+
+    Raises
+    ------
+    InputError
+        If a value is not what it must be.
+    """
+
+    at: float
+    position: Floats | None = None
+    rotation: Rotation | None = None
+    linear_velocity: Floats | None = None
+    angular_velocity: Floats | None = None
+
+    def __post_init__(self) -> None:
+        at = _arguments.finite("boundary at", self.at)
+        if not 0 <= at <= 1:
+            raise InputError(
+                f"boundary at must be a fraction of the motion from 0 to 1, got {at:g}"
+            )
+        object.__setattr__(self, "at", at)
+        for name, unit in (
+            ("position", "m"),
+            ("linear_velocity", "m/s"),
+            ("angular_velocity", "rad/s"),
+        ):
+            value = getattr(self, name)
+            if value is not None:
+                words = f"boundary {name.replace('_', ' ')}"
+                array = _arguments.vector(words, value, unit)
+                array.flags.writeable = False
+                object.__setattr__(self, name, array)
+        if self.rotation is not None:
+            # Rotations can be assigned to by index; what the caller does to theirs stays theirs.
+            held = copy.deepcopy(_arguments.rotation("boundary rotation", self.rotation))
+            object.__setattr__(self, "rotation", held)
+
+    # ---------------------------------------------------------------- made from
+
+    @classmethod
+    def keeping(cls, trajectory: PoseTrajectory, at: float, what: End) -> Boundary:
+        """Return what a trajectory has at a fraction of its samples.
+
+        Parameters
+        ----------
+        trajectory : PoseTrajectory
+        at : float
+            Of the sample nearest to that fraction.
+        what : "free", "position", "rotation" or "pose"
+        """
+        k = sample_of(at, len(trajectory))
+        return cls(at, trajectory.positions[k], trajectory.rotations[k]).part(what)
+
+    @classmethod
+    def via(cls, given: Boundary | Sequence[Any]) -> Boundary:
+        """Return what is passed on the way, from ``(at, position[, rotation])`` or as it is.
+
+        Raises
+        ------
+        InputError
+            If it is none of these, names nothing, or is not between the ends.
+        """
+        if not isinstance(given, Boundary):
+            try:
+                at, position, *rotation = given
+            except (TypeError, ValueError):
+                raise InputError(_NO_VIA + _arguments.short(given)) from None
+            if len(rotation) > 1:
+                raise InputError(_NO_VIA + _arguments.short(given))
+            _require_between(_arguments.finite("via at", at))
+            given = cls(at, position, *rotation)
+        _require_between(given.at)
+        if given.is_free:
+            raise InputError(f"via at {given.at:g} names neither a position nor a rotation")
+        return given
+
+    @classmethod
+    def vias(cls, given: Iterable[Boundary | Sequence[Any]]) -> tuple[Boundary, ...]:
+        """Return each of several as :meth:`via` does, in the order of their fractions."""
+        try:
+            several = list(given)
+        except TypeError:
+            raise InputError(_NO_VIA + _arguments.short(given)) from None
+        return tuple(sorted((cls.via(v) for v in several), key=lambda passed: passed.at))
+
+    def part(self, what: End) -> Boundary:
+        """Return it with only a part of its pose; its twist stays."""
+        if what not in get_args(End):
+            name = {0.0: "start", 1.0: "end"}.get(self.at, f"what is kept at {self.at:g}")
+            raise InputError(f"{name} must be free, position, rotation or pose; got {what!r}")
+        return replace(
+            self,
+            position=self.position if what in ("position", "pose") else None,
+            rotation=self.rotation if what in ("rotation", "pose") else None,
+        )
+
+    def pose_or(self, position: Floats, rotation: Rotation) -> tuple[Floats, Rotation]:
+        """Return its position and rotation; the given ones where they are free."""
+        return (
+            position if self.position is None else self.position,
+            rotation if self.rotation is None else self.rotation,
+        )
+
+    # ---------------------------------------------------------------- what it is
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nothing must be reached."""
+        return self.position is None and self.rotation is None and not self.has_twist
+
+    @property
+    def is_pose(self) -> bool:
+        """Whether both position and rotation must be reached."""
+        return self.position is not None and self.rotation is not None
+
+    @property
+    def has_twist(self) -> bool:
+        """Whether a linear or an angular velocity must be reached."""
+        return self.linear_velocity is not None or self.angular_velocity is not None
+
+
+_NO_VIA = "via is a list of (at, position), (at, position, rotation) or Boundary; got "
+"""Said of each form that is none of these, and of what is no list."""
+
+
+def sample_of(at: float, count: int) -> int:
+    """Return the sample nearest to a fraction of a motion of ``count`` samples."""
+    return round(at * (count - 1))
+
+
+def twist(name: str, value: ArrayLike) -> tuple[Floats, Floats]:
+    """Return linear (m/s) and angular velocity (rad/s) from the forms that a caller may give.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the error.
+    value : 0, array of shape (3,) or (6,)
+        At rest; a linear velocity without turning; linear, then angular velocity.
+    """
+    try:
+        values = np.ravel(np.array(value, dtype=np.float64))
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.shape == (1,) and values[0] == 0:
+        values = np.zeros(3)
+    if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
+        raise InputError(
+            f"{name} must be 0, 3 finite numbers (m/s), or 6 with the angular velocity (rad/s)"
+        )
+    return values[:3], np.zeros(3) if len(values) == 3 else values[3:]
+
+
+def _require_between(at: float) -> None:
+    if not 0 < at < 1:
+        raise InputError(f"via at must be between 0 and 1, a fraction of the motion, got {at:g}")

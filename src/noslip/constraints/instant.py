@@ -1,0 +1,104 @@
+"""What a constraint is written in: one instant of a motion, as expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+
+from noslip._typing import Expression
+from noslip.errors import ConstraintError
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What a constraint may be written in: CasADi expressions of one instant of the motion.
+
+    Attributes
+    ----------
+    time : expression, scalar
+        Seconds since the motion began.
+    position : expression, shape (3,)
+        Of the tool's frame, meters, world frame.
+    rotation : expression, shape (3, 3)
+        Body to world; ``rotation[:, 1]`` is the body's y axis in the world.
+    linear_velocity, angular_velocity : expression, shape (3,)
+        Meters and radians per second, world frame; ``dR/dt = [w] R``.
+    """
+
+    time: Expression
+    position: Expression
+    rotation: Expression
+    linear_velocity: Expression
+    angular_velocity: Expression
+
+    def at(self, reference_point: Sequence[float]) -> Instant:
+        """Motion of the frame moved to a body-fixed point: ``p + R r`` and ``v + w x R r``.
+
+        Parameters
+        ----------
+        reference_point : 3 numbers
+            r, in the body's frame (m).
+        """
+        if not any(reference_point):
+            return self
+        arm = ca.mtimes(self.rotation, ca.DM(list(reference_point)))
+        return replace(
+            self,
+            position=self.position + arm,
+            linear_velocity=self.linear_velocity + ca.cross(self.angular_velocity, arm),
+        )
+
+    def __getattr__(self, name: str) -> Any:
+        known = "time, position, rotation, linear_velocity, angular_velocity"
+        hint = ""
+        if "acceleration" in name:
+            hint = (
+                "; accelerations follow from the constraint (a limit on them is declared with "
+                'keep_nonnegative(level="acceleration"))'
+            )
+        raise ConstraintError(f"a motion has {known}, but no {name!r}{hint}")
+
+
+@dataclass(frozen=True)
+class AcceleratedInstant(Instant):
+    """A motion whose accelerations are known too, for inequalities at acceleration level.
+
+    Attributes
+    ----------
+    linear_acceleration, angular_acceleration : expression, shape (3,)
+        Of the step (m/s^2, rad/s^2), world frame, of the tool's frame.
+    """
+
+    linear_acceleration: Expression
+    angular_acceleration: Expression
+
+    def at(self, reference_point: Sequence[float]) -> AcceleratedInstant:
+        """Motion of a body-fixed point: its acceleration is ``a + alpha x R r + w x (w x R r)``."""
+        if not any(reference_point):
+            return self
+        arm = ca.mtimes(self.rotation, ca.DM(list(reference_point)))
+        turning = ca.cross(self.angular_velocity, arm)
+        return replace(
+            self,
+            position=self.position + arm,
+            linear_velocity=self.linear_velocity + turning,
+            linear_acceleration=self.linear_acceleration
+            + ca.cross(self.angular_acceleration, arm)
+            + ca.cross(self.angular_velocity, turning),
+        )
+
+
+def motion_symbols() -> AcceleratedInstant:
+    """One instant of a motion, as symbols."""
+    return AcceleratedInstant(
+        ca.SX.sym("t"),
+        ca.SX.sym("p", 3),
+        ca.SX.sym("R", 3, 3),
+        ca.SX.sym("v", 3),
+        ca.SX.sym("w", 3),
+        ca.SX.sym("a", 3),
+        ca.SX.sym("alpha", 3),
+    )

@@ -1,0 +1,233 @@
+"""Laws, rules and spreads as plain data, and documents of them: JSON with a version and a checksum.
+
+Every float is written such that it is read back the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar, cast, get_args
+
+import numpy as np
+
+from noslip import _arguments
+from noslip._files import write_beside
+from noslip._typing import Floats
+from noslip._version import __version__
+from noslip.constraints.catalog import restore, specification
+from noslip.constraints.system import ConstraintSystem
+from noslip.errors import InputError, NoslipError
+from noslip.law.attractor import Attractor
+from noslip.law.basis import Basis
+from noslip.law.clock import Phase
+from noslip.law.forcing import ForcingTerm
+from noslip.law.law import Law
+from noslip.law.space import POINT_SIZE, VELOCITY_SIZE, Goal
+from noslip.law.winding import Winding
+from noslip.projection.pointwise import Push
+from noslip.rule import Rule
+from noslip.spread import Spread
+
+T = TypeVar("T")
+
+FORMAT = "noslip-primitive"
+"""What a document says it is, so that any other JSON is refused by name."""
+VERSION = 2
+"""Grows whenever a document would be read wrongly by the version before."""
+
+
+def write_document(path: str | Path, content: dict[str, Any]) -> Path:
+    """Write content as a document."""
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "noslip": __version__,
+        "checksum": _checksum(content),
+        "content": content,
+    }
+    return write_beside(path, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def read_document(path: str | Path) -> dict[str, Any]:
+    """Read the content of a document.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is not a noslip primitive, is of another version, or was changed
+        since; the message names the file and the field.
+    """
+    path = Path(path)
+    try:
+        document = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a noslip primitive (not JSON: {error})") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(f"{path}: not a noslip primitive (no format {FORMAT!r})")
+    version = document.get("version")
+    if version != VERSION:
+        older = isinstance(version, int) and version < VERSION
+        raise InputError(
+            f"{path}: field version is {version!r}, this noslip reads {VERSION}; "
+            + ("learn the primitive again" if older else "update noslip")
+        )
+    content = document.get("content")
+    if not isinstance(content, dict) or document.get("checksum") != _checksum(content):
+        raise InputError(
+            f"{path}: changed or damaged since it was saved (field checksum does not match); "
+            "save it again from noslip"
+        )
+    return content
+
+
+def law_to_data(law: Law) -> dict[str, Any]:
+    """Return plain data from which :meth:`Reader.law` makes the same law again."""
+    return {
+        "attractor": asdict(law.attractor),
+        "alpha_s": law.clock.alpha_s,
+        "basis_functions": law.basis.count,
+        "weights": law.forcing.weights.tolist(),
+        "start": law.start.tolist(),
+        "start_velocity": law.start_velocity.tolist(),
+        "goal_position": law.goal.position.tolist(),
+        "winding": law.goal.winding.quaternions.tolist(),
+        "duration": law.duration,
+        "steps": law.steps,
+        "begin": law.begin,
+    }
+
+
+def rule_to_data(rule: Rule) -> dict[str, Any]:
+    """Return plain data from which :meth:`Reader.rule` makes the same rule again."""
+    return {
+        "constraints": [specification(constraint) for constraint in rule.system.constraints],
+        "inverse_metric": list(rule.inverse_metric),
+        "push": rule.push,
+        "stabilization": rule.stabilization,
+        "barrier_rate": rule.barrier_rate,
+    }
+
+
+def spread_to_data(spread: Spread) -> dict[str, Any]:
+    """Return plain data from which :meth:`Reader.spread` makes the same spread again."""
+    return {
+        "demonstrations": spread.demonstrations,
+        "positions": spread.positions.tolist(),
+        "rotations": spread.rotations.tolist(),
+    }
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return "sha256:" + hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _list_of_parts(value: Any) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+        raise TypeError("expected a list of objects")
+    return value
+
+
+class Reader:
+    """Takes fields out of a document; an error names the file and the field."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def field(self, data: dict[str, Any], name: str, kind: Callable[[Any], T]) -> T:
+        try:
+            return kind(data[name])
+        except KeyError:
+            raise InputError(f"{self.path}: field {name} is missing") from None
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.path}: field {name} is wrong: {error}") from error
+
+    def part(self, data: dict[str, Any], name: str) -> dict[str, Any]:
+        return self.field(data, name, dict)
+
+    def positive(self, data: dict[str, Any], name: str) -> float:
+        return self.field(data, name, lambda value: _arguments.positive(name, value))
+
+    def finite(self, data: dict[str, Any], name: str) -> float:
+        return self.field(data, name, lambda value: _arguments.finite(name, value))
+
+    def count(self, data: dict[str, Any], name: str) -> int:
+        return self.field(data, name, lambda value: _arguments.count(name, value))
+
+    def array(self, data: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> Floats:
+        value = self.field(data, name, lambda x: np.array(x, dtype=np.float64))
+        matches = len(shape) == value.ndim and all(
+            want in (None, have) for want, have in zip(shape, value.shape, strict=True)
+        )
+        if not matches or not np.all(np.isfinite(value)):
+            raise InputError(
+                f"{self.path}: field {name} has shape {value.shape}, expected finite {shape}"
+            )
+        return value
+
+    def parts(self, data: dict[str, Any], name: str) -> list[dict[str, Any]]:
+        return self.field(data, name, _list_of_parts)
+
+    def law(self, content: dict[str, Any], name: str) -> Law:
+        data = self.part(content, name)
+        constants = self.part(data, "attractor")
+        attractor = Attractor(self.positive(constants, "alpha"), self.positive(constants, "beta"))
+        count = self.count(data, "basis_functions")
+        basis = Basis(count, Phase(self.positive(data, "alpha_s")))
+        return Law(
+            attractor,
+            ForcingTerm(basis, self.array(data, "weights", (count, VELOCITY_SIZE))),
+            self.array(data, "start", (POINT_SIZE,)),
+            self.array(data, "start_velocity", (VELOCITY_SIZE,)),
+            Goal(
+                self.array(data, "goal_position", (3,)),
+                Winding(self.array(data, "winding", (None, 4))),
+            ),
+            self.positive(data, "duration"),
+            self.count(data, "steps"),
+            self.finite(data, "begin"),
+        )
+
+    def rule(self, content: dict[str, Any]) -> Rule:
+        data = self.part(content, "rule")
+        try:
+            system = ConstraintSystem(restore(entry) for entry in data["constraints"])
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            if isinstance(error, NoslipError):
+                raise InputError(f"{self.path}: field constraints: {error}") from error
+            raise InputError(f"{self.path}: field constraints is incomplete: {error}") from error
+        return Rule(
+            system,
+            self.field(data, "inverse_metric", _arguments.inverse_metric),
+            self.field(data, "push", _push),
+            self.field(
+                data, "stabilization", lambda x: _arguments.not_negative("stabilization", x)
+            ),
+            self.positive(data, "barrier_rate"),
+        )
+
+    def spread(self, content: dict[str, Any]) -> Spread | None:
+        if self.field(content, "spread", lambda x: x) is None:
+            return None
+        part = self.part(content, "spread")
+        positions, rotations = (
+            self.array(part, name, (None, 3, 3)) for name in ("positions", "rotations")
+        )
+        # Its own errors are values that are wrong; here they get the file and the field.
+        return self.field(
+            content,
+            "spread",
+            lambda _: Spread(self.count(part, "demonstrations"), positions, rotations),
+        )
+
+
+def _push(value: Any) -> Push:
+    if value not in get_args(Push):
+        raise ValueError(f"one of {', '.join(get_args(Push))} was expected, got {value!r}")
+    return cast("Push", value)

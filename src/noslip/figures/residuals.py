@@ -1,0 +1,231 @@
+"""Residuals and margins of motions, row by row, and what they say in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from noslip._typing import Floats
+from noslip.constraints.check import step_residuals, with_unit
+from noslip.constraints.system import as_system
+from noslip.figures.quantities import (
+    NEGLIGIBLE,
+    Constraints,
+    label,
+    least_span,
+    scaled_unit,
+    value_text,
+)
+from noslip.figures.style import capitalized, number, short_name
+from noslip.runtime.motion import HELD
+from noslip.trajectory import PoseTrajectory
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualRow:
+    """One row of the constraints over several motions, in the unit of its axis.
+
+    Attributes
+    ----------
+    name : str
+        "lateral velocity" for a blade; otherwise what the constraint is called.
+    source : str
+        What the constraint is called that the row belongs to.
+    own_unit : str
+        Of the constraint.
+    unit : str
+        Of the values.
+    scale : float
+        How many of the latter make one of the former.
+    is_slip : bool
+        Whether it is the lateral velocity of the tool.
+    is_limit : bool
+        Whether the values are the margin of a limit, which must not be negative.
+    times : dict of arrays, shape (N - 1,)
+        Seconds from the start of the motion of that name to the end of each step.
+    values : dict of arrays, shape (N - 1,)
+        Signed residual, or margin, of each step; :func:`noslip.check` reports the same.
+    span : float
+        What the axis shows at least, to either side.
+    """
+
+    name: str
+    source: str
+    own_unit: str
+    unit: str
+    scale: float
+    is_slip: bool
+    is_limit: bool
+    times: dict[str, Floats]
+    values: dict[str, Floats]
+    span: float
+
+    @property
+    def label(self) -> str:
+        """For an axis."""
+        return label(f"margin of {self.name}" if self.is_limit else self.name, self.unit)
+
+    @property
+    def size_label(self) -> str:
+        """For an axis of :meth:`sizes`."""
+        return label(f"violation of {self.name}" if self.is_limit else f"|{self.name}|", self.unit)
+
+    def sizes(self, name: str) -> Floats:
+        """How large the violations of a motion are, shape (N - 1,)."""
+        return violations(self.values[name], self.is_limit)
+
+    @property
+    def peaks(self) -> dict[str, float]:
+        """Largest violation, by motion."""
+        return {name: float(self.sizes(name).max()) for name in self.values}
+
+    @property
+    def margins(self) -> dict[str, float]:
+        """Least value, by motion: of a limit, how much of it is left."""
+        return {name: float(values.min()) for name, values in self.values.items()}
+
+    @property
+    def severity(self) -> float:
+        """Largest violation of all as a share of what the axis shows at least."""
+        return max(self.peaks.values()) / self.span
+
+    @property
+    def tightness(self) -> float:
+        """Of limits: the less margin is left, the larger."""
+        return -min(self.margins.values()) / self.span if self.is_limit else np.inf
+
+    def keeps(self, name: str) -> bool:
+        """Whether a motion keeps this limit, up to rounding."""
+        return self.margins[name] >= -HELD * self.scale
+
+    def hides(self, name: str) -> bool:
+        """Whether a motion's residual looks like zero on a linear axis; margins need not."""
+        return not self.is_limit and self.peaks[name] < NEGLIGIBLE * self.span
+
+    @property
+    def hidden(self) -> list[str]:
+        """Motions whose residual is not zero and looks like it on a linear axis."""
+        return [name for name, peak in self.peaks.items() if self.hides(name) and peak > 0]
+
+    @property
+    def verb(self) -> str:
+        """What goes before :meth:`peak_text`."""
+        if all(self.hides(name) for name in self.peaks):
+            return "slips" if self.is_slip else f"keeps “{short_name(self.name)}” to"
+        return "slips" if self.is_slip else f"violates “{short_name(self.name)}” by"
+
+    def peak_text(self, name: str) -> str:
+        """Say how large a motion's residual gets, as in "up to 3.48 m/s"."""
+        order = "at most" if self.hides(name) else "up to"
+        return f"{order} {with_unit(number(self.peaks[name]), self.unit)}"
+
+    def margin_text(self, name: str, what: str | None = None) -> str:
+        """Say what a motion does to this limit, as in "keeps 3.2 mm from “box”"."""
+        what = what or f"“{short_name(self.name)}”"
+        margin = self.margins[name] / self.scale
+        if not self.keeps(name):
+            return f"violates {what} by up to {value_text(-margin, self.own_unit)}"
+        if margin <= HELD:
+            reached = self.times[name][np.argmax(self.values[name] <= HELD * self.scale)]
+            return f"reaches {what} at {number(reached)} s and keeps it"
+        return f"keeps {value_text(margin, self.own_unit)} from {what}"
+
+
+def violations(values: Floats, is_limit: bool) -> Floats:
+    """Sizes of residuals, or how far margins are below zero."""
+    return np.asarray(np.maximum(-values, 0.0) if is_limit else np.abs(values))
+
+
+def residual_rows(
+    motions: Mapping[str, PoseTrajectory], constraints: Constraints
+) -> list[ResidualRow]:
+    """Residuals and margins of the steps of all motions, one entry a row of the constraints."""
+    system = as_system(constraints)
+    times = {name: motion.times[1:] - motion.times[0] for name, motion in motions.items()}
+    residuals = {name: step_residuals(motion, system) for name, motion in motions.items()}
+    tools = [c for c in system.constraints if c.edge is not None and c.edge.lateral is not None]
+    sources = np.repeat(np.arange(len(system.constraints)), system.rows)
+
+    found = []
+    for row, (row_name, own_unit) in enumerate(
+        zip(system.row_names, system.row_units, strict=True)
+    ):
+        source = system.constraints[sources[row]]
+        is_slip = len(tools) == 1 and source is tools[0] and system.rows[sources[row]] == 1
+        span = least_span(own_unit, motions.values())
+        peak = max(float(np.abs(values[:, row]).max()) for values in residuals.values())
+        scale, unit = scaled_unit(max(peak, span), own_unit)
+        found.append(
+            ResidualRow(
+                name="lateral velocity" if is_slip else row_name,
+                source=system.names[sources[row]],
+                own_unit=own_unit,
+                unit=unit,
+                scale=scale,
+                is_slip=is_slip,
+                is_limit=source.relation == "nonnegative",
+                times=times,
+                values={name: scale * values[:, row] for name, values in residuals.items()},
+                span=scale * span,
+            )
+        )
+    return found
+
+
+def least_margins(rows: Sequence[ResidualRow]) -> list[ResidualRow]:
+    """Return the rows, those of one limit and one unit as a single one: the least of its margins.
+
+    What it takes to keep six sides of a box is one number; six panels would hide it.
+    """
+    merged = []
+    for (source, is_limit, _), group in groupby(rows, lambda r: (r.source, r.is_limit, r.own_unit)):
+        together = list(group)
+        if not is_limit or len(together) == 1:
+            merged += together
+            continue
+        scale = min(row.scale for row in together)
+        (first, *_) = [row for row in together if row.scale == scale]
+        values = {
+            name: np.min([scale / row.scale * row.values[name] for row in together], axis=0)
+            for name in first.values
+        }
+        merged.append(replace(first, name=source, values=values))
+    return merged
+
+
+def finding(rows: Sequence[ResidualRow]) -> str:
+    """Say what the last and the first motion do to the constraint that is violated most.
+
+    Of more than four motions, which are a set rather than a comparison, it names the worst.  If
+    that is an equality, it goes on with the limit that is violated most, or else used up most.
+    """
+    worst = max(rows, key=prominence)
+    text = _finding(worst)
+    limits = [row for row in rows if row.is_limit]
+    if worst.is_limit or not limits:
+        return text
+    return f"{text}.  {_finding(max(limits, key=prominence))}"
+
+
+def prominence(row: ResidualRow) -> tuple[float, float]:
+    """Key by which rows are sorted: how much they are violated, then how little margin is left."""
+    severity = 0.0 if row.is_limit and all(map(row.keeps, row.values)) else row.severity
+    return severity, row.tightness
+
+
+def _finding(row: ResidualRow) -> str:
+    first, *others = row.values
+    if len(others) > 3:
+        peak = max(row.values, key=lambda name: (row.peaks[name], -row.margins[name]))
+        what = row.margin_text(peak) if row.is_limit else f"{row.verb} {row.peak_text(peak)}"
+        return f"{len(others) + 1} motions: the worst, {short_name(peak)}, {what}"
+    last = others[-1] if others else first
+    who = capitalized(short_name(last))
+    if row.is_limit:
+        text = f"{who} {row.margin_text(last)}"
+        return f"{text}, {short_name(first)} {row.margin_text(first, 'it')}" if others else text
+    text = f"{who} {row.verb} {row.peak_text(last)}"
+    return f"{text}, {short_name(first)} {row.peak_text(first)}" if others else text

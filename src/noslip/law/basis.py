@@ -1,0 +1,149 @@
+"""Radial basis functions of the phase."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from noslip._typing import Floats
+from noslip.law.clock import Phase
+
+CACHED = 2048
+"""Steps whose activations are kept together."""
+NEARBY = 64
+"""Phases for which the functions that matter are chosen together."""
+NEGLIGIBLE = -40.0
+"""Exponent below which a Gaussian is lost in the rounding of the sum."""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Normalized Gaussians, spaced evenly in time (and so geometrically in phase).
+
+    Each is as wide (one standard deviation) as its distance to the next center: any smooth force
+    is then matched to about 1e-6 of the path with 100 functions.
+    """
+
+    count: int = 100
+    phase: Phase = Phase()  # noqa: RUF009 - immutable
+
+    @cached_property
+    def centers(self) -> Floats:
+        """Centers in phase, shape (count,)."""
+        return self.phase.at(np.linspace(0.0, 1.0, self.count)) if self.count > 1 else np.ones(1)
+
+    @cached_property
+    def widths(self) -> Floats:
+        """Standard deviations in phase, shape (count,)."""
+        if self.count == 1:
+            return np.ones(1)
+        return np.abs(np.gradient(self.centers))
+
+    def activations(self, phases: Floats) -> Floats:
+        """``psi_i(s) s / sum psi(s)`` of eq. 3, shape (N, count)."""
+        found = np.zeros((len(phases), self.count))
+        for first in range(0, len(phases), NEARBY):
+            rows = slice(first, first + NEARBY)
+            columns, near = self._near(phases[rows])
+            found[rows, columns] = near
+        return found
+
+    def _near(self, phases: Floats) -> tuple[slice, Floats]:
+        """Activations of the functions that matter at these phases, and which those are.
+
+        The others are lost in the rounding of the sum.  A Gaussian is largest, of a stretch of
+        phases, where the stretch comes nearest to its center: within it or at one of its ends.
+        """
+        low, high = phases.min(), phases.max()
+        ends = (np.array([[low], [high]]) - self.centers) / self.widths
+        exponents = -0.5 * ends * ends
+        exponents -= exponents.max(axis=1, keepdims=True)
+        inside = (self.centers >= low) & (self.centers <= high)
+        (matters,) = np.nonzero((exponents >= NEGLIGIBLE).any(axis=0) | inside)
+        columns = slice(matters[0], matters[-1] + 1)
+        scaled = (phases[:, None] - self.centers[columns]) / self.widths[columns]
+        # The smallest exponent is taken out first, so that no phase leaves every Gaussian at zero.
+        exponent = -0.5 * scaled * scaled
+        exponent -= exponent.max(axis=1, keepdims=True)
+        # As denormal numbers the far ones would take several times as long.
+        psi = np.exp(np.maximum(exponent, 2 * NEGLIGIBLE))
+        psi *= (phases / psi.sum(axis=1))[:, None]
+        return columns, psi
+
+    def stepping_activations(
+        self, begin: float, steps: int, step_fraction: float, alpha: float, *, starting: bool
+    ) -> Iterator[tuple[slice, slice, Floats]]:
+        """Activations as the steps of an :class:`Attractor` want them, in blocks.
+
+        A step treats its target as constant.  What that leaves out is, to fourth order,
+        ``h^2 / 12 (x*'' + alpha x*')`` (and ``h / 3 x*'`` in the first half kick from the start),
+        added here by central differences.  It makes long steps about twenty times more accurate.
+
+        Parameters
+        ----------
+        begin : float
+            Fraction of the duration at which the first step begins.
+        steps : int
+        step_fraction : float
+            ``dt / tau``.
+        alpha : float
+            Of the attractor.
+        starting : bool
+            Whether the first step is the motion's first, with its half kick.
+
+        Yields
+        ------
+        slice
+            The steps of this block.
+        slice
+            The functions that matter in it.
+        array, shape (steps in the block, functions that matter)
+        """
+        for first in range(0, steps, CACHED):
+            size = min(CACHED, steps - first)
+            at = begin + first * step_fraction
+            blocks = _stepping_activations(
+                self, at, size, step_fraction, alpha, starting and first == 0
+            )
+            for rows, columns, activations in blocks:
+                yield slice(first + rows.start, first + rows.stop), columns, activations
+
+    def stepping_forces(
+        self,
+        begin: float,
+        steps: int,
+        step_fraction: float,
+        alpha: float,
+        weights: Floats,
+        *,
+        starting: bool,
+    ) -> Floats:
+        """Product of :meth:`stepping_activations` with weights, shape (steps, d)."""
+        forces = np.empty((steps, weights.shape[1]))
+        for rows, columns, activations in self.stepping_activations(
+            begin, steps, step_fraction, alpha, starting=starting
+        ):
+            np.matmul(activations, weights[columns], out=forces[rows])
+        return forces
+
+
+# Rollouts of one primitive repeat: most of their time would go into the same exponentials.
+@lru_cache(maxsize=16)
+def _stepping_activations(
+    basis: Basis, begin: float, steps: int, h: float, alpha: float, starting: bool
+) -> list[tuple[slice, slice, Floats]]:
+    phases = basis.phase.at(begin + np.arange(-1, steps + 1) * h)
+    blocks = []
+    for first in range(0, steps, NEARBY):
+        rows = slice(first, min(first + NEARBY, steps))
+        columns, around = basis._near(phases[rows.start : rows.stop + 2])
+        before, now, after = around[:-2], around[1:-1], around[2:]
+        found = now + (after - 2 * now + before + alpha * h / 2 * (after - before)) / 12
+        if starting and first == 0:
+            found[0] = now[0] + (after[0] - now[0]) / 3
+        found.flags.writeable = False
+        blocks.append((rows, columns, found))
+    return blocks

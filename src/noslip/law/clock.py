@@ -1,0 +1,41 @@
+"""The clock of a movement primitive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from noslip._typing import Floats
+
+DONE = 1 - 1e-9
+"""Fraction of the duration from which on a motion has come to its end: steps add up to 1 only to
+rounding."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """``tau ds/dt = -alpha_s s`` with tau the duration (the paper's eq. 2).
+
+    The phase runs from 1 to ``exp(-alpha_s)`` over the motion, whatever its duration, once.
+    """
+
+    alpha_s: float = 1.0
+
+    def at(self, fraction: ArrayLike) -> Floats:
+        """Phase at a fraction ``t / duration`` of the motion."""
+        return np.exp(-self.alpha_s * np.asarray(fraction, dtype=np.float64))
+
+    def fraction(self, phase: float) -> float:
+        """Fraction of the motion at a phase; long after its end it stays a large number."""
+        return float(-np.log(max(phase, np.finfo(np.float64).tiny)) / self.alpha_s)
+
+    def decay(self, fraction: float) -> float:
+        """Factor by which the phase shrinks over a fraction of the duration; exact."""
+        return float(np.exp(-self.alpha_s * fraction))
+
+    @staticmethod
+    def is_over(fraction: float) -> bool:
+        """Whether a motion has come to its end at a fraction of its duration."""
+        return fraction >= DONE

@@ -1,0 +1,151 @@
+"""Demonstrations -> a law."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from noslip import _arguments
+from noslip._typing import Floats
+from noslip.errors import InputError
+from noslip.law.attractor import Attractor
+from noslip.law.basis import Basis
+from noslip.law.clock import Phase
+from noslip.law.forcing import ForcingTerm
+from noslip.law.law import Law
+from noslip.law.space import POSE, Goal
+from noslip.trajectory import PoseTrajectory
+
+SAMPLES_PER_BASIS_FUNCTION = 5
+"""A demonstration with fewer samples is splined to this many before fitting: with fewer a function
+is not told from its neighbors."""
+MOST_BASIS_FUNCTIONS = 2000
+"""More take minutes to fit, and follow nothing that a recording holds."""
+FEWEST_STEPS = 200
+"""A rollout takes at least this many steps unless asked otherwise: its error is then 1e-5 of the
+path."""
+
+
+def fit(
+    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    *,
+    basis_functions: int = 100,
+    alpha: float = 25.0,
+    beta: float = 6.25,
+    alpha_s: float = 1.0,
+    ridge: float = 1e-6,
+) -> Law:
+    """Fit one law to one demonstration or several, by ridge regression.
+
+    Each demonstration is taken over its own duration and to its own goal; the law gets their mean
+    start, goal and duration.
+
+    Parameters
+    ----------
+    demonstrations : PoseTrajectory or several
+        Any rate and start time; irregular ones are splined to their median rate, short ones
+        to 5 samples a basis function.
+    basis_functions : int
+    alpha, beta, alpha_s : float
+        The paper's constants, 25, 6.25 and 1 by default.
+    ridge : float
+        Regularization, relative to the basis functions' mean square.
+
+    Raises
+    ------
+    InputError
+        If there is no demonstration or a constant is out of range.
+    """
+    recorded = as_demonstrations(demonstrations)
+    basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
+    ridge = _arguments.not_negative("ridge", ridge)
+    basis = Basis(basis_functions, Phase(_arguments.positive("alpha_s", alpha_s)))
+    attractor = Attractor(alpha, beta)
+    sampled = [POSE.points(evenly_sampled(d, basis_functions)) for d in recorded]
+    goal = POSE.goal(sampled)
+    forces = [demonstrated_forces(attractor, goal, points) for points in sampled]
+    forcing = ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge)
+    velocities = [_start_velocity(attractor, forcing, goal, points) for points in sampled]
+    return Law(
+        attractor,
+        forcing,
+        POSE.mean([points[0] for points in sampled]),
+        np.mean(velocities, axis=0),
+        goal,
+        float(np.mean([d.duration for d in recorded])),
+        default_steps(recorded[0]),
+    )
+
+
+def demonstrated_forces(attractor: Attractor, goal: Goal, points: Floats) -> Floats:
+    """Forces under which the steps reproduce a demonstration, led to its own end.
+
+    Parameters
+    ----------
+    points : array, shape (N, 7)
+        Evenly spaced from its first sample to its last.
+
+    Returns
+    -------
+    array, shape (N - 2, 6)
+        At its inner samples, time normalized by the duration.
+    """
+    fraction = 1.0 / (len(points) - 1)
+    velocities = POSE.difference(points[1:], points[:-1]) / fraction
+    pull = attractor.demonstrated_pull(velocities, fraction)
+    return attractor.stiffness * (pull - goal.pull(points, attractor.alpha)[1:])
+
+
+def _start_velocity(
+    attractor: Attractor, forcing: ForcingTerm, goal: Goal, points: Floats
+) -> Floats:
+    """Velocity, per duration, with which the first step is the demonstrated one."""
+    fraction = 1.0 / (len(points) - 1)
+    pull = (
+        goal.pull(points, attractor.alpha)[0]
+        + forcing.at_start(fraction, attractor.alpha) / attractor.stiffness
+    )
+    first = POSE.difference(points[1:2], points[:1])[0] / fraction
+    return attractor.demonstrated_start(pull, first, fraction)
+
+
+def as_demonstrations(
+    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+) -> list[PoseTrajectory]:
+    """Return a list of demonstrations, checked."""
+    if isinstance(demonstrations, PoseTrajectory):
+        return [demonstrations]
+    try:
+        recorded = list(demonstrations)
+    except TypeError:
+        recorded = [demonstrations]
+    for item in recorded:
+        if not isinstance(item, PoseTrajectory):
+            raise InputError(
+                f"demonstrations are PoseTrajectory objects, got {type(item).__name__}; "
+                "read files with load_demonstrations"
+            )
+    if not recorded:
+        raise InputError("no demonstration given; at least one is needed")
+    return recorded
+
+
+def evenly_sampled(demonstration: PoseTrajectory, basis_functions: int) -> PoseTrajectory:
+    """Return a demonstration with uniform samples, enough of them for the basis functions.
+
+    The first and the last sample stay where they are.
+    """
+    fewest = SAMPLES_PER_BASIS_FUNCTION * basis_functions + 1
+    if demonstration.is_uniform and len(demonstration) >= fewest:
+        return demonstration
+    intervals = round(demonstration.duration / demonstration.period)
+    count = max(intervals + 1, len(demonstration), fewest)
+    times = np.linspace(demonstration.times[0], demonstration.times[-1], count)
+    return demonstration.resampled(times=times)
+
+
+def default_steps(demonstration: PoseTrajectory) -> int:
+    """Return the demonstration's own number of steps, multiplied until there are enough."""
+    own = max(1, round(demonstration.duration / demonstration.period))
+    return own * -(-FEWEST_STEPS // own)

@@ -1,0 +1,92 @@
+"""The learned part of a movement primitive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.errors import InputError
+from noslip.law.basis import Basis
+
+
+@dataclass(frozen=True, eq=False)
+class ForcingTerm(Value):
+    """``f(s) = sum psi_i(s) theta_i s / sum psi_i(s)`` (the paper's eq. 3).
+
+    Parameters
+    ----------
+    basis : Basis
+    weights : array, shape (basis.count, d)
+        theta, one column a dimension; meters or radians (time normalized by the duration).
+    """
+
+    basis: Basis
+    weights: Floats
+
+    def __post_init__(self) -> None:
+        # In C order: sums over another layout differ in their last bits.
+        weights = np.array(self.weights, dtype=np.float64, order="C")
+        if weights.ndim != 2 or weights.shape[0] != self.basis.count:
+            raise InputError(
+                f"forcing term: weights have shape {weights.shape}, expected "
+                f"({self.basis.count}, dimensions)"
+            )
+        if not np.all(np.isfinite(weights)):
+            raise InputError("forcing term: a weight is not finite")
+        weights.flags.writeable = False
+        object.__setattr__(self, "weights", weights)
+
+    def at_start(self, fraction: float, alpha: float) -> Floats:
+        """Force in the half kick of a first step of a fraction of the duration, shape (d,)."""
+        forces = self.basis.stepping_forces(0.0, 1, fraction, alpha, self.weights, starting=True)
+        return np.asarray(forces[0])
+
+    def __call__(self, phases: Floats) -> Floats:
+        """Force at each phase, shape (N, d)."""
+        return self.basis.activations(np.atleast_1d(phases)) @ self.weights
+
+    @classmethod
+    def fit(
+        cls, basis: Basis, alpha: float, forces: Sequence[Floats], *, ridge: float = 1e-6
+    ) -> ForcingTerm:
+        """Fit the weights by ridge regression to one or several demonstrations' forces.
+
+        Parameters
+        ----------
+        alpha : float
+            Of the attractor.
+        forces : sequence of arrays, shape (N_i, d)
+            At the inner samples of each demonstration, whose N_i + 2 samples are evenly spaced over
+            the motion.
+        ridge : float
+            Relative to the mean diagonal of the normal matrix, so that it means the same for any
+            number of samples.
+        """
+        normal = np.zeros((basis.count, basis.count))
+        moment = np.zeros((basis.count, forces[0].shape[1]))
+        for force in forces:
+            h = 1.0 / (len(force) + 1)
+            normal += _normal_matrix(basis, len(force), alpha)
+            for rows, columns, activations in basis.stepping_activations(
+                h, len(force), h, alpha, starting=False
+            ):
+                moment[columns] += activations.T @ force[rows]
+        normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
+        return cls(basis, cho_solve(cho_factor(normal), moment))
+
+
+# Position and orientation, projected or not, are all fitted on the same samples.
+@lru_cache(maxsize=32)
+def _normal_matrix(basis: Basis, steps: int, alpha: float) -> Floats:
+    h = 1.0 / (steps + 1)
+    normal = np.zeros((basis.count, basis.count))
+    for _, columns, activations in basis.stepping_activations(h, steps, h, alpha, starting=False):
+        normal[columns, columns] += activations.T @ activations
+    normal.flags.writeable = False
+    return normal

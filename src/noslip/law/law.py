@@ -1,0 +1,181 @@
+"""What a primitive wants: the motion that it would make if nothing held it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.law.attractor import Attractor
+from noslip.law.basis import Basis
+from noslip.law.clock import Phase
+from noslip.law.forcing import ForcingTerm
+from noslip.law.layout import FORCE, STATE
+from noslip.law.space import POINT_SIZE, POSE, VELOCITY_SIZE, Goal, PoseSpace, frozen
+from noslip.law.winding import Winding
+from noslip.trajectory import continuous_quaternions
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Law(Value):
+    """A movement primitive: an attractor to a goal and a learned force, driven by one phase.
+
+    ``tau^2 p'' = alpha (beta (p_g - p) - tau p') + f_p(s)``
+    ``tau^2 w'  = alpha (beta Log(R_g R^T) - tau w) + f_q(s)``
+
+    (the paper's eqs. 1 and 4).  There is no goal scaling: a new goal shifts the attractor, the
+    learned force stays, so a goal equal to the start is like any other.
+
+    Attributes
+    ----------
+    attractor : Attractor
+    forcing : ForcingTerm
+        Six columns: position (m), rotation vector (rad), world frame; time normalized by the
+        duration.
+    start : array, shape (7,)
+        Where the demonstrations begin (mean): position (m) and quaternion (qw, qx, qy, qz).  Kept
+        as numbers, since SciPy's rotations change their last bits when written and read.
+    start_velocity : array, shape (6,)
+        Meters and radians per duration, world frame.
+    goal : Goal
+        Where they end (mean).
+    duration : float
+        Demonstrated (mean), seconds: the default tau.
+    steps : int
+        Steps of a rollout by default: the demonstration's own, 200 or more.
+    begin : float
+        Time at its start (s), for constraints that depend on it; that of the state from which it
+        was re-planned.
+    space : PoseSpace
+    """
+
+    attractor: Attractor
+    forcing: ForcingTerm
+    start: Floats
+    start_velocity: Floats
+    goal: Goal
+    duration: float
+    steps: int
+    begin: float = 0.0
+    space: PoseSpace = POSE
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", frozen("start", self.start, POINT_SIZE))
+        velocity = frozen("start_velocity", self.start_velocity, VELOCITY_SIZE)
+        object.__setattr__(self, "start_velocity", velocity)
+
+    def __repr__(self) -> str:
+        return f"Law({self.basis.count} basis functions, {self.duration:.6g} s, {self.steps} steps)"
+
+    @property
+    def basis(self) -> Basis:
+        """Of the learned force."""
+        return self.forcing.basis
+
+    @property
+    def clock(self) -> Phase:
+        """What drives it."""
+        return self.forcing.basis.phase
+
+    @cached_property
+    def start_position(self) -> Floats:
+        """Where the demonstrations begin (mean), meters, shape (3,)."""
+        return self.start[STATE["position"]]
+
+    @cached_property
+    def start_rotation(self) -> Rotation:
+        """The same of the rotation."""
+        return Rotation.from_quat(self.start[STATE["quaternion"]], scalar_first=True)
+
+    @property
+    def goal_position(self) -> Floats:
+        """Where they end (mean), meters, shape (3,)."""
+        return self.goal.position
+
+    @property
+    def goal_rotation(self) -> Rotation:
+        """The same of the rotation."""
+        return self.goal.rotation
+
+    @cached_property
+    def offset_weights(self) -> Floats:
+        """Weights over ``alpha beta``: what they add to the goals, shape (K, 6)."""
+        return self.forcing.weights / self.attractor.stiffness
+
+    def targets(
+        self,
+        begin: float,
+        steps: int,
+        step_fraction: float,
+        goal_position: Floats,
+        goal_rotation: Rotation,
+        *,
+        starting: bool,
+    ) -> dict[str, Floats]:
+        """Where each of the coming steps is drawn to.
+
+        Parameters
+        ----------
+        begin : float
+            Fraction of the duration at which the first step begins.
+        steps : int
+        step_fraction : float
+            ``dt / tau``.
+        goal_position, goal_rotation : array, shape (3,), and Rotation
+            To end at.
+        starting : bool
+            Whether the first step is the motion's first, with its half kick.
+
+        Returns
+        -------
+        dict of array, shape (steps, d)
+            The columns of :data:`noslip.law.layout.STEP` that belong to the space.
+        """
+        offsets = self.basis.stepping_forces(
+            begin,
+            steps,
+            step_fraction,
+            self.attractor.alpha,
+            self.offset_weights,
+            starting=starting,
+        )
+        alpha = self.attractor.alpha
+        rotations, left_out = self.goal.winding.along(
+            begin, steps, step_fraction, alpha, goal_rotation, starting=starting
+        )
+        return {
+            "position_target": goal_position + offsets[:, FORCE["linear"]],
+            "rotation_goal": rotations,
+            "rotation_offset": offsets[:, FORCE["angular"]] + left_out,
+        }
+
+    def turned(self, turn: Rotation) -> Law:
+        """Return the law whose rotations are ``turn R(t)``, turned in the world frame."""
+        knots = turn * Rotation.from_quat(self.goal.winding.quaternions, scalar_first=True)
+        matrix = turn.as_matrix()
+        weights, velocity, start = (
+            np.array(x) for x in (self.forcing.weights, self.start_velocity, self.start)
+        )
+        weights[:, FORCE["angular"]] = weights[:, FORCE["angular"]] @ matrix.T
+        velocity[FORCE["angular"]] = matrix @ velocity[FORCE["angular"]]
+        start[STATE["quaternion"]] = (turn * self.start_rotation).as_quat(scalar_first=True)
+        return replace(
+            self,
+            forcing=ForcingTerm(self.basis, weights),
+            start=start,
+            start_velocity=velocity,
+            goal=Goal(self.goal_position, Winding(continuous_quaternions(knots))),
+        )
+
+    def rotated_to(self, start: Rotation, goal: Rotation) -> Law:
+        """Return the law with another rotation at its start and goal; the learned force stays."""
+        turn = self.goal_rotation.inv() * goal
+        knots = Rotation.from_quat(self.goal.winding.quaternions, scalar_first=True) * turn
+        point = np.array(self.start)
+        point[STATE["quaternion"]] = start.as_quat(scalar_first=True)
+        winding = Winding(continuous_quaternions(knots))
+        return replace(self, start=point, goal=Goal(self.goal_position, winding))

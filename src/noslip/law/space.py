@@ -1,0 +1,129 @@
+"""The space that a law moves in: poses, positions and rotations together.
+
+All that a law must know of its space stands here and in :mod:`noslip.law.layout`: points, their
+differences, means, and the goal that a motion is drawn to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.errors import InputError
+from noslip.law.layout import FORCE, POINT, STATE
+from noslip.law.winding import Winding
+from noslip.trajectory import PoseTrajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Goal(Value):
+    """Where a motion ends, and what leads to it.
+
+    Attributes
+    ----------
+    position : array, shape (3,)
+        Meters.
+    winding : Winding
+        R_g, or what leads to it where the demonstration turns beyond half a turn.
+    """
+
+    position: Floats
+    winding: Winding
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", frozen("goal position", self.position, 3))
+
+    @property
+    def rotation(self) -> Rotation:
+        """The last of the winding."""
+        return self.winding.goal
+
+    @cached_property
+    def point(self) -> Floats:
+        """Position and quaternion, shape (7,)."""
+        return np.concatenate([self.position, self.winding.quaternions[-1]])
+
+    def pull(self, points: Floats, alpha: float) -> Floats:
+        """Return what draws each sample but the last to the last, by way of the winding.
+
+        Parameters
+        ----------
+        points : array, shape (N, 7)
+            Evenly spaced from the start to the end.
+        alpha : float
+            Of the attractor.
+
+        Returns
+        -------
+        array, shape (N - 1, 6)
+            As the step that leaves the sample feels it.
+        """
+        steps = len(points) - 1
+        rotations, left_out = self.winding.along(
+            0.0, steps, 1 / steps, alpha, _rotation(points[-1]), starting=True
+        )
+        ends = np.hstack([np.broadcast_to(points[-1, STATE["position"]], (steps, 3)), rotations])
+        found = POSE.difference(ends, points[:-1])
+        found[:, FORCE["angular"]] += left_out
+        return found
+
+
+@dataclass(frozen=True)
+class PoseSpace:
+    """R^3 x SO(3): points (x, y, z, qw, qx, qy, qz), world velocities, linear then angular."""
+
+    def points(self, trajectory: PoseTrajectory) -> Floats:
+        """Samples of a trajectory, shape (N, 7)."""
+        return np.hstack([trajectory.positions, trajectory.quaternions])
+
+    def difference(self, ends: Floats, begins: Floats) -> Floats:
+        """``(p' - p, Log(R' R^T))`` of points, shape (N, 6)."""
+        moved = ends[:, STATE["position"]] - begins[:, STATE["position"]]
+        turned = _rotation(ends) * _rotation(begins).inv()
+        return np.hstack([moved, turned.as_rotvec()])
+
+    def mean(self, points: Sequence[Floats]) -> Floats:
+        """Mean point; of one, that one to the last bit."""
+        if len(points) == 1:
+            return points[0]
+        stacked = np.array(points)
+        rotation = _rotation(stacked).mean()
+        return np.concatenate(
+            [stacked[:, STATE["position"]].mean(axis=0), rotation.as_quat(scalar_first=True)]
+        )
+
+    def goal(self, demonstrations: Sequence[Floats]) -> Goal:
+        """Mean of where demonstrations end, with what leads the one to it that turns farthest."""
+        point = self.mean([points[-1] for points in demonstrations])
+        turning = [_rotation(points) for points in demonstrations]
+        farthest = max(turning, key=lambda r: float((r[-1] * r.inv()).magnitude().max()))
+        winding = Winding.around(farthest * (farthest[-1].inv() * _rotation(point)))
+        return Goal(point[STATE["position"]], winding)
+
+
+POSE = PoseSpace()
+"""The one space there is."""
+
+
+def _rotation(points: Floats) -> Rotation:
+    return Rotation.from_quat(points[..., STATE["quaternion"]], scalar_first=True)
+
+
+def frozen(name: str, values: ArrayLike, size: int) -> Floats:
+    """Return a read-only copy of so many finite numbers."""
+    array = np.array(values, dtype=np.float64)
+    if array.shape != (size,) or not np.isfinite(array).all():
+        raise InputError(f"{name} must be {size} finite numbers, got shape {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+POINT_SIZE, VELOCITY_SIZE = POINT.stop, FORCE.size
+"""Numbers of a point, and of a velocity or force."""

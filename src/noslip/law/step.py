@@ -1,0 +1,129 @@
+"""The step as an expression graph: the recursion that turns a law's parameters into motion.
+
+One CasADi graph carries the state over one step; a whole rollout is the same graph accumulated.
+What depends on the phase alone (forcing term, goals, step factors) is computed outside of the
+graph for all steps at once and handed in, a row a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import casadi as ca
+
+from noslip._typing import Expression
+from noslip.law.layout import FORCE, STATE, STEP
+from noslip.rotations import (
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_product,
+)
+
+
+@dataclass(frozen=True)
+class StepSymbols:
+    """What a coupling term may use: the state and the step, as expressions.
+
+    Attributes
+    ----------
+    position, quaternion, linear_velocity, angular_velocity : expression
+        State before the step.
+    time_step : expression
+        From this state to the next (s).
+    kick : expression
+        Time over which the acceleration acts on the velocity (s).
+    previous_step : expression
+        Length of the step that led here (s); 0 at the start.
+    time : expression
+        At the end of the step (s).
+    residual_rate : expression
+        How fast a residual at position level decays (1/s); 0 keeps it.
+    slip_rate : expression
+        The same at velocity level.
+    barrier_rate : expression
+        How fast the margin of a limit may shrink that names no rate of its own (1/s).
+    """
+
+    position: Expression
+    quaternion: Expression
+    linear_velocity: Expression
+    angular_velocity: Expression
+    time_step: Expression
+    kick: Expression
+    previous_step: Expression
+    time: Expression
+    residual_rate: Expression
+    slip_rate: Expression
+    barrier_rate: Expression
+
+    def advance(self, linear: Expression, angular: Expression) -> tuple[Expression, Expression]:
+        """Pose after the step at given velocities: ``p + dt v``, ``Exp(dt w) R``."""
+        # By way of the middle, where constraints are asked: both have one sine and cosine.
+        half = quaternion_exp(self.time_step / 2 * angular)
+        turned = quaternion_product(half, quaternion_product(half, self.quaternion))
+        return self.position + self.time_step * linear, turned
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """What a coupling term makes of the velocities.
+
+    Attributes
+    ----------
+    linear, angular : expression, shape (3,)
+        Velocities after the step.
+    values : expression, shape (m,)
+        Residuals and margins after the step.
+    multipliers : expression, shape (m,)
+        Of accelerations.
+    forces : expression, shape (6, m)
+        What each row adds to the acceleration.
+    yielding : expression, shape (m,)
+        1 for limits that gave way.
+    """
+
+    linear: Expression
+    angular: Expression
+    values: Expression
+    multipliers: Expression
+    forces: Expression
+    yielding: Expression
+
+
+Coupling = Callable[[StepSymbols, Expression, Expression], Coupled]
+"""(symbols, unconstrained v+, w+) -> what the constraints make of them."""
+
+
+def step_function(coupling: Coupling | None) -> ca.Function:
+    """Return the step (state, row of the step table) -> (state, outputs) as one graph.
+
+    Parameters
+    ----------
+    coupling : Coupling or None
+        Moves the unconstrained velocities onto the constraints.
+    """
+    state, step = ca.SX.sym("state", STATE.size), ca.SX.sym("step", STEP.size)
+    field = {name: step[STEP[name]] for name in STEP}
+    parts = field | {name: state[STATE[name]] for name in STATE}
+    symbols = StepSymbols(**{f.name: parts[f.name] for f in fields(StepSymbols)})
+    decay, gain = field["decay"], field["gain"]
+    turn = quaternion_log(
+        quaternion_product(field["rotation_goal"], quaternion_conjugate(symbols.quaternion))
+    )
+    linear = decay * symbols.linear_velocity + gain * (field["position_target"] - symbols.position)
+    angular = decay * symbols.angular_velocity + gain * (turn + field["rotation_offset"])
+    output = ca.SX(FORCE.size, 1)
+    if coupling is not None:
+        held = coupling(symbols, linear, angular)
+        force = ca.vertcat(held.linear - linear, held.angular - angular) / symbols.kick
+        output = ca.vertcat(
+            force, held.values, held.multipliers, held.yielding, ca.vec(held.forces)
+        )
+        linear, angular = held.linear, held.angular
+    position, quaternion = symbols.advance(linear, angular)
+    quaternion = quaternion / ca.norm_2(quaternion)
+    after = ca.densify(ca.vertcat(position, quaternion, linear, angular))
+    # The coupling term evaluates poses and residuals more than once; each is computed once.
+    return ca.Function("step", [state, step], ca.cse([after, ca.densify(output)]))

@@ -1,0 +1,159 @@
+"""Rotations beyond half a turn: the goal that the orientation is drawn to, along the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.errors import InputError
+from noslip.trajectory import continuous_quaternions
+
+FARTHEST_FROM_GOAL = 0.75 * np.pi
+"""Beyond this angle to a fixed goal the logarithm comes near its jump at pi."""
+FARTHEST_FROM_WINDING = 0.4 * np.pi
+_MOST_KNOTS = 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class Winding(Value):
+    """W(t / duration): the rotation that plays the goal's part in ``Log(R_g R^T)``.
+
+    The logarithm of eq. 7 knows only angles up to pi, so an attractor to a fixed goal cannot tell
+    a turn and a half from half a turn back.  A demonstration that stays within 135 degrees of its
+    goal has the fixed goal of the paper (one knot); one that turns farther has a goal that leads
+    it there, a spline through few of its own rotations.  A new goal turns all of it alike, in the
+    tool's frame: the learned force, in the world's, then still matches it.
+
+    Parameters
+    ----------
+    quaternions : array, shape (K, 4)
+        Knots (qw, qx, qy, qz), evenly spaced in time; the last is the goal.
+    """
+
+    quaternions: Floats
+
+    def __post_init__(self) -> None:
+        quaternions = np.array(self.quaternions, dtype=np.float64)
+        if quaternions.ndim != 2 or quaternions.shape[1] != 4 or not np.isfinite(quaternions).all():
+            raise InputError("winding: knots are finite quaternions, shape (K, 4)")
+        quaternions.flags.writeable = False
+        object.__setattr__(self, "quaternions", quaternions)
+
+    @classmethod
+    def around(cls, rotations: Rotation) -> Winding:
+        """Fewest knots, in powers of two, that keep the logarithm away from its jump."""
+        if (rotations[-1] * rotations.inv()).magnitude().max() <= FARTHEST_FROM_GOAL:
+            return cls(continuous_quaternions(rotations[-1:]))
+        fractions = np.linspace(0.0, 1.0, len(rotations))
+        intervals, nearest, winding = 2, np.inf, None
+        while intervals <= min(_MOST_KNOTS, len(rotations) - 1):
+            samples = np.round(np.linspace(0, len(rotations) - 1, intervals + 1)).astype(int)
+            candidate = cls(continuous_quaternions(rotations[samples]))
+            distance = (candidate.at(fractions) * rotations.inv()).magnitude().max()
+            if distance < nearest:
+                nearest, winding = distance, candidate
+            if distance <= FARTHEST_FROM_WINDING:
+                break
+            intervals *= 2
+        assert winding is not None
+        return winding
+
+    @cached_property
+    def goal(self) -> Rotation:
+        """Where it ends."""
+        return Rotation.from_quat(self.quaternions[-1], scalar_first=True)
+
+    @cached_property
+    def _spline(self) -> RotationSpline:
+        knots = Rotation.from_quat(self.quaternions, scalar_first=True)
+        return RotationSpline(np.linspace(0.0, 1.0, len(self.quaternions)), knots)
+
+    @property
+    def splines(self) -> Floats:
+        """Rotation vector in each interval as a cubic of the fraction since its knot.
+
+        Shape (K - 1, 4, 3), the cubic coefficient first; ``R = R_knot Exp(vector)``.
+        """
+        if len(self.quaternions) == 1:
+            return np.zeros((0, 4, 3))
+        return np.moveaxis(self._spline.interpolator.c, 0, 1)
+
+    def at(self, fractions: ArrayLike, goal: Rotation | None = None) -> Rotation:
+        """W at fractions of the duration, led to another goal if one is given."""
+        if len(self.quaternions) == 1:
+            knot = np.repeat(self.quaternions, np.size(fractions), axis=0)
+            rotations = Rotation.from_quat(knot, scalar_first=True)
+        else:
+            rotations = self._spline(np.clip(fractions, 0.0, 1.0))
+        if goal is None:
+            return rotations
+        # In the tool's frame; most often there is nothing to turn.
+        turn = self.goal.inv() * goal
+        return rotations if turn.magnitude() == 0.0 else rotations * turn
+
+    def along(
+        self,
+        begin: float,
+        steps: int,
+        step_fraction: float,
+        alpha: float,
+        goal: Rotation,
+        *,
+        starting: bool,
+    ) -> tuple[Floats, Floats]:
+        """Return W, led to a goal, where each of the coming steps begins, and what it leaves out.
+
+        A step holds its target still.  What that leaves out of one that moves is to be added to the
+        force, as :meth:`noslip.law.basis.Basis.stepping_activations` does for a learned one: the
+        motion is then of fourth order in the step.
+
+        Parameters
+        ----------
+        begin : float
+            Fraction of the duration at which the first step begins.
+        steps : int
+        step_fraction : float
+            ``dt / tau``.
+        alpha : float
+            Of the attractor.
+        goal : Rotation
+        starting : bool
+            Whether the first step is the motion's first, with its half kick.
+
+        Returns
+        -------
+        quaternions : array, shape (steps, 4)
+        left_out : array, shape (steps, 3)
+            Rotation vectors, world frame (rad).
+        """
+        leading, left_out = _along(self, begin, steps, step_fraction, alpha, starting)
+        turn = self.goal.inv() * goal
+        if goal is self.goal or turn.magnitude() == 0.0:
+            return leading, left_out
+        turned = Rotation.from_quat(leading, scalar_first=True) * turn
+        return np.asarray(turned.as_quat(scalar_first=True)), left_out
+
+
+# As for the basis functions: rollouts of one primitive repeat.
+@lru_cache(maxsize=4)
+def _along(
+    winding: Winding, begin: float, steps: int, h: float, alpha: float, starting: bool
+) -> tuple[Floats, Floats]:
+    around = winding.at(begin + np.arange(-1, steps + 1) * h)
+    left_out = np.zeros((steps, 3))
+    if len(winding.quaternions) > 1:
+        turns = (around[1:] * around[:-1].inv()).as_rotvec()
+        before, after = turns[:-1], turns[1:]
+        left_out = (after - before + alpha * h / 2 * (after + before)) / 12
+        if starting:
+            left_out[0] = after[0] / 3
+    found = np.asarray(around[1:-1].as_quat(scalar_first=True)), left_out
+    for part in found:
+        part.flags.writeable = False
+    return found

@@ -1,0 +1,227 @@
+"""A movement primitive under constraints: its law, its rule, and how it came about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from functools import wraps
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.adapting import Adapted, adapt, replan
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.system import ConstraintSystem
+from noslip.control.controller import Controller
+from noslip.document import law_to_data, rule_to_data, spread_to_data, write_document
+from noslip.law.law import Law
+from noslip.law.scaling import scaled
+from noslip.provenance import LearningRecord, Origin, Verb
+from noslip.rule import Rule
+from noslip.runtime.batch import rollout_many
+from noslip.runtime.export import export_c
+from noslip.runtime.rollout import initial_state, rollout, step
+from noslip.runtime.stepper import stepper_of
+from noslip.spread import Spread
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _method(
+    function: Callable[Concatenate[Law, Rule, P], T],
+) -> Callable[Concatenate[ConstrainedDMP, P], T]:
+    """Return a function of a law and a rule as a method of what has both."""
+
+    def method(self: ConstrainedDMP, /, *args: P.args, **options: P.kwargs) -> T:
+        return function(self.law, self.rule, *args, **options)
+
+    return _described(method, function)
+
+
+def _adapting(
+    verb: Verb, function: Callable[Concatenate[Law, Rule, P], Adapted]
+) -> Callable[Concatenate[ConstrainedDMP, P], ConstrainedDMP]:
+    """Return a function that adapts a law as a method that returns a primitive."""
+
+    def method(self: ConstrainedDMP, /, *args: P.args, **options: P.kwargs) -> ConstrainedDMP:
+        adapted = function(self.law, self.rule, *args, **options)
+        return self._with(adapted, Origin.of(verb, function, None, None, *args, **options))
+
+    return _described(method, function)
+
+
+def _described(
+    method: Callable[Concatenate[ConstrainedDMP, P], T], function: Callable[..., Any]
+) -> Callable[Concatenate[ConstrainedDMP, P], T]:
+    """Give a method the name, signature and docstring of the function that it calls."""
+    wraps(function)(method)
+    own = signature(function)
+    _, itself, *others = own.parameters.values()
+    method.__signature__ = own.replace(  # type: ignore[attr-defined]
+        parameters=[itself.replace(name="self", annotation=Parameter.empty), *others]
+    )
+    method.__doc__ = (function.__doc__ or "").replace("law : Law\n    rule : Rule\n    ", "")
+    return method
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ConstrainedDMP(Value):
+    """A primitive with the Udwadia-Kalaba coupling term (the paper's eq. 19).
+
+    Its rollouts satisfy the constraints at every step; with the orientation learned from the
+    projected demonstrations, the coupling term has next to nothing to do.
+
+    Attributes
+    ----------
+    law : Law
+        What it wants.
+    rule : Rule
+        What it must; empty for a primitive without constraints.
+    demonstrated : Law
+        Fitted to the demonstrations as they are; by default the law itself.
+    record : tuple of LearningRecord
+        What the projections made of the demonstrations.
+    spread : Spread or None
+        How far the demonstrations lie apart, if there were several.
+    history : tuple of Origin
+        The calls that it came from, the first one first.
+    """
+
+    law: Law
+    rule: Rule = field(default_factory=Rule)
+    demonstrated: Law = None  # type: ignore[assignment]
+    record: tuple[LearningRecord, ...] = ()
+    spread: Spread | None = None
+    history: tuple[Origin, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.demonstrated is None:
+            object.__setattr__(self, "demonstrated", self.law)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.system.names) or "no constraints"
+        return (
+            f"{type(self).__name__}({self.law.basis.count} basis functions, "
+            f"{self.duration:.6g} s, {self.steps} steps, {names})"
+        )
+
+    # ---------------------------------------------------------------- what it is
+
+    @property
+    def duration(self) -> float:
+        """The default tau (s)."""
+        return self.law.duration
+
+    @property
+    def steps(self) -> int:
+        """Steps of a rollout by default."""
+        return self.law.steps
+
+    @property
+    def start_position(self) -> Floats:
+        """Where it starts, meters, shape (3,)."""
+        return self.law.start_position
+
+    @property
+    def start_rotation(self) -> Rotation:
+        """The same of the rotation."""
+        return self.law.start_rotation
+
+    @property
+    def goal_position(self) -> Floats:
+        """Where it ends, meters, shape (3,)."""
+        return self.law.goal_position
+
+    @property
+    def goal_rotation(self) -> Rotation:
+        """The same of the rotation."""
+        return self.law.goal_rotation
+
+    @property
+    def system(self) -> ConstraintSystem:
+        """The constraints, stacked."""
+        return self.rule.system
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """What it holds."""
+        return self.system.constraints
+
+    @property
+    def regular(self) -> ConstrainedDMP:
+        """The paper's first comparison: fitted to the demonstrations as they are, no coupling."""
+        return ConstrainedDMP(self.demonstrated)
+
+    @property
+    def constrained(self) -> ConstrainedDMP:
+        """The paper's second comparison: coupled, with the orientation as demonstrated."""
+        return replace(self, law=self.demonstrated)
+
+    # ---------------------------------------------------------------- motion
+
+    rollout = _method(rollout)
+    initial_state = _method(initial_state)
+    step = _method(step)
+    rollout_many = _method(rollout_many)
+    export_c = _method(export_c)
+
+    def controller(self, *, time_step: float, **options: Any) -> Controller:
+        """Return what steps this primitive in a control loop; see :class:`noslip.Controller`."""
+        return Controller(self, time_step=time_step, **options)
+
+    def compile(self) -> bool:
+        """Compile the step and wait for it; whether a C compiler was there.
+
+        Without this it happens in the background once a primitive is rolled out a second time.  The
+        motion is the same to the bit.
+        """
+        return stepper_of(self.rule).native.wait() is not None
+
+    # ---------------------------------------------------------------- new goals
+
+    adapt = _adapting("adapt", adapt)
+    replan = _adapting("replan", replan)
+
+    def _with(self, adapted: Adapted, origin: Origin) -> ConstrainedDMP:
+        """Return this primitive with an adapted law."""
+        law, scaling = adapted.law, origin.options.get("scaling", "none")
+        demonstrated = scaled(
+            self.demonstrated,
+            scaling,
+            start_position=law.start_position,
+            goal_position=law.goal_position,
+        ).rotated_to(law.start_rotation, law.goal_rotation)
+        # Of the whole motion, along its demonstrated way.
+        spread = self.spread if origin.verb == "adapt" and scaling == "none" else None
+        return replace(
+            self,
+            law=law,
+            demonstrated=replace(demonstrated, duration=law.duration, begin=law.begin),
+            record=(LearningRecord.of(adapted.request.reference, adapted.projected),),
+            spread=spread,
+            history=(*self.history, origin),
+        )
+
+    # ---------------------------------------------------------------- files
+
+    def save(self, path: str | Path) -> Path:
+        """Write the primitive as JSON; :func:`noslip.load_primitive` reads it back.
+
+        The motion of what is read back is the same to the last bit.
+        """
+        return write_document(
+            path,
+            {
+                "law": law_to_data(self.law),
+                "demonstrated": law_to_data(self.demonstrated),
+                "rule": rule_to_data(self.rule),
+                "spread": None if self.spread is None else spread_to_data(self.spread),
+                "record": [asdict(record) for record in self.record],
+                "history": [asdict(origin) for origin in self.history],
+            },
+        )

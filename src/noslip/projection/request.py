@@ -1,0 +1,240 @@
+"""What a trajectory projection solves: a reference, what it must satisfy and what it must reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.boundary import Boundary, sample_of
+from noslip.constraints.system import ConstraintSystem
+from noslip.errors import InputError
+from noslip.trajectory import PoseTrajectory
+
+FEWEST_SAMPLES = 4
+"""Second differences of both ends must not share all of their samples."""
+MAX_ITERATIONS = 40
+"""Ten times what a Newton iteration usually takes that converges at all."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the cost that a trajectory projection minimizes; that of the rotation is 1.
+
+    Parameters
+    ----------
+    position : float
+        w_p: of the squared displacement over the path's length.
+    position_smoothing, rotation_smoothing : float
+        mu_p and mu_R: of the squared accelerations of the correction, time over the duration.
+    """
+
+    position: float
+    position_smoothing: float
+    rotation_smoothing: float
+
+    def __post_init__(self) -> None:
+        for name, checked in (
+            ("position", _arguments.positive("position_weight", self.position)),
+            (
+                "position_smoothing",
+                _arguments.not_negative("position_smoothing", self.position_smoothing),
+            ),
+            (
+                "rotation_smoothing",
+                _arguments.positive("rotation_smoothing", self.rotation_smoothing),
+            ),
+        ):
+            object.__setattr__(self, name, checked)
+
+    def smoother(self, factor: float) -> Weights:
+        """Return them with the smoothing of the rotation multiplied."""
+        return replace(self, rotation_smoothing=factor * self.rotation_smoothing)
+
+
+LEARNING = Weights(1e5, 1e-6, 1e-6)
+"""For demonstrations: the rotation gives way first, by a third of a radian before a path of a meter
+gives way by a millimeter (w_p = 0.1 / 1 mm^2); what is smoothed of it is shorter than a fifth of
+the motion, where mu_R (2 pi / x)^4 = 1."""
+ADAPTING = Weights(10.0, 1e-2, 1e-4)
+"""For other ends: the path must be reshaped, so a millimeter costs no more than 3 mrad, and the
+reshaping is smooth over the whole motion."""
+_SAME = 1e-9
+"""Of the path's length: a position that differs by less is that of the reference, resampled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Request(Value):
+    """What a trajectory projection solves.
+
+    Parameters
+    ----------
+    reference : PoseTrajectory
+        Uniformly sampled, 4 samples or more; the result is the nearest to it.
+    system : ConstraintSystem
+        Equalities and limits that the result satisfies.
+    boundaries : tuple of Boundary
+        Each of another sample.  One with a twist is an end's, and names a whole pose.
+    weights : Weights
+    hold_position : bool
+        Only the orientation gives way; no boundary then has another position than the reference.
+    begin : float
+        Time at the first sample (s), for constraints that depend on it.
+    max_iterations : int
+        Newton steps in the first attempt.
+
+    Raises
+    ------
+    InputError
+        If the samples are not uniform, or boundaries contradict each other or ``hold_position``.
+    """
+
+    reference: PoseTrajectory
+    system: ConstraintSystem
+    boundaries: tuple[Boundary, ...] = ()
+    weights: Weights = LEARNING
+    hold_position: bool = False
+    begin: float = 0.0
+    max_iterations: int = MAX_ITERATIONS
+
+    def __post_init__(self) -> None:
+        reference = self.reference
+        if not reference.is_uniform or len(reference) < FEWEST_SAMPLES:
+            raise InputError(
+                f"{reference.name}: a trajectory projection needs {FEWEST_SAMPLES} or more uniform "
+                "samples; resample it first"
+            )
+        for boundary in self.boundaries:
+            if not isinstance(boundary, Boundary):
+                raise InputError(f"expected a Boundary, got {_arguments.short(boundary)}")
+        most = _arguments.count("max_iterations", self.max_iterations)
+        object.__setattr__(self, "max_iterations", most)
+        for k, boundary in self.fixed.items():
+            moved = boundary.position is not None and np.any(
+                np.abs(boundary.position - reference.positions[k]) > _SAME * reference.path_length
+            )
+            if self.hold_position and (moved or boundary.has_twist):
+                raise InputError(
+                    "hold_position=True keeps every position and velocity; no boundary can ask for "
+                    "another one"
+                )
+            if boundary.has_twist and not (boundary.is_pose and boundary.at in (0, 1)):
+                raise InputError(
+                    f"a velocity at {boundary.at:g} of the motion: it can be asked for at an end "
+                    "(0 or 1) whose position and rotation are both given"
+                )
+
+    @property
+    def fixed(self) -> dict[int, Boundary]:
+        """Boundaries by sample number, without those that ask for nothing."""
+        count = len(self.reference)
+        found: dict[int, Boundary] = {}
+        for boundary in self.boundaries:
+            if boundary.is_free:
+                continue
+            k = sample_of(boundary.at, count)
+            if k in found or (k in (0, count - 1) and 0 < boundary.at < 1):
+                what = "via" if 0 < boundary.at < 1 else "boundary"
+                raise InputError(
+                    f"{what} at {boundary.at:g} falls on an end or on another "
+                    f"{what}; {count} samples tell {1 / (count - 1):.2g} of the motion apart"
+                )
+            found[k] = boundary
+        return found
+
+    # ---------------------------------------------------------------- velocities at the ends
+
+    @property
+    def leads_in(self) -> bool:
+        """Whether a velocity is asked for at the start."""
+        return 0 in self.fixed and self.fixed[0].has_twist
+
+    @property
+    def leads_out(self) -> bool:
+        """Whether a velocity is asked for at the goal."""
+        last = len(self.reference) - 1
+        return last in self.fixed and self.fixed[last].has_twist
+
+    def with_steps_beyond(self) -> Request:
+        """Return the request with poses in place of velocities at the ends.
+
+        Where a velocity is asked for, a sample is added a step before the start or a step after
+        the goal.  The reference goes on there as it moves at that end.
+        """
+        reference, h = self.reference, self.time_step
+        before = [self._beyond(0, -1)] if self.leads_in else []
+        after = [self._beyond(len(reference) - 1, 1)] if self.leads_out else []
+        if not before and not after:
+            return self
+        own = [*((p, R) for p, R, _ in before), *((p, R) for p, R, _ in after)]
+        places = [0] * len(before) + [len(reference)] * len(after)
+        times = [reference.times[0] - h] * len(before) + [reference.times[-1] + h] * len(after)
+        quaternions = [R.as_quat() for _, R in own]
+        longer = PoseTrajectory(
+            np.insert(reference.times, places, times),
+            np.insert(reference.positions, places, [p for p, _ in own], axis=0),
+            Rotation.from_quat(np.insert(reference.rotations.as_quat(), places, quaternions, 0)),
+            name=reference.name,
+        )
+        last = len(longer) - 1
+        inner = (
+            replace(
+                boundary,
+                at=(k + len(before)) / last,
+                linear_velocity=None,
+                angular_velocity=None,
+            )
+            for k, boundary in self.fixed.items()
+        )
+        outer = (boundary for _, _, boundary in (*before, *after))
+        return replace(
+            self,
+            reference=longer,
+            boundaries=(*inner, *outer),
+            begin=self.begin - h * len(before),
+        )
+
+    def twist_at(self, k: int) -> tuple[Floats, Floats]:
+        """Linear and angular velocity asked for at an end; the reference's where not named."""
+        boundary, reference = self.fixed[k], self.reference
+        linear, angular = boundary.linear_velocity, boundary.angular_velocity
+        return (
+            reference.linear_velocities[k] if linear is None else linear,
+            reference.angular_velocities[k] if angular is None else angular,
+        )
+
+    def _beyond(self, k: int, side: int) -> tuple[Floats, Rotation, Boundary]:
+        """Where the reference and the result are a step before (side -1) or after (1) an end.
+
+        An end's velocity is that of the instant, half a step from the middle of the step beyond: in
+        between lies half a step of the reference's acceleration.
+        """
+        boundary, reference, h = self.fixed[k], self.reference, self.time_step
+        assert boundary.position is not None and boundary.rotation is not None
+        near, next_ = (0, 1) if side < 0 else (-1, -2)
+        stated = reference.linear_velocities[k], reference.angular_velocities[k]
+        own, asked = [], []
+        for steps, has, wanted in zip(
+            reference.step_velocities(), stated, self.twist_at(k), strict=True
+        ):
+            change = (steps[near] - steps[next_]) / 2
+            own.append(side * h * (has + change))
+            asked.append(side * h * (wanted + change))
+        return (
+            reference.positions[k] + own[0],
+            Rotation.from_rotvec(own[1]) * reference.rotations[k],
+            Boundary(
+                0.0 if side < 0 else 1.0,
+                boundary.position + asked[0],
+                Rotation.from_rotvec(asked[1]) * boundary.rotation,
+            ),
+        )
+
+    @property
+    def time_step(self) -> float:
+        """Seconds between samples."""
+        return self.reference.duration / (len(self.reference) - 1)

@@ -1,0 +1,102 @@
+"""How a primitive came about: every option that was given, and what each projection made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from inspect import signature
+from typing import Any, Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from noslip._values import Value
+from noslip.projection.result import ProjectedTrajectory
+from noslip.trajectory import PoseTrajectory
+
+Verb = Literal["learn", "adapt", "replan"]
+
+
+@dataclass(frozen=True, eq=False)
+class Origin(Value):
+    """A call that a primitive came from.
+
+    Attributes
+    ----------
+    verb : "learn", "adapt" or "replan"
+    options : mapping
+        Its keyword arguments by name, defaults too, as plain data: numbers, texts, lists;
+        rotations as quaternions (qw, qx, qy, qz).
+    """
+
+    verb: Verb
+    options: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, verb: Verb, function: Callable[..., Any], *args: Any, **options: Any) -> Origin:
+        """Return the call of a function with some arguments, and its defaults for the others.
+
+        What it works on is left out, and so is ``progress``, which changes nothing.
+        """
+        call = signature(function).bind(*args, **options)
+        call.apply_defaults()
+        left_out = {"law", "rule", "demonstrations", "constraints", "progress"}
+        given = {name: value for name, value in call.arguments.items() if name not in left_out}
+        return cls(verb, {name: _plain(value) for name, value in given.items()})
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Rotation):
+        return value.as_quat(scalar_first=True).tolist()
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if value is None or isinstance(value, (str, bool, int, float)):
+        return value
+    return [_plain(part) for part in value]
+
+
+@dataclass(frozen=True)
+class LearningRecord:
+    """What the projection made of one demonstration.
+
+    Attributes
+    ----------
+    demonstration : str
+    samples, iterations, backing : int
+        ``backing`` counts stretches in which the demonstration moves backwards (left so).
+    residual : float
+        Largest residual of the projected trajectory, in the constraints' units.
+    position_change, rotation_change : float
+        Rms over the samples, meters and radians.
+    smoothing : float
+        Rotation smoothing with which it converged.
+    left_out : tuple of str
+        Limits that the projection could not heed; they hold at run time alone.
+    """
+
+    demonstration: str
+    samples: int
+    iterations: int
+    backing: int
+    residual: float
+    position_change: float
+    rotation_change: float
+    smoothing: float
+    left_out: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, demonstration: PoseTrajectory, projected: ProjectedTrajectory) -> LearningRecord:
+        moved = projected.trajectory.positions - demonstration.positions
+        return cls(
+            demonstration.name,
+            len(demonstration),
+            projected.iterations,
+            projected.backing,
+            float(np.abs(projected.residuals[1:]).max(initial=0.0)),
+            float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
+            float(np.sqrt(np.mean(np.sum(projected.turns**2, axis=1)))),
+            projected.smoothing,
+            projected.left_out,
+        )

@@ -1,0 +1,104 @@
+"""The pictures of a report, each with a caption."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from noslip.constraints.blade import Blade
+from noslip.figures import (
+    blade_snapshots,
+    column_figure,
+    compare_motions,
+    constraint_history,
+    demonstration_spread,
+    learned_spread,
+    orientation_adjustments,
+    plot_speed,
+)
+from noslip.figures.quantities import value_text
+from noslip.figures.style import name_lines, write_title
+from noslip.primitive import ConstrainedDMP
+from noslip.reporting.values import Picture
+from noslip.runtime.motion import Motion
+from noslip.trajectory import PoseTrajectory
+
+
+def pictures(
+    dmp: ConstrainedDMP,
+    demonstrations: Sequence[PoseTrajectory],
+    motions: Mapping[str, PoseTrajectory],
+    motion: Motion,
+    progress: Callable[[int, int], None] | None,
+) -> Iterable[Picture]:
+    held = dmp.constraints
+    first = next(iter(motions))
+    pair = {first: motions[first], "optimized": motion}
+    draws: list[tuple[str, Callable[[], Figure]]] = [
+        (
+            "Where the motions go, how they turn, and how well the constraints hold.",
+            lambda: compare_motions(motions, held),
+        ),
+        ("How fast the tool moves and turns.", lambda: _speeds(motions)),
+    ]
+    if held:
+        draws.append(
+            (
+                "Of each constraint: residual or margin, multiplier, and the acceleration it adds.",
+                lambda: constraint_history(motion, held),
+            )
+        )
+    # The snapshots' blade has its edge along x and its side along y.
+    if Blade() in held:
+        draws.append(
+            (
+                "The blade along the path, colored by the share of its speed that goes sideways.",
+                lambda: blade_snapshots(pair),
+            )
+        )
+    if len(demonstrations) > 1:
+        draws.append(
+            (
+                "The recordings, their mean and one standard deviation.",
+                lambda: demonstration_spread(demonstrations, held),
+            )
+        )
+    if demonstrations:
+        learned = [motion] * len(demonstrations)
+        draws.append(
+            (
+                "How far the learned motion is turned from each recording.",
+                lambda: orientation_adjustments(demonstrations, learned),
+            )
+        )
+    if dmp.spread is not None:
+        draws.append(
+            (
+                "How far the recordings lie apart along the motion, starts and goals aside.",
+                lambda: learned_spread(dmp),
+            )
+        )
+    for done, (caption, draw) in enumerate(draws, start=1):
+        yield Picture(caption, draw())
+        if progress is not None:
+            progress(done, len(draws))
+
+
+def _speeds(motions: Mapping[str, PoseTrajectory]) -> Figure:
+    figure = column_figure(2)
+    linear, angular = figure.subplots(1, 2)
+    plot_speed(linear, motions)
+    plot_speed(angular, motions, "angular")
+    name_lines(figure, motions)
+    moving, turning = (
+        float(np.linalg.norm(velocities, axis=1).max())
+        for velocities in motions["optimized"].step_velocities()
+    )
+    write_title(
+        figure,
+        f"Optimized moves at up to {value_text(moving, 'm/s')} and turns at up to "
+        f"{value_text(turning, 'rad/s')}",
+    )
+    return figure

@@ -1,0 +1,57 @@
+"""What a primitive must: constraints, who gives way for them, and how fast violations decay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from noslip import _arguments
+from noslip._values import Value
+from noslip.constraints.system import ConstraintSystem
+from noslip.projection.pointwise import POSITION_ONLY, Push
+
+STABILIZATION = 20.0
+"""How fast a violation at the start decays, per duration: gone, to e^-20, when the motion ends."""
+BARRIER_RATE = 300.0
+"""How fast the margin of a limit may shrink that names no rate of its own, per duration: limits are
+felt within the last hundredths of a motion before them, and not where they are far."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rule(Value):
+    """What holds at every step; empty for a primitive without constraints.
+
+    Attributes
+    ----------
+    system : ConstraintSystem
+    inverse_metric : tuple of 6 floats
+        Diagonal of M^-1: who gives way at run time; position only by default, as in the paper.
+    push : "steering" or "force"
+        Along what a correction acts: a turn of the tool through the way of half a step, so that it
+        moves where it is steered to; or a force on the body, along the rows.  By default steering
+        where the metric lets the rotation share the correction with the position.
+    stabilization : float
+        Rate at which a violation present at the start decays, per duration.
+    barrier_rate : float
+        Rate at which the margins of limits may shrink that name none of their own, per duration.
+    """
+
+    system: ConstraintSystem = field(default_factory=ConstraintSystem)
+    inverse_metric: tuple[float, ...] = POSITION_ONLY
+    push: Push = None  # type: ignore[assignment]
+    stabilization: float = STABILIZATION
+    barrier_rate: float = BARRIER_RATE
+
+    def __post_init__(self) -> None:
+        checked = {
+            "inverse_metric": _arguments.inverse_metric(self.inverse_metric),
+            "push": self.push or _usual_push(self.inverse_metric),
+            "stabilization": _arguments.not_negative("stabilization", self.stabilization),
+            "barrier_rate": _arguments.positive("barrier_rate", self.barrier_rate),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+
+def _usual_push(inverse_metric: Sequence[float]) -> Push:
+    return "steering" if any(inverse_metric[3:]) else "force"

@@ -1,0 +1,176 @@
+"""A rolled-out motion: poses and velocities, and what the constraints did to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip.errors import InputError
+from noslip.law.layout import STATE
+from noslip.trajectory import PoseTrajectory
+
+HELD = 1e-9
+"""A margin above minus this counts as kept: rounding of a motion far from the origin."""
+
+
+@dataclass(frozen=True)
+class GaveWay:
+    """A limit that did not hold throughout.
+
+    Attributes
+    ----------
+    name : str
+    amount : float
+        Largest violation, in the margin's unit.
+    time : float
+        When (s).
+    share : float
+        Share of the samples in violation.
+    """
+
+    name: str
+    amount: float
+    time: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Motion(PoseTrajectory):
+    """A rolled-out motion and what the constraints did to it.
+
+    ``linear_velocities[k]`` and ``angular_velocities[k]`` belong to the step that led to sample k,
+    so that ``positions[k+1] == positions[k] + dt * linear_velocities[k+1]``.
+
+    Attributes
+    ----------
+    constraint_residuals : array, shape (N, m)
+        m/s, or the constraint's own unit; one column a row of the equalities.
+    multipliers : array, shape (N, m)
+        Lagrange multipliers lambda of the accelerations.
+    constraint_forces : array, shape (N, 6)
+        ``a - a_unconstrained``: linear (m/s^2), then angular (rad/s^2), world frame.
+    constraint_names : tuple of str
+        One a column.
+    margins, limit_multipliers : array, shape (N, k)
+        The same of the limits; a margin below zero is a violation, a multiplier above zero a push.
+    limit_names : tuple of str
+    row_forces : array, shape (N, m + k, 6)
+        The part of ``constraint_forces`` that each equality, then each limit, causes.
+    """
+
+    constraint_residuals: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    constraint_forces: Floats = field(default_factory=lambda: np.zeros((0, 6)))
+    constraint_names: tuple[str, ...] = ()
+    margins: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    limit_multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    limit_names: tuple[str, ...] = ()
+    row_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 6)))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        rows, limits = len(self.constraint_names), len(self.limit_names)
+        self._freeze("constraint_residuals", self.constraint_residuals, (rows,))
+        self._freeze("multipliers", self.multipliers, (rows,))
+        self._freeze("constraint_forces", self.constraint_forces, (6,))
+        if not limits and not len(self.margins):
+            none = np.zeros((len(self.times), 0))
+            object.__setattr__(self, "margins", none)
+            object.__setattr__(self, "limit_multipliers", none)
+        if not len(self.row_forces):
+            object.__setattr__(self, "row_forces", np.zeros((len(self.times), rows + limits, 6)))
+        self._freeze("margins", self.margins, (limits,))
+        self._freeze("limit_multipliers", self.limit_multipliers, (limits,))
+        self._freeze("row_forces", self.row_forces, (rows + limits, 6))
+
+    @classmethod
+    def of_steps(
+        cls,
+        times: Floats,
+        states: Floats,
+        outputs: dict[str, Floats],
+        constraint_names: tuple[str, ...],
+        limit_names: tuple[str, ...],
+    ) -> Motion:
+        """Return what a stepper has made, whose arrays it keeps: only NaN is looked for.
+
+        Parameters
+        ----------
+        times : array, shape (N,)
+        states : array, shape (N, 13)
+        outputs : dict of array, shape (N, ...)
+            Named as in :func:`noslip.law.layout.output_layout`.
+        constraint_names, limit_names : tuple of str
+            One a row.
+        """
+        for part in (states, outputs["values"]):
+            if not np.isfinite(part).all():
+                row = int(np.argmin(np.isfinite(part).all(axis=1)))
+                raise InputError(
+                    f"the motion is not finite from {times[row]:.6g} s on; start, goal or "
+                    "constraints are out of what can be computed with"
+                )
+        rows, values, multipliers = (
+            len(constraint_names),
+            outputs["values"],
+            outputs["multipliers"],
+        )
+        motion = object.__new__(cls)
+        arrays = {
+            "times": times,
+            "positions": states[:, STATE["position"]],
+            "linear_velocities": states[:, STATE["linear_velocity"]],
+            "angular_velocities": states[:, STATE["angular_velocity"]],
+            "constraint_residuals": values[:, :rows],
+            "multipliers": multipliers[:, :rows],
+            "constraint_forces": outputs["force"],
+            "margins": values[:, rows:],
+            "limit_multipliers": multipliers[:, rows:],
+            "row_forces": outputs["parts"].reshape(len(times), rows + len(limit_names), 6),
+        }
+        for array in arrays.values():
+            array.flags.writeable = False
+        motion.__dict__.update(
+            arrays,
+            # Each step has normalized them; SciPy would take a fifth of the rollout's time.
+            rotations=Rotation(
+                np.roll(states[:, STATE["quaternion"]], -1, axis=1), normalize=False, copy=False
+            ),
+            constraint_names=constraint_names,
+            limit_names=limit_names,
+            name="rollout",
+        )
+        return motion
+
+    @property
+    def clock(self) -> Floats:
+        """Times as constraints see them: its own, which begin where a re-planned motion does."""
+        return self.times
+
+    def force_of(self, name: str) -> Floats:
+        """What one constraint or limit added to the acceleration, shape (N, 6).
+
+        Parameters
+        ----------
+        name : str
+            Of a constraint, all of its rows together, or of a single row ("needle [0]").
+        """
+        names = (*self.constraint_names, *self.limit_names)
+        columns = [i for i, row in enumerate(names) if row == name or row.startswith(f"{name} [")]
+        if not columns:
+            raise InputError(f"no constraint {name!r} took part; there are {', '.join(names)}")
+        return np.asarray(self.row_forces[:, columns].sum(axis=1))
+
+    @property
+    def gave_way(self) -> tuple[GaveWay, ...]:
+        """Limits that did not hold throughout, and by how much; empty if all did."""
+        found = []
+        for name, margin in zip(self.limit_names, self.margins.T, strict=True):
+            worst = int(np.argmin(margin))
+            if margin[worst] < -HELD:
+                share = float(np.mean(margin < -HELD))
+                found.append(GaveWay(name, float(-margin[worst]), float(self.times[worst]), share))
+        return tuple(found)

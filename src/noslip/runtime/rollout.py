@@ -1,0 +1,309 @@
+"""The motion of a law under a rule: whole, or step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, Literal, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip._typing import Floats
+from noslip.constraints.system import ConstraintSystem
+from noslip.errors import InputError
+from noslip.law.law import Law
+from noslip.law.layout import CLOCK, FORCE, STATE, STEP, VELOCITY
+from noslip.projection.feasibility import project_pose
+from noslip.projection.pointwise import project_velocities
+from noslip.rule import Rule
+from noslip.runtime.motion import Motion
+from noslip.runtime.state import State
+from noslip.runtime.stepper import stepper_of
+
+T = TypeVar("T")
+
+ProjectStart = Literal["velocity", "pose", "nothing"]
+HELD_RESIDUAL = 1e-12
+"""Residual that rounding causes, over the largest velocity, or 1."""
+SAME_STEP = 1e-6
+"""Relative difference up to which a last step counts as equal: that of times that were rounded."""
+AT_ONCE = 1e18
+"""A rate that leaves nothing after any step (1/s)."""
+
+
+def rollout(
+    law: Law,
+    rule: Rule,
+    *,
+    goal_position: ArrayLike | None = None,
+    goal_rotation: Rotation | None = None,
+    start_position: ArrayLike | None = None,
+    start_rotation: Rotation | None = None,
+    duration: float | None = None,
+    time_step: float | None = None,
+    project_start: ProjectStart = "velocity",
+    pull_in: float | None = None,
+) -> Motion:
+    """Integrate from the start to the end of the duration.
+
+    Parameters
+    ----------
+    law : Law
+    rule : Rule
+    goal_position, start_position : array, shape (3,), optional
+        Meters; the demonstrated ones by default.
+    goal_rotation, start_rotation : Rotation, optional
+    duration : float, optional
+        tau (s).  The motion keeps its shape; only its speed changes.
+    time_step : float, optional
+        Seconds.  By default the motion has as many samples as the demonstration (200 or more),
+        whatever its duration.  If the duration is no multiple of it, the last step is shorter.
+    project_start : "velocity", "pose" or "nothing"
+        What of a start that violates the constraints is replaced by the nearest that does not.  By
+        default the velocity (as in the paper).
+    pull_in : float, optional
+        Rate (1/s) at which what is still violated then decays, as ``exp(-rate t)``; by default the
+        rule's ``stabilization`` over the duration.
+
+    Returns
+    -------
+    Motion
+        ``times`` start at 0, or where a re-planned motion begins.
+    """
+    state = initial_state(
+        law,
+        rule,
+        goal_position=goal_position,
+        goal_rotation=goal_rotation,
+        start_position=start_position,
+        start_rotation=start_rotation,
+        duration=duration,
+        project_start=project_start,
+        pull_in=pull_in,
+    )
+    if time_step is None:
+        steps = law.steps
+        time_step = state.duration / steps
+    else:
+        time_step = _arguments.positive("time_step", time_step, "seconds")
+        if time_step > state.duration * (1 + 1e-9):
+            raise InputError(
+                f"time_step of {time_step:g} s is longer than the motion of "
+                f"{state.duration:g} s; make it shorter"
+            )
+        wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
+        steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
+    stepper, system = stepper_of(rule), rule.system
+    first = state.vector()
+    states = np.empty((steps + 1, STATE.size))
+    # The acceleration of the first sample is that of the step which leaves it.
+    outputs = np.empty((steps + 1, stepper.outputs.size))
+    states[0] = first
+    times: Floats = state.time + time_step * np.arange(steps + 1, dtype=np.float64)
+    times[-1] = state.time + state.duration
+    stepper.run(first, _table(law, rule, state, times, time_step), states[1:], outputs[1:])
+    outputs[0] = outputs[1]
+    outputs[0, stepper.outputs["values"]] = [*state.constraint_residuals, *state.margins]
+    return Motion.of_steps(
+        times,
+        states,
+        {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
+        tuple(system.equalities.row_names),
+        tuple(system.limits.row_names),
+    )
+
+
+def initial_state(
+    law: Law,
+    rule: Rule,
+    *,
+    goal_position: ArrayLike | None = None,
+    goal_rotation: Rotation | None = None,
+    start_position: ArrayLike | None = None,
+    start_rotation: Rotation | None = None,
+    duration: float | None = None,
+    project_start: ProjectStart = "velocity",
+    pull_in: float | None = None,
+) -> State:
+    """Return the state to :func:`step` from; the arguments are those of :func:`rollout`."""
+    if project_start not in get_args(ProjectStart):
+        raise InputError(
+            f"project_start is one of {', '.join(get_args(ProjectStart))}; got {project_start!r}"
+        )
+
+    def chosen(check: Callable[[str, Any], T], name: str, value: Any, default: T) -> T:
+        return default if value is None else check(name, value)
+
+    tau = law.duration
+    if duration is not None:
+        tau = _arguments.positive("duration", duration, "seconds")
+    vector, rotation = _arguments.vector, _arguments.rotation
+    velocity = law.start_velocity / tau
+    state = State(
+        time=law.begin,
+        phase=1.0,
+        position=chosen(vector, "start_position", start_position, law.start_position),
+        rotation=chosen(rotation, "start_rotation", start_rotation, law.start_rotation),
+        linear_velocity=velocity[FORCE["linear"]],
+        angular_velocity=velocity[FORCE["angular"]],
+        previous_step=0.0,
+        duration=tau,
+        goal_position=chosen(vector, "goal_position", goal_position, law.goal_position),
+        goal_rotation=chosen(rotation, "goal_rotation", goal_rotation, law.goal_rotation),
+        pull_in=chosen(_arguments.not_negative, "pull_in", pull_in, rule.stabilization / tau),
+    )
+    return _admissible(rule, state, project_start) if rule.system.size else state
+
+
+def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
+    """Carry a state over one time step (s); the same motion as :func:`rollout`.
+
+    Steps may differ in length.
+    """
+    time_step = _arguments.positive("time_step", time_step, "seconds")
+    before, table = state.vector(), steps_ahead(law, rule, state, 1, time_step)
+    stepper, rows = stepper_of(rule), rule.system.equalities.size
+    after, outputs = np.empty(STATE.size), np.empty((1, stepper.outputs.size))
+    stepper.run(before, table, after[None], outputs)
+    found = {name: outputs[0, stepper.outputs[name]] for name in stepper.outputs}
+    phase = state.phase * law.clock.decay(time_step / state.duration)
+    return replace(
+        state,
+        time=state.time + time_step,
+        phase=phase,
+        position=after[STATE["position"]],
+        rotation=after[STATE["quaternion"]],
+        linear_velocity=after[STATE["linear_velocity"]],
+        angular_velocity=after[STATE["angular_velocity"]],
+        previous_step=time_step,
+        acceleration=(after[VELOCITY] - before[VELOCITY]) / table[0, STEP.index("kick")],
+        constraint_residuals=found["values"][:rows],
+        multipliers=found["multipliers"][:rows],
+        margins=found["values"][rows:],
+        limit_multipliers=found["multipliers"][rows:],
+        constraint_forces=found["force"],
+        done=law.clock.is_over(law.clock.fraction(phase)),
+    )
+
+
+def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float) -> Floats:
+    """Return what depends on the phase alone in the coming steps, a row a step.
+
+    Returns
+    -------
+    array, shape (steps, 19)
+        Columns as :data:`noslip.law.layout.STEP` says.
+    """
+    tau = state.duration
+    # What violates a constraint from the start is pulled in; what was pushed off it, or was
+    # measured to be, goes on without slip at once.
+    fast = max(1.0, *map(abs, state.linear_velocity), *map(abs, state.angular_velocity))
+    held = np.abs(state.constraint_residuals).max(initial=0.0) <= HELD_RESIDUAL * fast
+    started = state.previous_step > 0
+    slip_rates = (
+        AT_ONCE if held and started else state.pull_in,
+        AT_ONCE if held else state.pull_in,
+    )
+    # The first kick begins in the middle of the step before; the others are alike.
+    kicks = np.array([(state.previous_step + time_step) / 2, time_step])
+    decay, gain = law.attractor.factors(kicks / tau)
+    table = np.empty((steps, STEP.size))
+    column = STEP.views(table)
+    for rows, kick in ((slice(None), 1), (slice(1), 0)):
+        table[rows, CLOCK] = (
+            time_step,
+            kicks[kick],
+            time_step if kick else state.previous_step,
+            0.0,
+            state.pull_in,
+            slip_rates[kick],
+            rule.barrier_rate / tau,
+            decay[kick],
+            gain[kick] / kicks[kick],
+        )
+    column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
+    targets = law.targets(
+        law.clock.fraction(state.phase),
+        steps,
+        time_step / tau,
+        state.goal_position,
+        state.goal_rotation,
+        starting=not started,
+    )
+    for name, values in targets.items():
+        column[name][:] = values
+    column["rotation_offset"] += state.steering
+    return table
+
+
+def _table(law: Law, rule: Rule, state: State, times: Floats, time_step: float) -> Floats:
+    """Rows of equal steps, and of a last one that may be shorter."""
+    steps = len(times) - 1
+    rest = times[-1] - state.time - (steps - 1) * time_step
+    if steps == 1 or abs(rest - time_step) <= SAME_STEP * time_step:
+        return steps_ahead(law, rule, state, steps, time_step)
+    done = law.clock.fraction(state.phase) + (steps - 1) * time_step / state.duration
+    late = replace(state, time=times[-2], phase=float(law.clock.at(done)), previous_step=time_step)
+    return np.vstack(
+        [
+            steps_ahead(law, rule, state, steps - 1, time_step),
+            steps_ahead(law, rule, late, 1, rest),
+        ]
+    )
+
+
+def _admissible(rule: Rule, state: State, project: ProjectStart) -> State:
+    """Return the state with its velocities, or its pose too, projected onto the constraints."""
+    system = rule.system
+    position, quaternion = state.position, state.quaternion
+    if project == "pose":
+        position, quaternion = project_pose(
+            system, state.time, position, quaternion, inverse_metric=rule.inverse_metric
+        )
+    equalities, limits = system.equalities, system.limits
+    linear, angular = state.linear_velocity, state.angular_velocity
+    if project == "nothing":
+        residuals = equalities.instant(state.time, position, quaternion, linear, angular)[0]
+    else:
+        moving = np.concatenate([position, quaternion, linear, angular])
+        linear, angular, residuals = _allowed_velocities(
+            system, state.time, moving.tobytes(), rule.inverse_metric, state.pull_in
+        )
+    margins = limits.residuals(state.time, position, quaternion, linear, angular)[0]
+    return replace(
+        state,
+        position=position,
+        rotation=quaternion,
+        linear_velocity=linear,
+        angular_velocity=angular,
+        constraint_residuals=residuals,
+        multipliers=np.zeros(equalities.size),
+        margins=margins,
+        limit_multipliers=np.zeros(limits.size),
+    )
+
+
+# Rollouts begin in the same state again and again.
+@lru_cache(maxsize=64)
+def _allowed_velocities(
+    system: ConstraintSystem,
+    time: float,
+    moving: bytes,
+    inverse_metric: tuple[float, ...],
+    residual_rate: float,
+) -> tuple[Floats, Floats, Floats]:
+    given = np.frombuffer(moving)
+    found = project_velocities(
+        system,
+        time,
+        *(given[STATE[name]] for name in STATE),
+        inverse_metric=inverse_metric,
+        residual_rate=residual_rate,
+    )
+    for part in found:
+        part.flags.writeable = False
+    return found

@@ -1,0 +1,107 @@
+"""The state of a primitive in motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip._values import Value
+
+
+class _Turn:
+    """Field of a rotation that is made from a quaternion only when it is asked for.
+
+    A control loop seldom asks, and making one takes longer than the step.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._kept = f"_{name}"
+
+    def __get__(self, state: Any, owner: type | None = None) -> Rotation:
+        if state is None:
+            # So that dataclasses take it for a field without default.
+            raise AttributeError
+        kept = state.__dict__[self._kept]
+        if isinstance(kept, np.ndarray):
+            kept = state.__dict__[self._kept] = Rotation.from_quat(kept, scalar_first=True)
+        return kept
+
+    def __set__(self, state: Any, value: Rotation | Floats) -> None:
+        state.__dict__[self._kept] = value
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class State(Value):
+    """Everything that a primitive in motion knows; immutable, each step gives a new one.
+
+    Attributes
+    ----------
+    time : float
+        Since the start (s).
+    phase : float
+        From 1 down to ``exp(-alpha_s)`` at the end.
+    position : array, shape (3,)
+        Meters.
+    rotation : Rotation
+        Or a unit quaternion (qw, qx, qy, qz) where one is made; also ``goal_rotation``.
+    linear_velocity, angular_velocity : array, shape (3,)
+        Of the step that led here (at the start: of that instant); m/s and rad/s, world frame.
+    previous_step : float
+        Length of that step (s); 0 at the start.
+    duration : float
+        tau (s).
+    goal_position : array, shape (3,)
+    goal_rotation : Rotation
+    pull_in : float
+        Rate at which a violation decays (1/s).
+    steering : array, shape (3,)
+        Turn of the orientation's target (rad, world frame), see :mod:`noslip.control.steering`.
+    constraint_residuals, multipliers : array, shape (m,)
+        Of the equalities.
+    margins, limit_multipliers : array, shape (k,)
+        Of the limits.
+    acceleration : array, shape (6,)
+        Of that step: linear (m/s^2), then angular (rad/s^2), world frame.
+    constraint_forces : array, shape (6,)
+        What the constraints added to it.
+    done : bool
+        Whether the motion has come to its end.
+    """
+
+    time: float
+    phase: float
+    position: Floats
+    rotation: _Turn = _Turn()
+    linear_velocity: Floats
+    angular_velocity: Floats
+    previous_step: float
+    duration: float
+    goal_position: Floats
+    goal_rotation: _Turn = _Turn()
+    pull_in: float = 0.0
+    steering: Floats = field(default_factory=lambda: np.zeros(3))
+    constraint_residuals: Floats = field(default_factory=lambda: np.zeros(0))
+    multipliers: Floats = field(default_factory=lambda: np.zeros(0))
+    margins: Floats = field(default_factory=lambda: np.zeros(0))
+    limit_multipliers: Floats = field(default_factory=lambda: np.zeros(0))
+    acceleration: Floats = field(default_factory=lambda: np.zeros(6))
+    constraint_forces: Floats = field(default_factory=lambda: np.zeros(6))
+    done: bool = False
+
+    @property
+    def quaternion(self) -> Floats:
+        """Of the rotation: (qw, qx, qy, qz)."""
+        kept = self.__dict__["_rotation"]
+        if isinstance(kept, np.ndarray):
+            return kept
+        return np.asarray(kept.as_quat()[[3, 0, 1, 2]])
+
+    def vector(self) -> Floats:
+        """Pose and velocities as the stepper's state vector."""
+        return np.concatenate(
+            [self.position, self.quaternion, self.linear_velocity, self.angular_velocity]
+        )

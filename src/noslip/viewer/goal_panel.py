@@ -1,0 +1,145 @@
+"""Where a person asks a primitive for another goal, start, duration or metric."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import viser
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip.boundary import Boundary
+from noslip.viewer.actions import Actions
+from noslip.viewer.changes import METRICS, Wish
+from noslip.viewer.entries import Entry
+from noslip.viewer.texts import note, plain
+
+GIZMO = 0.18
+"""Size of what goal, start and tool are dragged by, over the scene's: large enough to be hit, small
+enough not to hide the tool."""
+UNCHANGED = 1e-6
+"""Difference (m, s, rad) from the primitive's own value that is no wish: a browser rounds."""
+
+
+class GoalPanel:
+    """Fields and gizmos for goal and start, and what became of the last wish.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+        Widgets are added where its interface is being built.
+    size : float
+        Of the scene (m).
+    actions : Actions
+    follow : callable
+        Called with a wish, and whether a coarse motion will do, while a gizmo is being dragged.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        size: float,
+        actions: Actions,
+        follow: Callable[[Wish, bool], None],
+    ) -> None:
+        gui, self._follow = server.gui, follow
+        self._entry: Entry | None = None
+        self.note = gui.add_html("")
+        with gui.add_folder("Goal and start") as self._folder:
+            self.goal: Any = gui.add_vector3("Goal (m)", (0.0, 0.0, 0.0), step=1e-4)
+            self.start: Any = gui.add_vector3("Start (m)", (0.0, 0.0, 0.0), step=1e-4)
+            self.duration: Any = gui.add_number("Duration (s)", 1.0, min=1e-3, step=1e-2)
+            self.metric: Any = gui.add_dropdown("Metric", METRICS)
+            undo = gui.add_button("As learned")
+        for field in (self.goal, self.start, self.duration, self.metric):
+            actions.on_change(field, "wish", self.ask_for_numbers)
+        actions.on_click(undo, "undo", self.undo)
+        self.gizmos = {
+            what: server.scene.add_transform_controls(
+                f"/{what}", scale=GIZMO * size, line_width=3.0, depth_test=False, visible=False
+            )
+            for what in ("goal", "start")
+        }
+        for what, gizmo in self.gizmos.items():
+            actions.on_drag(gizmo, f"wish {what}", partial(self._ask_for_gizmo, what))
+
+    def choose(self, entry: Entry) -> None:
+        """Be about an entry of the page."""
+        self._entry = entry
+        self._folder.visible = entry.primitive is not None
+        if entry.primitive is None:
+            self.note.content = note(
+                "What was recorded or executed stays as it is; choose a primitive."
+            )
+        else:
+            self.show()
+
+    def offer(self, visible: bool) -> None:
+        """Let a person drag goal and start, or not."""
+        known = self._entry is not None and self._entry.primitive is not None
+        for gizmo in self.gizmos.values():
+            gizmo.visible = visible and known
+
+    def undo(self) -> None:
+        """Ask for the motion as it was learned."""
+        self._follow(Wish(), False)
+
+    def ask_for_numbers(self) -> None:
+        """Ask for what the fields say."""
+        if self._entry is None or self._entry.primitive is None:
+            return
+        wish, own = self._entry.wish, self._entry.primitive
+        asked = wish.duration is not None
+        asked = asked or abs(self.duration.value - own.duration) > UNCHANGED
+        self._follow(
+            replace(
+                wish,
+                goal=_changed(self.goal.value, wish.goal, own.goal_position),
+                start=_changed(self.start.value, wish.start, own.start_position),
+                duration=self.duration.value if asked else None,
+                metric=self.metric.value,
+            ),
+            False,
+        )
+
+    def _ask_for_gizmo(self, what: str, released: bool) -> None:
+        if self._entry is None or self._entry.primitive is None:
+            return
+        wish, gizmo = self._entry.wish, self.gizmos[what]
+        known: Boundary = getattr(wish, what)
+        asked = replace(known, position=np.array(gizmo.position))
+        rotation = Rotation.from_quat(np.array(gizmo.wxyz), scalar_first=True)
+        own = getattr(self._entry.primitive, f"{what}_rotation")
+        if known.rotation is not None or (rotation * own.inv()).magnitude() > UNCHANGED:
+            asked = replace(asked, rotation=rotation)
+        changes: dict[str, Any] = {what: asked}
+        self._follow(replace(wish, **changes), not released)
+
+    def show(self) -> None:
+        """Show what is asked for in fields and gizmos, and say what came of it."""
+        assert self._entry is not None
+        own, wish, outcome = self._entry.primitive, self._entry.wish, self._entry.outcome
+        assert own is not None
+        for what, field in (("goal", self.goal), ("start", self.start)):
+            own_pose = getattr(own, f"{what}_position"), getattr(own, f"{what}_rotation")
+            position, rotation = getattr(wish, what).pose_or(*own_pose)
+            field.value = plain(position)
+            gizmo = self.gizmos[what]
+            gizmo.position, gizmo.wxyz = position, rotation.as_quat(scalar_first=True)
+        self.duration.value = wish.duration or own.duration
+        self.metric.value = wish.metric
+        failed = outcome is not None and outcome.primitive is None
+        text = "As learned; drag the goal or the start." if outcome is None else str(outcome)
+        self.note.content = note(text, "vermillion" if failed else "black")
+
+
+def _changed(value: Sequence[float], known: Boundary, own: Floats) -> Boundary:
+    """What a field says, unless it says what the primitive does and was never changed."""
+    given = np.array(value, dtype=np.float64)
+    # A browser shows and returns fewer digits than were set.
+    shown, digits = (own, UNCHANGED) if known.position is None else (known.position, 1e-9)
+    return known if np.abs(given - shown).max() <= digits else replace(known, position=given)
