@@ -66,3 +66,5 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
+# Attributes that docstrings list are looked up everywhere: several classes have a duration.
+suppress_warnings = ["ref.python"]

@@ -414,7 +414,7 @@ def test_what_cannot_be_converted_is_refused(theirs: Any) -> None:
     with pytest.raises(InputError, match=r"CartesianDMP \(start, goal\): sample 0: .* norm is 0"):
         from_movement_primitives(theirs())
     stiffer = imitated(theirs, smooth(1), 10, alpha_y=[25, 25, 25, 30, 30, 30])
-    with pytest.raises(InputError, match=r"alpha_y is array.*ConstrainedDMP.fit\(from_pqs"):
+    with pytest.raises(InputError, match=r"alpha_y is array.*learn\(from_pqs"):
         from_movement_primitives(stiffer)
     broken = imitated(theirs, smooth(1), 10)
     broken.start_yd[2] = np.nan

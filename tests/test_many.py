@@ -107,9 +107,12 @@ def test_preparation_and_options_reach_the_worker(runs, tmp_path):
         relative=True,
         tool_frame=[0.01, 0, 0],
     )
-    given = ns.projection.pointwise.project_initial_velocity(given, ns.Blade())
-    alone = ns.learn(given, ns.Blade(), metric=[2.0] * 6, **FEW).save(tmp_path / "alone.json")
-    assert Path(learned.results[0].primitive).read_bytes() == alone.read_bytes()
+    options = {"metric": [2.0] * 6, **FEW}
+    alone = ns.learn(given, ns.Blade(), project_start=True, **options)
+    path = alone.save(tmp_path / "alone.json")
+    assert Path(learned.results[0].primitive).read_bytes() == path.read_bytes()
+    projected = ns.projection.pointwise.project_initial_velocity(given, ns.Blade())
+    assert ns.learn(projected, ns.Blade(), **options).law == alone.law
 
 
 def test_without_constraints_and_without_a_folder_only_figures_are_kept(runs, tmp_path):
@@ -402,7 +405,7 @@ def test_what_an_executor_loses_is_listed(runs, tmp_path):
 
 
 def test_a_worker_of_another_version_refuses(runs, tmp_path):
-    settings = run_settings.settings_text((), {}, {}, False, {})
+    settings = run_settings.settings_text((), {}, {}, {})
     other = json.dumps({**json.loads(settings), "noslip": "0.0.1"})
     with pytest.raises(ns.NoslipError, match=r"a worker runs noslip .*, this is 0.0.1"):
         worker.learn_one(other, "cut", str(runs / "cut_00.csv"), None)

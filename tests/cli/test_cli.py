@@ -87,8 +87,8 @@ def test_learn_takes_a_metric_and_a_barrier_rate(noslip, slipping, tmp_path, met
         demonstration, [ns.Blade()], metric=named, metric_length=0.01, barrier_rate=50
     )
     found = ns.load_primitive(out)
-    assert found.inverse_metric == expected.inverse_metric
-    assert found.barrier_rate == 50
+    assert found.rule == expected.rule
+    assert found.rule.barrier_rate == 50
 
 
 def test_rollout_takes_a_start_off_the_constraint(noslip, slipping, tmp_path):

@@ -40,7 +40,7 @@ def test_a_report_says_its_finding_and_where_it_is(noslip):
     assert wrote == "wrote deep/report.html"
     text = Path("deep/report.html").read_text()
     assert title in text
-    assert "cut.csv --rate=50 --relative --constraint blade --basis-functions 20 --out" in text
+    assert "cut.csv --rate=50 --relative --constraint blade --basis-functions=20 --out" in text
 
 
 def test_recordings_prepared_otherwise_are_warned_of(noslip):

@@ -47,6 +47,9 @@ _LIMIT_ATTEMPTS = ((1.0, 1e-2, False), (1.0, 1.0, False), (1.0, 1.0, True), (100
 tau is fast where few limits bind, a large one finds its way where many do."""
 _LIMIT_PATIENCE = 4
 """Iterations with limits over those without: tau falls by a tenth in each at best."""
+_NEARBY, _MOSTLY, _SWINGING = 20, 0.5, 1e-4
+"""Steps on either side of a kept rotation in which it is seen to swing, share of the changes from
+step to step that alternate, and least amplitude (rad): of a smooth turn a twentieth alternates."""
 _MOST_SAMPLES = 4000
 """Beyond this, the fourth power of the count in the smoothing terms eats up the precision."""
 
@@ -123,6 +126,8 @@ def project(request: Request) -> ProjectedTrajectory:
     best = _attempt(replace(longer, system=request.system.equalities))
     if best.converged and request.system.limits.size:
         best = _heed_limits(longer, best)
+    if _swing(best, longer):
+        best = replace(best, converged=False)
     return best if longer is request else _without_steps_beyond(best, request)
 
 
@@ -156,12 +161,39 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
     if result.converged:
         return result
     names = ", ".join(c.name for c in request.system.constraints)
+    if swing := _swing(result, request):
+        raise ConvergenceError(
+            f"{request.reference.name}: with the positions held, a rotation that is kept does not "
+            f"fit the path under {names}: the tool would swing by {np.degrees(swing):.2g} degrees "
+            "from step to step; let the position give way (hold_position=False), or free it"
+        )
     freer = "let the position give way (hold_position=False), " if request.hold_position else ""
     raise ConvergenceError(
         f"{request.reference.name}: no trajectory near it found that satisfies {names} (residual "
         f"{result.residual:.2g} after {result.iterations} iterations); {freer}low-pass it more, "
         "trim rests, raise rotation_smoothing, or free its ends"
     )
+
+
+def _swing(result: ProjectedTrajectory, request: Request) -> float:
+    """Amplitude (rad) by which a kept rotation that does not fit its path swings; 0 if none does.
+
+    Held positions say where the tool heads in the middle of each step.  A rotation beside that is
+    one step to the left of it and the next to the right, for ever: no smooth motion does that.
+    """
+    kept = [k for k, boundary in request.fixed.items() if boundary.rotation is not None]
+    if not request.hold_position or not kept:
+        return 0.0
+    turns = result.trajectory.step_velocities()[1] * result.trajectory.period
+    steps = np.diff(turns, axis=0)
+    signs = np.resize([1.0, -1.0], len(steps))[:, None]
+    largest = 0.0
+    for k in kept:
+        near = slice(max(0, k - _NEARBY), k + _NEARBY)
+        alternating = float(np.linalg.norm((signs * steps)[near].mean(axis=0)))
+        if alternating > _MOSTLY * np.linalg.norm(steps[near], axis=1).mean():
+            largest = max(largest, alternating / 4)
+    return largest if largest > _SWINGING else 0.0
 
 
 def _without_steps_beyond(longer: ProjectedTrajectory, request: Request) -> ProjectedTrajectory:
