@@ -297,7 +297,7 @@ def test_constraints_that_cannot_be_sent_are_named(runs):
     def looked_up(motion):
         return outside(motion.position[0])
 
-    with pytest.raises(ns.errors.ConstraintError, match="'looked up' cannot be sent to a worker"):
+    with pytest.raises(ns.errors.ConstraintError, match=r"'looked up' uses .* cannot be kept"):
         learn_each(runs, looked_up)
 
 

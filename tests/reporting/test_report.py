@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 import scipy
 from matplotlib.image import imread
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 import noslip as ns
 from learned import under
@@ -199,9 +199,10 @@ def test_the_same_primitive_gives_the_same_page(folder, recordings, html):
 
 
 def slips(motion):
-    """Speed along the body's y axis of each step, at the pose where it ends."""
+    """Speed along the body's y axis of each step, at the pose in its middle."""
     velocities = np.diff(motion.positions, axis=0) / np.diff(motion.times)[:, None]
-    sideways = motion.rotations[1:].apply([0, 1, 0])
+    middles = Slerp(motion.times, motion.rotations)((motion.times[1:] + motion.times[:-1]) / 2)
+    sideways = middles.apply([0, 1, 0])
     return np.abs(np.sum(velocities * sideways, axis=1))
 
 
