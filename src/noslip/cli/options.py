@@ -18,10 +18,10 @@ from noslip._typing import Floats
 from noslip.boundary import End
 from noslip.constraints.catalog import parse_constraint
 from noslip.constraints.declaration import CATALOG, Constraint
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError
 from noslip.projection.metric import Metric
+from noslip.recordings import load_demonstrations
 from noslip.trajectory import PoseTrajectory
 
 _ROUNDING = 4 * np.finfo(np.float64).eps
