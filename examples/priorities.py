@@ -49,7 +49,7 @@ for ax, (title, limits) in zip(panels, orders.items(), strict=True):
     least.append(hard)
     print(f"{title}: least margins {hard:.1e} mm (hard), {soft[0]:.4f} and {soft[1]:.4f} mm (soft)")
     for limit in motion.gave_way:
-        print(f"  {limit.name} gave way by {1e3 * limit.amount:.4f} mm at {limit.time:g} s")
+        print(f"  {limit.name} gave way by {1e3 * limit.violation:.4f} mm at {limit.time:g} s")
     gave = [
         f"{name} by {style.number(-margin)} mm"
         for name, margin in zip(("ceiling", "clearance"), soft, strict=True)

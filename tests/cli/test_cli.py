@@ -312,9 +312,9 @@ def test_rollout_says_what_gave_way_and_blames_hard_limits_alone(
     assert result.code == code
     motion = ns.load_primitive(path).rollout()
     (limit,) = motion.gave_way
-    assert limit.amount > 0.019
+    assert limit.violation > 0.019
     (line,) = [line for line in result.out.splitlines() if "gave way" in line]
-    assert line.startswith(f"speed-limit ({kind}) gave way by up to {limit.amount:.3g} m/s, at ")
+    assert line.startswith(f"speed-limit ({kind}) gave way by up to {limit.violation:.3g} m/s, at ")
     assert "speed-limit: VIOLATED" in result.out
 
     result = noslip("rollout", path, "--out", out, "--json")
@@ -322,7 +322,7 @@ def test_rollout_says_what_gave_way_and_blames_hard_limits_alone(
     (told,) = json.loads(result.out)["gave_way"]
     assert told == {
         "name": "speed-limit",
-        "amount": limit.amount,
+        "violation": limit.violation,
         "time": limit.time,
         "share": limit.share,
         "unit": "m/s",

@@ -670,8 +670,8 @@ def test_history_says_what_gave_way_and_shows_turning_forces(every_figure, yield
     mentioned = 0
     for name, limit in gave_way.items():
         if f"{style.short_name(name)} gave way by up to" in told:
-            scale = 1e3 if f"{quantities.number(1e3 * limit.amount)} mm" in told else 1
-            assert quantities.number(scale * limit.amount) in told
+            scale = 1e3 if f"{quantities.number(1e3 * limit.violation)} mm" in told else 1
+            assert quantities.number(scale * limit.violation) in told
             mentioned += 1
     assert mentioned == min(2, len(gave_way))
 

@@ -250,7 +250,7 @@ def test_a_start_outside_is_pulled_in_like_a_critically_damped_oscillator(
     active = push[2:] > 0
     np.testing.assert_allclose(margin[2:][active], asked[active], rtol=0, atol=1e-12)
     (gave_way,) = motion.gave_way
-    assert gave_way.amount == pytest.approx(-expected.min(), abs=1e-12)
+    assert gave_way.violation == pytest.approx(-expected.min(), abs=1e-12)
 
 
 def test_a_start_outside_of_a_velocity_limit_is_projected_onto_it() -> None:
@@ -319,7 +319,7 @@ def test_a_wall_holds_against_a_soft_acceleration_limit_which_is_reported(linear
     (gave_way,) = motion.gave_way
     assert gave_way.name == "acceleration-limit"
     found = np.linalg.norm(accelerations(motion)[:, :3], axis=1)
-    assert gave_way.amount == pytest.approx(found.max() - linear, rel=1e-9)
+    assert gave_way.violation == pytest.approx(found.max() - linear, rel=1e-9)
     assert motion.times[1 + 1 + int(found.argmax())] == pytest.approx(gave_way.time)
 
 
@@ -373,7 +373,7 @@ def test_what_gave_way_is_recomputed_from_the_positions() -> None:
     violation = motion.positions[:, 0] - 0.4
     found = {g.name: g for g in motion.gave_way}["half-space"]
     worst = int(np.argmax(violation))
-    assert found.amount == pytest.approx(violation[worst], abs=1e-12)
+    assert found.violation == pytest.approx(violation[worst], abs=1e-12)
     assert found.time == motion.times[worst]
     assert found.share == pytest.approx(np.mean(violation > 1e-9))
 

@@ -270,7 +270,7 @@ def test_a_primitive_learned_with_a_limit_keeps_it(name: str) -> None:
     assert np.abs(motion.constraint_residuals).max() <= 1e-10
     # The first step follows from the start alone: an acceleration limit knows none before it.
     assert motion.margins[1:].min() >= -1e-6
-    assert not [entry for entry in motion.gave_way if entry.amount > 1e-6]
+    assert not [entry for entry in motion.gave_way if entry.violation > 1e-6]
     reach = np.ptp(demonstration.positions, axis=0).max()
     projected = project_trajectory(demonstration, [BLADE, limit]).trajectory
     same = motion.resampled(times=projected.times) if len(motion) != len(projected) else motion

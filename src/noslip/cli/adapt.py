@@ -27,7 +27,7 @@ from noslip._pose_csv import POSITION, QUATERNION
 from noslip._typing import Floats
 from noslip.boundary import Boundary, End, twist
 from noslip.cli import options, output
-from noslip.cli.outcome import Outcome, csv_text, told, told_together
+from noslip.cli.outcome import Outcome, csv_text, sentences, sentences_together
 from noslip.cli.plot import FORMATS
 from noslip.constraints.check import check
 from noslip.errors import InputError, NoslipError
@@ -210,7 +210,7 @@ def run(
         family.add(out.stem, asked, out)
         outcome = family.outcomes[0]
         result = {"primitive": str(out)} | asdict(outcome)
-        lines = [*told(outcome), f"wrote {out}"]
+        lines = [*sentences(outcome), f"wrote {out}"]
     else:
         if out.exists() and not out.is_dir():
             raise InputError(f"--out: {out} is a file; with --goals give a folder")
@@ -231,7 +231,7 @@ def run(
             "failed": failed,
             "goals": [asdict(outcome) for outcome in family.outcomes],
         }
-        lines = told_together(family.outcomes)
+        lines = sentences_together(family.outcomes)
         lines.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
     if figure is not None and family.motions:
         save_figure(

@@ -24,7 +24,7 @@ import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.constraints.check import check, told_margin
+from noslip.constraints.check import check, margin_text
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
 from noslip.learning import learn
@@ -251,7 +251,7 @@ def run(
         typer.echo(f"residual of its motion: {result['residual_peak']:.2g} (peak)")
     if system.limits.size:
         for limit in check(motion, system.limits).constraints:
-            typer.echo(f"{limit.name} of its motion: {told_margin(limit)}")
+            typer.echo(f"{limit.name} of its motion: {margin_text(limit)}")
     here, there = (" ".join(f"{x:.4g}" for x in motion.positions[k]) for k in (0, -1))
     typer.echo(f"from {here} to {there} m in {motion.duration:.4g} s")
     typer.echo(f"wrote {out}")

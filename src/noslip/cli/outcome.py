@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
 
-from noslip.constraints.check import amount
+from noslip.constraints.check import quantity_text
 from noslip.named_columns import records_text
 
 
@@ -55,12 +55,12 @@ def csv_text(outcomes: list[Outcome]) -> str:
     return records_text([field.name for field in fields(Outcome)], map(asdict, outcomes))
 
 
-def told(outcome: Outcome) -> list[str]:
+def sentences(outcome: Outcome) -> list[str]:
     """Say what became of one goal."""
     return _achieved([outcome]) + ([outcome.message] if outcome.message else [])
 
 
-def told_together(outcomes: list[Outcome]) -> list[str]:
+def sentences_together(outcomes: list[Outcome]) -> list[str]:
     """Say what became of several goals, and of which one something must be known."""
     done = [outcome for outcome in outcomes if outcome.converged]
     lines = [f"adapted to {len(done)} of {len(outcomes)} goals"]
@@ -89,7 +89,7 @@ def _achieved(outcomes: list[Outcome]) -> list[str]:
             "angular_speed_ratio",
         )
     )
-    ends = [] if off is None else [amount(off, "m")]
+    ends = [] if off is None else [quantity_text(off, "m")]
     ends += [] if turned is None else [f"{turned:.3g} degrees"]
     lines = [f"ends within {' and '.join(ends)} of the goal"] if ends else []
     times = "" if ratio is None else f", {ratio:.3g} times that of the original"

@@ -21,7 +21,7 @@ import numpy as np
 import typer
 
 from noslip.cli import options, output
-from noslip.constraints.check import CheckReport, amount, check
+from noslip.constraints.check import CheckReport, check, quantity_text
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.recordings.formats import WRITTEN, listed_suffixes, write_recording
@@ -152,8 +152,9 @@ def _gave_way(motion: Motion, limits: ConstraintSystem) -> list[dict[str, Any]]:
 
 def _violation_text(limit: dict[str, Any]) -> str:
     kind = f"soft, priority {limit['priority']}" if limit["priority"] else "hard"
+    violation = quantity_text(limit["violation"], limit["unit"])
     return (
-        f"{limit['name']} ({kind}) gave way by up to {amount(limit['amount'], limit['unit'])}, at "
+        f"{limit['name']} ({kind}) gave way by up to {violation}, at "
         f"{limit['time']:.3g} s; for {limit['share']:.1%} of the motion"
     )
 

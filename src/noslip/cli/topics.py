@@ -16,7 +16,7 @@ from rich.table import Table
 
 from noslip.cli import options, output
 from noslip.recordings.bags import bag_topics
-from noslip.recordings.transforms import told
+from noslip.recordings.transforms import links_text
 
 
 def run(
@@ -35,6 +35,6 @@ def run(
         return
     table = Table("topic", "type", "messages", "frames", box=None, pad_edge=False)
     for topic in topics:
-        frames = told(topic.frames)
+        frames = links_text(topic.frames)
         table.add_row(topic.name, topic.type.replace("/msg/", "/"), str(topic.messages), frames)
     output.console().print(table)

@@ -58,7 +58,7 @@ def _compiler(named: str) -> Compiler | None:
     if path is None:
         return None
     try:
-        told = subprocess.run(
+        answer = subprocess.run(
             [path, *command[1:], "--version"],
             capture_output=True,
             text=True,
@@ -67,7 +67,7 @@ def _compiler(named: str) -> Compiler | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    lines = told.stdout.splitlines()
+    lines = answer.stdout.splitlines()
     return Compiler((path, *command[1:]), lines[0] if lines else path)
 
 
@@ -177,8 +177,9 @@ def loaded(function: ca.Function, rows: int) -> Library:
         "noslip.h": c99.header(rows, 0),
         "noslip.c": c99.source(function, rows) + "\n" + c99.template("many.c"),
     }
-    told = "\0".join([*texts.values(), *found.command, found.version, *FLAGS, platform.machine()])
-    library = cache_folder() / f"step-{hashlib.sha256(told.encode()).hexdigest()[:32]}.so"
+    parts = [*texts.values(), *found.command, found.version, *FLAGS, platform.machine()]
+    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    library = cache_folder() / f"step-{key[:32]}.so"
     if not _whole(library):
         content = _compiled(texts, found)
         write_beside(library, content)

@@ -73,7 +73,7 @@ class ConstraintCheck:
         return "holds" if self.satisfied else "violated"
 
     def __str__(self) -> str:
-        told = f"{self.name}: {self.verdict.upper()}  "
+        verdict = f"{self.name}: {self.verdict.upper()}  "
         above = f"for {self.share_above_tolerance:.0%} of the time"
         if self.margin is None:
             peak, rms, tolerance = (
@@ -84,14 +84,16 @@ class ConstraintCheck:
             if self.slip_distance is not None:
                 slip = f", slipped {self.slip_distance * 1e3:.3g} mm"
             return (
-                f"{told}peak {peak} at {self.worst_time:.3g} s, rms {rms}{slip}, above {tolerance} "
-                f"{above}"
+                f"{verdict}peak {peak} at {self.worst_time:.3g} s, rms {rms}{slip}, above "
+                f"{tolerance} {above}"
             )
         if self.satisfied:
-            return told + told_margin(self)
+            return verdict + margin_text(self)
+        peak, rms, tolerance = (
+            quantity_text(value, self.unit) for value in (self.peak, self.rms, self.tolerance)
+        )
         return (
-            f"{told}by {amount(self.peak, self.unit)} at {self.worst_time:.3g} s, rms "
-            f"{amount(self.rms, self.unit)}, by more than {amount(self.tolerance, self.unit)} "
+            f"{verdict}by {peak} at {self.worst_time:.3g} s, rms {rms}, by more than {tolerance} "
             f"{above}"
         )
 
@@ -290,13 +292,13 @@ def with_unit(number: str, unit: str) -> str:
     return number if unit == "1" else f"{number} {unit}"
 
 
-def told_margin(limit: ConstraintCheck) -> str:
+def margin_text(limit: ConstraintCheck) -> str:
     """Say what a limit's least margin is, and when."""
     assert limit.margin is not None
-    return f"least margin {amount(limit.margin, limit.unit)} at {limit.margin_time:.3g} s"
+    return f"least margin {quantity_text(limit.margin, limit.unit)} at {limit.margin_time:.3g} s"
 
 
-def amount(value: float, unit: str) -> str:
+def quantity_text(value: float, unit: str) -> str:
     """Return a value of three digits with its unit; short lengths in millimeters."""
     if unit == "m" and 0 < abs(value) < MILLIMETERS_BELOW:
         value, unit = 1e3 * value, "mm"

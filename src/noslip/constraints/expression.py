@@ -168,8 +168,9 @@ class Opaque:
     reason: str
 
     def __call__(self, *arguments: Expression) -> Expression:
-        """Evaluate on expressions."""
-        return self.function(*arguments)
+        """Evaluate on expressions; those that are not given are zero."""
+        left = self.function.n_in() - len(arguments)
+        return self.function(*arguments, *[0] * left)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Opaque) and other.owner is self.owner

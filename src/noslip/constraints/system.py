@@ -109,14 +109,14 @@ class ConstraintSystem:
     @property
     def equalities(self) -> ConstraintSystem:
         """Those of the constraints that must be zero."""
-        return self._those("zero")
+        return self._of_relation("zero")
 
     @property
     def limits(self) -> ConstraintSystem:
         """Those of the constraints that must not be negative."""
-        return self._those("nonnegative")
+        return self._of_relation("nonnegative")
 
-    def _those(self, relation: Relation) -> ConstraintSystem:
+    def _of_relation(self, relation: Relation) -> ConstraintSystem:
         chosen = [i for i, c in enumerate(self.constraints) if c.relation == relation]
         if len(chosen) == len(self.constraints):
             return self

@@ -14,7 +14,7 @@ from noslip.named_columns import listed
 from noslip.recordings._extras import need, reading
 from noslip.recordings._format import Format
 from noslip.recordings.bag_writing import write_bag
-from noslip.recordings.transforms import Key, Link, Series, resolve, told
+from noslip.recordings.transforms import Key, Link, Series, links_text, resolve
 from noslip.trajectory import PoseTrajectory
 
 METADATA = "metadata.yaml"
@@ -278,7 +278,7 @@ def _one(
     ]
     if len(matching) == 1:
         return series[matching[0]]
-    found = told(series)
+    found = links_text(series)
     if not matching:
         asked = " in ".join(name for name in (child_frame, frame) if name is not None)
         raise RecordingError(f"{where}: no poses of frame {asked}; it holds {found}")

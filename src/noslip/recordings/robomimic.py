@@ -99,8 +99,8 @@ def _read_demo(name: str, demo: Any, rate: float, columns: str | None, h5py: Any
     places = pose_columns(name, EEF_POSE if columns is None else columns, available)
     lengths = {key: len(observations[key]) for key, _ in places}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{key} {length}" for key, length in lengths.items())
-        raise RecordingError(f"{name}: observations of different lengths: {told}")
+        found = ", ".join(f"{key} {length}" for key, length in lengths.items())
+        raise RecordingError(f"{name}: observations of different lengths: {found}")
 
     def read(key: str) -> Floats:
         values = np.asarray(observations[key], dtype=np.float64)

@@ -139,7 +139,7 @@ def _ends(
     child_frame: str | None,
 ) -> Key:
     """Return the names of the frames asked for."""
-    found = told(links)
+    found = links_text(links)
     if child_frame is None:
         if len(links) > 1:
             raise RecordingError(
@@ -182,7 +182,7 @@ def _way(where: str, links: Collection[Key], root: str, tip: str) -> list[tuple[
                 waiting.append(there)
     if tip not in came:
         raise RecordingError(
-            f"{where}: no links connect {root} and {tip}; it holds {told(links)}; perhaps a "
+            f"{where}: no links connect {root} and {tip}; it holds {links_text(links)}; perhaps a "
             "static transform was not recorded"
         )
     way: list[tuple[Key, bool]] = []
@@ -205,7 +205,7 @@ def _at(
     return path, Slerp(stamps, rotations)(times)
 
 
-def told(keys: Collection[Key]) -> str:
+def links_text(keys: Collection[Key]) -> str:
     """Return pairs of frames as text, but not all of hundreds."""
     shown = [" -> ".join(name or "''" for name in (key if key[1] else key[:1])) for key in keys]
     return ", ".join([*sorted(shown)[:20], "..."] if len(shown) > 20 else sorted(shown))

@@ -23,7 +23,7 @@ class GaveWay:
     Attributes
     ----------
     name : str
-    amount : float
+    violation : float
         Largest violation, in the margin's unit.
     time : float
         When (s).
@@ -32,7 +32,7 @@ class GaveWay:
     """
 
     name: str
-    amount: float
+    violation: float
     time: float
     share: float
 

@@ -121,7 +121,7 @@ class Adapter:
             float(np.linalg.norm(motion.positions[-1] - goal)),
             1e3 * (time.perf_counter() - began),
             "; ".join(
-                f"{limit.name} gives way by up to {limit.amount:.2g} at {limit.time:.2g} s"
+                f"{limit.name} gives way by up to {limit.violation:.2g} at {limit.time:.2g} s"
                 for limit in motion.gave_way
             ),
         )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.constraints.check import CheckReport, amount, check, step_residuals
+from noslip.constraints.check import CheckReport, check, quantity_text, step_residuals
 from noslip.constraints.declaration import UNITS, Constraint
 from noslip.constraints.edge_motion import EdgeMotion, edge_motion, edge_steps, work_moves
 from noslip.constraints.system import ConstraintSystem
@@ -252,9 +252,9 @@ class Track:
             texts["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
         units = dict(zip(self.system.names, self.units, strict=True))
         for name, sizes in self.sizes.items():
-            texts[f"{name}: residual"] = amount(float(sizes[k]), units[name])
+            texts[f"{name}: residual"] = quantity_text(float(sizes[k]), units[name])
         for name, margins in self.margins.items():
-            texts[f"{name}: margin"] = amount(float(margins[k]), units[name])
+            texts[f"{name}: margin"] = quantity_text(float(margins[k]), units[name])
         if self.forces is not None:
             texts["constraint force"] = f"{np.linalg.norm(self.forces[k]):.3g} m/s²"
         return texts
