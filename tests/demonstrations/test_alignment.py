@@ -87,7 +87,7 @@ def test_the_primitive_of_aligned_copies_has_a_smaller_spread_and_a_truer_path(s
     found = []
     for given_motions in (motions, align(motions)):
         primitive = ns.learn(given_motions)
-        spread = Spread.about(primitive, given_motions)
+        spread = Spread.about(primitive.law, given_motions)
         path = primitive.rollout().positions
         # Of each sample to the path, whatever its time.
         fine = CubicSpline(motion.times, motion.positions)(np.linspace(0, 2, 2001))
