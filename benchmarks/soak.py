@@ -21,7 +21,6 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip.runtime import numbers
-from noslip.runtime.export import export_c
 
 PRIMITIVES = 8
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror", "-D_XOPEN_SOURCE=600")
@@ -78,10 +77,10 @@ def soak(chosen: Set, steps: int, seed: int, folder: Path) -> dict[str, Any]:
         ns.learn(demonstration(PRIMITIVES * seed + k), list(chosen.constraints))
         for k in range(PRIMITIVES)
     ]
-    export_c(learned[0], folder, name="p0")
+    learned[0].export_c(folder, name="p0")
     names = [f"p{k}" for k in range(PRIMITIVES)]
     for name, dmp in zip(names[1:], learned[1:], strict=True):
-        (folder / f"{name}.c").write_text(numbers.text(dmp, name))
+        (folder / f"{name}.c").write_text(numbers.text(dmp.law, dmp.rule, name))
     declared = "".join(f"extern const noslip_primitive {name};\n" for name in names)
     listed = ", ".join(f"&{name}" for name in names)
     (folder / "primitives.h").write_text(

@@ -32,7 +32,7 @@ BLADE = noslip.Blade()
 TRIALS = 3
 SPHERE = noslip.KeepOutSphere(center=(0.9, 0.5, 0), radius=0.1)
 SPEED = noslip.SpeedLimit(speed=3.0)
-BOX = noslip.Box(lower=(-0.2, -0.8, -0.1), upper=(1.1, 1.2, 0.1))
+BOX = noslip.constraints.Box(lower=(-0.2, -0.8, -0.1), upper=(1.1, 1.2, 0.1))
 LIMITED = [BLADE, SPHERE, SPEED, BOX]
 
 
@@ -123,13 +123,13 @@ def a_limit_of_a_rather_long_name_that_gives_way(motion):
     return 0.4 - motion.position[1]
 
 
-TURN = noslip.AngularRateLimit(rate=4.0)
+TURN = noslip.constraints.AngularRateLimit(rate=4.0)
 EVERY = [
     BLADE,
     hurry,
     a_limit_of_a_rather_long_name_that_gives_way,
-    noslip.AccelerationLimit(linear=1e5, angular=1e5),
-    noslip.KeepOutCapsule(start=(5, 5, -1), end=(5, 5, 1), radius=0.05),
+    noslip.constraints.AccelerationLimit(linear=1e5, angular=1e5),
+    noslip.constraints.KeepOutCapsule(start=(5, 5, -1), end=(5, 5, 1), radius=0.05),
     TURN,
 ]
 
@@ -501,13 +501,13 @@ def test_a_logarithmic_axis_shows_how_far_a_limit_is_violated(motions):
 
 
 def test_small_margins_are_in_millimeters_and_others_in_their_own_unit(cuts):
-    near = noslip.HalfSpace(point=(0, 0, -0.1))
+    near = noslip.constraints.HalfSpace(point=(0, 0, -0.1))
     ax = Figure().subplots()
     (line,) = figures.plot_residuals(ax, cuts[0], near)
     assert ax.get_ylabel().endswith("(mm)")
     np.testing.assert_allclose(line.get_ydata(), 1e3 * (cuts[0].positions[1:, 2] + 0.1), rtol=1e-12)
     ax = Figure().subplots()
-    (line,) = figures.plot_residuals(ax, cuts[0], noslip.AngularRateLimit(rate=0.01))
+    (line,) = figures.plot_residuals(ax, cuts[0], noslip.constraints.AngularRateLimit(rate=0.01))
     assert ax.get_ylabel().replace("\n", " ").endswith("(rad/s)")
     turns = (cuts[0].rotations[1:] * cuts[0].rotations[:-1].inv()).magnitude()
     rates = turns / np.diff(cuts[0].times)

@@ -60,7 +60,7 @@ def test_start_duration_and_metric_change_too(primitive):
     found = Adapter(primitive)(Wish(start=ns.Boundary(0, start), duration=6.0, metric="shared"))
     assert found.motion.positions[0] == pytest.approx(start, abs=1e-9)
     assert found.motion.duration == pytest.approx(6.0, rel=1e-3)
-    assert found.primitive.inverse_metric[3:] != primitive.inverse_metric[3:]
+    assert found.primitive.rule.inverse_metric[3:] != primitive.rule.inverse_metric[3:]
     assert found.residual < EXACT
 
 
@@ -86,7 +86,7 @@ def test_a_pushed_tool_comes_back_and_never_slips(primitive):
 
 
 def test_a_run_that_is_over_goes_nowhere(primitive):
-    run = PushedRun(replace(primitive, steps=150))
+    run = PushedRun(replace(primitive, law=replace(primitive.law, steps=150)))
     while not run.done:
         run.advance(run.clock + 1.0)
     count = len(run.states)
