@@ -25,6 +25,7 @@ import typer
 from noslip.cli import each as one_each
 from noslip.cli import options, output
 from noslip.constraints.check import check, told_margin
+from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
 from noslip.learning import learn
 from noslip.merit import figures_of_merit
@@ -209,6 +210,9 @@ def run(
             progress=progress,
             **learning.keywords(),
         )
+    if learning.align:
+        # As it was learned: how far apart in time they were is no fault of the primitive.
+        demonstrations = bring_into_step(demonstrations)
     motion = primitive.rollout()
     system = primitive.system
     merits = [figures_of_merit(motion, d, system).to_dict() for d in demonstrations]
