@@ -23,7 +23,7 @@ hand = ns.PoseTrajectory(5 * s, path, Rotation.from_euler("z", yaw), name="demon
 # Without the projected orientation, so that all is left to the run time.
 motions = {
     metric: ns.learn(hand, [ns.Blade()], metric=metric).constrained.rollout()
-    for metric in ("position", "rotation", "shared")
+    for metric in ("position", "shared")
 }
 figure = style.new_figure(6.0, 2.9)
 above, off, turning = figure.subplots(1, 3, width_ratios=(1.2, 1, 1))
@@ -55,7 +55,7 @@ aside = {name: style.number(size) for name, size in aside.items()}
 push = {name: style.number(size) for name, size in push.items()}
 style.write_title(
     figure,
-    f"The position alone leaves the path by {aside['position']} mm, the rotation alone needs "
-    f"{push['rotation']} rad/s² at rest; shared, {aside['shared']} mm, {push['shared']} rad/s²",
+    f"The position alone leaves the path by {aside['position']} mm; shared, by "
+    f"{aside['shared']} mm and up to {push['shared']} rad/s²",
 )
 save_figure(figure, out)

@@ -11,7 +11,8 @@ import noslip
 SOURCE = Path(noslip.__file__).parent
 LAYERS = [
     {"_arguments", "_files", "_typing", "_values", "_version", "errors"},
-    {"_pose_files", "trajectory", "rotations", "edge", "boundary"},
+    {"_pose_checks", "_pose_csv", "_pose_npz", "named_columns"},
+    {"trajectory", "rotations", "edge", "boundary"},
     {"recordings", "constraints", "law"},
     {"projection", "demonstrations"},
     {"rule", "codegen"},

@@ -21,12 +21,13 @@ from noslip.constraints import (
 )
 from noslip.constraints.check import check
 from noslip.control import Controller
-from noslip.demonstrations import load_demonstrations, prepare, segment
+from noslip.demonstrations import prepare, segment
 from noslip.errors import NoslipError
 from noslip.learning import learn
 from noslip.many import learn_each
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.trajectory import project_trajectory
+from noslip.recordings import load_demonstrations
 from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 from noslip.saving import load_primitive

@@ -1,4 +1,4 @@
-"""Writing files so that no reader ever sees half of one."""
+"""Reading files in the same words everywhere; writing so that no reader ever sees half of one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from noslip.errors import InputError
+from noslip.errors import InputError, RecordingError
 
 
 def write_beside(path: str | Path, content: bytes) -> Path:
@@ -35,3 +35,35 @@ def write_beside(path: str | Path, content: bytes) -> Path:
         Path(beside).unlink(missing_ok=True)
         raise
     return target
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """Return what a file holds."""
+    file = Path(path)
+    if file.is_dir():
+        raise InputError(f"{path}: a folder, not a file; give {file / '*.csv'}")
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the path") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def read_text(path: str | Path) -> str:
+    """Return what a file of text holds, a byte order mark apart."""
+    content = read_bytes(path)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise RecordingError(
+            f"{path}: line {line}: not UTF-8 text (byte 0x{content[error.start]:02x}); "
+            "save it as CSV in UTF-8"
+        ) from None
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise RecordingError(
+            f"{path}: line {line}: binary content, not a CSV; save it as UTF-8 text"
+        )
+    return text

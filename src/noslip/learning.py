@@ -60,7 +60,7 @@ def learn(
     position_weight: float = LEARNING.position,
     position_smoothing: float = LEARNING.position_smoothing,
     rotation_smoothing: float = LEARNING.rotation_smoothing,
-    metric: Metric | None = None,
+    metric: Metric = "auto",
     metric_length: float | None = None,
     stabilization: float = STABILIZATION,
     barrier_rate: float = BARRIER_RATE,
@@ -90,12 +90,13 @@ def learn(
         What of the demonstrations' first and last sample the projection must keep.
     position_weight, position_smoothing, rotation_smoothing : float
         See :func:`noslip.project_trajectory`.
-    metric : "position", "rotation", "shared" or 6 positive weights, optional
-        Who gives way at run time: M of Gauss's principle, see :mod:`noslip.projection.metric`.  By
-        default the position, as in the paper, where that can hold every constraint and no limit is
-        about turning; else both.
+    metric : "auto", "position", "shared" or 6 positive weights
+        Who gives way at run time: M of Gauss's principle, see :mod:`noslip.projection.metric`.
+        "auto" is the position, as in the paper, where that can hold every constraint all along the
+        demonstrations and no limit is about turning; else both.
     metric_length : float, optional
-        Meters that weigh as much as a radian; by default the length of a mean step.
+        Meters that weigh as much as a radian; by default half of the length of a mean step, which
+        is what a turn moves the tool through to the middle of the step.
     stabilization : float
         Rate at which a violation present at the start decays, per duration.
     barrier_rate : float
@@ -121,13 +122,18 @@ def learn(
         recorded = bring_into_step(recorded)
     if project_start:
         recorded = [project_initial_velocity(d, system) for d in recorded]
-    length = recorded[0].path_length / default_steps(recorded[0])
-    rule = Rule(
-        system,
-        inverse_metric(system, metric, metric_length, length),
-        stabilization=stabilization,
-        barrier_rate=barrier_rate,
-    )
+    half_step = recorded[0].path_length / default_steps(recorded[0]) / 2
+
+    def rule_along(demonstrations: Sequence[PoseTrajectory]) -> Rule:
+        return Rule(
+            system,
+            inverse_metric(system, metric, metric_length, half_step, demonstrations),
+            stabilization=stabilization,
+            barrier_rate=barrier_rate,
+        )
+
+    # What is out of range is refused before the projections take their time.
+    rule_along(())
     basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     for demonstration in recorded:
         require_consistent(system, demonstration)
@@ -158,4 +164,6 @@ def learn(
             steps=demonstrated.steps,
         )
     spread = Spread.about(law, projected or sampled)
-    return ConstrainedDMP(law, rule, demonstrated, tuple(record), spread)
+    return ConstrainedDMP(
+        law, rule_along(projected or sampled), demonstrated, tuple(record), spread
+    )

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
 from noslip._files import write_beside
-from noslip.errors import InputError, MissingDependencyError
+from noslip.errors import InputError, RecordingError
+from noslip.named_columns import NamedColumns, number, records_text
+from noslip.recordings._extras import need
+from noslip.recordings.tables import arrow_table
 
 FORMATS = (".csv", ".parquet")
-"""Of a table, by its suffix."""
+"""For people and spreadsheets; for what keeps types."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +110,7 @@ def require_format(path: Path) -> None:
     if path.is_dir():
         raise InputError(f"{path}: is a folder; give the name of a table")
     if path.suffix.lower() == ".parquet":
-        _parquet()
+        need(path, "pyarrow.parquet", "tables")
 
 
 def write_results(results: Iterable[RecordingResult], path: Path) -> Path:
@@ -120,13 +121,8 @@ def write_results(results: Iterable[RecordingResult], path: Path) -> Path:
     require_format(path)
     rows = [vars(result) for result in results]
     if path.suffix.lower() == ".csv":
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_KINDS)
-        for row in rows:
-            writer.writerow(str(v).lower() if isinstance(v, bool) else v for v in row.values())
-        return write_beside(path, text.getvalue().encode())
-    arrow, parquet = _parquet()
+        return write_beside(path, records_text(_KINDS, rows).encode())
+    arrow, parquet = (need(path, name, "tables") for name in ("pyarrow", "pyarrow.parquet"))
     types = {"int": arrow.int64(), "float": arrow.float64(), "bool": arrow.bool_()}
     schema = arrow.schema(
         [(name, types.get(kind, arrow.string())) for name, kind in _KINDS.items()]
@@ -147,35 +143,37 @@ def read_results(path: str | Path) -> list[RecordingResult]:
     path = Path(path)
     require_format(path)
     advice = "move it away or give another name for the table"
-    rows: list[Mapping[str, Any]]
     try:
-        if path.suffix.lower() == ".csv":
-            rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"), newline="")))
-            names = set(rows[0]) if rows else set(_KINDS)
-        else:
-            arrow, parquet = _parquet()
-            try:
-                table = parquet.read_table(io.BytesIO(path.read_bytes()))
-            except arrow.ArrowException as error:
-                raise ValueError(" ".join(str(error).split())) from error
-            rows, names = table.to_pylist(), set(table.column_names)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, csv.Error) as error:
-        raise InputError(f"{path}: not a table of results ({error}); {advice}") from error
-    for name in _KINDS:
-        if name not in names:
-            raise InputError(f"{path}: not a table of results (no column {name}); {advice}")
+        columns = _columns(path)
+    except RecordingError as error:
+        reason = str(error).removeprefix(f"{path}: ")
+        raise InputError(f"{path}: not a table of results ({reason}); {advice}") from error
     results = []
-    for line, row in enumerate(rows, start=2):
+    for line, row in enumerate(zip(*columns, strict=True), start=2):
         cells = {}
-        for name, kind in _KINDS.items():
+        for (name, kind), cell in zip(_KINDS.items(), row, strict=True):
             try:
-                cells[name] = _value(kind, row[name])
+                cells[name] = _value(kind, cell)
             except ValueError as error:
                 raise InputError(f"{path}: row {line}, column {name}: {error}; {advice}") from None
         results.append(RecordingResult(**cells))
     return results
+
+
+def _columns(path: Path) -> list[list[Any]]:
+    """Return the cells of a table's columns, in the order of a row's fields."""
+    if path.suffix.lower() == ".csv":
+        table = NamedColumns.open(path)
+        names, columns = table.names, None
+    else:
+        arrow = arrow_table(path)
+        names, columns = arrow.column_names, arrow.to_pydict()
+    for name in _KINDS:
+        if name not in names:
+            raise RecordingError(f"{path}: no column {name}")
+    if columns is None:
+        columns = table.read((), tuple(_KINDS))[2]
+    return [columns[name] for name in _KINDS]
 
 
 def _value(kind: str, cell: Any) -> Any:
@@ -184,16 +182,10 @@ def _value(kind: str, cell: Any) -> Any:
     if cell is None or cell == "":
         return None
     if kind != "bool":
-        return int(cell) if kind == "int" else float(cell)
+        value = number(str(cell))
+        if kind == "int" and not value.is_integer():
+            raise ValueError(f"found {cell!r}, not a whole number")
+        return int(value) if kind == "int" else value
     if str(cell).lower() not in ("true", "false"):
         raise ValueError(f"found {cell!r}, neither true nor false")
     return str(cell).lower() == "true"
-
-
-def _parquet() -> tuple[Any, Any]:
-    try:
-        return import_module("pyarrow"), import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise MissingDependencyError(
-            "a table in Parquet needs pyarrow: pip install 'noslip[tables]', or write .csv"
-        ) from error

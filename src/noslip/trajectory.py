@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -17,12 +16,12 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip import _arguments
 from noslip._files import write_beside
-from noslip._pose_files import read_csv, read_npz
+from noslip._pose_csv import csv_text, read_csv
+from noslip._pose_npz import npz_bytes, read_npz
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
 
-CSV_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 UNIFORM_TOLERANCE = 1e-6
 """Largest relative spread of the sampling period that still counts as uniform."""
 
@@ -265,9 +264,7 @@ class PoseTrajectory(Value):
 
     def csv_text(self) -> str:
         """Return ``t,x,y,z,qw,qx,qy,qz`` as text; a float read back is the float written."""
-        table = np.column_stack([self.times, self.positions, self.quaternions])
-        rows = (",".join(map(repr, row)) for row in table.tolist())
-        return "\n".join([",".join(CSV_COLUMNS), *rows, ""])
+        return csv_text(self.times, self.positions, self.quaternions)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write :meth:`csv_text` to a file."""
@@ -280,16 +277,9 @@ class PoseTrajectory(Value):
 
     def to_npz(self, path: str | Path) -> Path:
         """Write the poses and velocities as NumPy's ``.npz``."""
-        buffer = io.BytesIO()
-        np.savez(
-            buffer,
-            times=self.times,
-            positions=self.positions,
-            quaternions=self.quaternions,
-            linear_velocities=self.linear_velocities,
-            angular_velocities=self.angular_velocities,
-        )
-        return write_beside(path, buffer.getvalue())
+        velocities = self.linear_velocities, self.angular_velocities
+        content = npz_bytes(self.times, self.positions, self.quaternions, *velocities)
+        return write_beside(path, content)
 
     @classmethod
     def from_npz(cls, path: str | Path) -> Self:

@@ -253,6 +253,7 @@ def test_where_all_fail_there_is_a_summary_and_no_figure(noslip, saved, tmp_path
         ("x,y,z\n0,0,0\n0,nan,0\n", "line 3, column y: found nan"),
         ("x,y,z\n0,0,0\n0,inf,0\n", "line 3, column y: found inf"),
         ("x,y,z\n0,left,0\n", "line 2, column y: found 'left', not a number"),
+        ("x,y,z\n0,1_5,0\n", "line 2, column y: found '1_5', not a number"),
         ("x,y,z\n0,0\n", "line 2, column z: the row ends after 2 of 3 cells"),
         ("x,y,z\n0,,0\n", "line 2, column y: the cell is empty"),
         ("qw,qx,qy,qz\n1,0,0,1\n", "the quaternion has norm 1.41421"),

@@ -124,20 +124,23 @@ def test_slip_back_and_forth_does_not_cancel() -> None:
     assert check(motion, Blade()).slip_distance == pytest.approx(motion.path_length)
 
 
-def test_the_pose_is_that_where_a_step_ends() -> None:
-    # A quarter turn within one step: sideways where it begins, edge first where it ends.
+def test_the_pose_is_that_in_the_middle_of_a_step() -> None:
+    # Askew where the step begins and where it ends, edge first halfway.
     motion = PoseTrajectory(
         times=[0.0, 1.0],
         positions=[[0, 0, 0], [0, 1, 0]],
-        rotations=Rotation.from_euler("z", [0.0, np.pi / 2]),
+        rotations=Rotation.from_euler("z", np.pi / 2 + np.array([-1.0, 1.0])),
     )
     assert check(motion, Blade()).peak < 1e-15
     assert check(motion, Blade(lateral="x", edge="y")).peak == pytest.approx(1.0)
 
 
-@given(seeds)
-def test_a_turning_blade_that_leads_its_path_slips_by_half_a_step_of_its_turn(seed: int) -> None:
-    # Tangent at the end of each chord of a circle: the angle between them is half the arc's.
+@given(seeds, st.sampled_from([0.0, 0.5, -0.5, 3.0]))
+def test_a_turning_blade_that_leads_its_path_slips_by_the_sine_of_its_lead(
+    seed: int, lead: float
+) -> None:
+    # On a circle the chord is parallel to the tangent in the middle of its arc: a blade that is
+    # tangent at the samples does not slip, one that leads by steps of its turn does.
     rng = np.random.default_rng(seed)
     radius, speed = rng.uniform(0.05, 2, 2)
     times = np.linspace(0, 1, 101)
@@ -145,11 +148,12 @@ def test_a_turning_blade_that_leads_its_path_slips_by_half_a_step_of_its_turn(se
     motion = PoseTrajectory(
         times=times,
         positions=radius * np.column_stack([np.sin(angle), 1 - np.cos(angle), 0 * angle]),
-        rotations=Rotation.from_euler("z", angle),
+        rotations=Rotation.from_euler("z", angle + lead * speed / 100),
     )
     chord = 2 * radius * np.sin(speed / 200) * 100
     found = check(motion, Blade())["blade"]
-    assert found.peak == pytest.approx(chord * np.sin(speed / 200), rel=1e-8)
+    slips = chord * np.sin(abs(lead) * speed / 100)
+    assert found.peak == pytest.approx(slips, rel=1e-8, abs=1e-12)
 
 
 # -------------------------------------------------------------------- kinds of constraints
@@ -258,7 +262,9 @@ def wandering(seed: int, start: float = 0.0) -> PoseTrajectory:
 
 def margins_of(motion: PoseTrajectory) -> dict[str, Floats]:
     """The margins of LIMITS in each step, by NumPy; one column a row."""
-    _, p, _, v, w = steps(motion)
+    # What is declared of the pose is asked where a step ends.
+    p = motion.positions[1:]
+    _, _, _, v, w = steps(motion)
     middles = (motion.times[1:] + motion.times[:-1]) / 2
     a = np.diff(v, axis=0) / np.diff(middles)[:, None]
     sphere = np.linalg.norm(p - [0.05, 0, 0], axis=1) - 0.04

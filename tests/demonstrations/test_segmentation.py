@@ -16,7 +16,7 @@ import noslip as ns
 from motions import eased
 from noslip.demonstrations.excision import TOOL_FRAME
 from noslip.demonstrations.preparation import prepare
-from noslip.demonstrations.segmentation import read_column, segment
+from noslip.demonstrations.segmentation import segment
 from noslip.errors import InputError
 from refusals import refusal
 
@@ -237,35 +237,6 @@ def test_a_recording_at_rest_holds_no_demonstration():
     still = ns.PoseTrajectory(t, np.zeros((100, 3)), Rotation.identity(100))
     with pytest.raises(InputError, match="nothing moves"):
         segment(still)
-
-
-# ---------------------------------------------------------------- files
-
-
-def test_a_column_is_read_with_its_times(tmp_path):
-    file = tmp_path / "a.csv"
-    file.write_text("t;x;fz\n1.0;0;5\n1.5;0;6.5\n1.5;0;6.5\n2.0;0;7\n")
-    times, values = read_column(file, "Fz")
-    np.testing.assert_array_equal(times, [1.0, 1.5, 2.0])
-    np.testing.assert_array_equal(values, [5.0, 6.5, 7.0])
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("t,x\n1,2\n", "no column 'fz', found t, x"),
-        ("x,fz\n1,2\n", "no column 't'"),
-        ("t,fz\n1,2\n2,high\n", "line 3, column fz: not a number"),
-        ("t,fz\n1,nan\n", "sample 0 is not finite"),
-        ("t,fz\n", "no samples"),
-        ("i,fz\n0,1\n", "rate must be"),
-    ],
-)
-def test_a_column_that_cannot_be_read_is_told(tmp_path, text, message):
-    file = tmp_path / "a.csv"
-    file.write_text(text)
-    with pytest.raises(InputError, match=message):
-        read_column(file, "fz")
 
 
 # ---------------------------------------------------------------- real recordings

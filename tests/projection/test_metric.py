@@ -17,7 +17,14 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import constrained
-from noslip import ConstrainedDMP, PoseTrajectory, learn
+from noslip import (
+    ConstrainedDMP,
+    Instant,
+    PoseTrajectory,
+    learn,
+    project_trajectory,
+    velocity_constraint,
+)
 from noslip.constraints import ConstraintSystem
 from noslip.law.step import StepSymbols
 from noslip.projection.metric import inverse_metric
@@ -68,13 +75,12 @@ def test_names_and_weights_are_inverse_inertias() -> None:
     length = 0.02
     turn = 1 / length**2
     assert inverse_metric(BLADE, "position", length, 1.0) == POSITION_ONLY
-    assert inverse_metric(BLADE, "rotation", length, 1.0) == (0, 0, 0, turn, turn, turn)
     assert inverse_metric(BLADE, "shared", length, 1.0) == (1, 1, 1, turn, turn, turn)
     found = inverse_metric(BLADE, (1, 2, 4, 5, 8, 10), length, 1.0)
     np.testing.assert_allclose(found, (1, 0.5, 0.25, turn / 5, turn / 8, turn / 10), rtol=1e-15)
 
 
-def test_the_length_is_that_of_a_step_unless_given() -> None:
+def test_the_length_is_the_usual_one_unless_given() -> None:
     assert inverse_metric(BLADE, "shared", None, 0.01)[3] == pytest.approx(1e4)
     # A demonstration that does not move has no step.
     assert inverse_metric(BLADE, "shared", None, 0.0) == (1.0,) * 6
@@ -99,7 +105,8 @@ def test_the_length_is_that_of_a_step_unless_given() -> None:
 def test_the_default_is_the_position_where_that_can_hold_all(rules: Any, metric: str) -> None:
     system = ConstraintSystem(rules)
     expected = inverse_metric(system, metric, 0.1, 1.0)
-    assert inverse_metric(system, None, 0.1, 1.0) == expected
+    assert inverse_metric(system, "auto", 0.1, 1.0) == expected
+    assert inverse_metric(system, "auto", 0.1, 1.0, [curved()]) == expected
 
 
 @pytest.mark.parametrize(
@@ -151,26 +158,45 @@ def test_the_position_alone_leaves_every_bit_of_the_rotation(name: str) -> None:
     assert np.abs(motion.positions - free.positions).max() > 1e-4
 
 
-@pytest.mark.parametrize("h", [1 / 300, 1 / 2000])
-def test_the_rotation_alone_turns_a_moving_blade_into_its_path(h: float) -> None:
-    plain = primitive("curved")
-    motion = constrained([ns.Blade()], ROTATION_ONLY, plain=plain).rollout(time_step=h)
-    free = plain.rollout(time_step=h)
-    np.testing.assert_array_equal(motion.positions, free.positions)
-    np.testing.assert_array_equal(motion.constraint_forces[:, :3], 0.0)
-    # A slip at the start cannot be projected away; it decays.
-    slip = motion.constraint_residuals[:, 0]
-    expected = slip[0] * np.exp(-20.0 * motion.times)
-    np.testing.assert_allclose(slip, expected, rtol=0, atol=1e-10)
-    assert (motion.rotations * free.rotations.inv()).magnitude().max() > 0.1
+@pytest.mark.parametrize("metric", ["rotation", (np.inf, np.inf, np.inf, 1, 1, 1)])
+def test_the_rotation_alone_is_refused_with_the_reason(metric: Any) -> None:
+    for call in (
+        lambda: inverse_metric(BLADE, metric, None, 0.01),
+        lambda: learn(curved(), ns.Blade(), metric=metric),
+    ):
+        told = refusal(ns.InputError, call)
+        assert "swings" in told and "hold_position=True" in told and "shared" in told
+
+
+def test_the_rotation_alone_swings_about_the_heading_for_ever() -> None:
+    """``theta' = 2 direction - theta``: as far beyond the path's direction as it was off before."""
+    step, off, h = blade_step(ROTATION_ONLY), 0.1, 1e-3
+    q = Rotation.from_euler("z", off).as_quat(scalar_first=True)
+    for sign in (-1, 1, -1):
+        v, w = step(np.zeros(3), q, [1, 0, 0], np.zeros(3), h, 1e6, [1, 0, 0, 0, 0, 0])
+        np.testing.assert_array_equal(np.array(v).ravel(), [1, 0, 0])
+        turned = Rotation.from_rotvec(h * np.array(w).ravel()) * Rotation.from_quat(
+            q, scalar_first=True
+        )
+        np.testing.assert_allclose(turned.as_rotvec(), [0, 0, sign * off], rtol=0, atol=1e-9)
+        q = turned.as_quat(scalar_first=True)
+
+
+def test_holding_the_position_turns_a_moving_blade_into_its_path() -> None:
+    motion = curved()
+    found = project_trajectory(motion, ns.Blade(), hold_position=True)
+    np.testing.assert_array_equal(found.trajectory.positions, motion.positions)
+    assert ns.check(found.trajectory, ns.Blade()).peak <= 1e-9
+    assert np.linalg.norm(found.turns, axis=1).max() > 0.1
 
 
 @cache
 def blade_step(metric: tuple[float, ...]) -> ca.Function:
     p, q, v, w = (ca.SX.sym(name, n) for name, n in zip("pqvw", (3, 4, 3, 3), strict=True))
     dt, rate, free = ca.SX.sym("dt"), ca.SX.sym("rate"), ca.SX.sym("free", 6)
-    symbols = StepSymbols(p, q, v, w, dt, dt, dt, dt, rate, rate, rate)
-    held = coupling(BLADE, inverse_metric=metric)(symbols, free[:3], free[3:])
+    # The first step, whose residual is that of the instant.
+    symbols = StepSymbols(p, q, v, w, dt, dt, ca.SX(0), dt, rate, rate, rate)
+    held = coupling(BLADE, inverse_metric=metric, push="steering")(symbols, free[:3], free[3:])
     return ca.Function("step", [p, q, v, w, dt, rate, free], [held.linear, held.angular])
 
 
@@ -180,10 +206,11 @@ def test_the_rotation_takes_the_share_that_its_way_in_a_step_gives_it(
     speed: float, ratio: float, small: float, seed: int
 ) -> None:
     # The blade moves at speed s along its edge e, the step adds a slip d along the lateral axis c.
-    # To first order  c . dv - s dt u . dw = -d,  u = e x c; least in  |dv|^2 + L^2 |dw|^2:
-    # dv = -d c L^2 / (ds^2 + L^2), and the turn takes d ds^2 / (ds^2 + L^2), with ds = s dt.
+    # To first order  c . dv - ds u . dw = -d,  u = e x c,  with ds = s dt / 2, half a step's way;
+    # least in  |dv|^2 + L^2 |dw|^2:  dv = -d c L^2 / (ds^2 + L^2), and the turn takes
+    # d ds^2 / (ds^2 + L^2).
     dt, turn = 1e-3, Rotation.random(random_state=np.random.default_rng(seed))
-    way = speed * dt
+    way = speed * dt / 2
     length = way * 10**ratio
     edge, lateral, _ = turn.apply(np.eye(3))
     slip = speed * 10**small * 1e-2
@@ -202,32 +229,59 @@ def test_the_rotation_takes_the_share_that_its_way_in_a_step_gives_it(
         (1 - share) * slip, rel=1e-3, abs=1e-6 * slip
     )
     about = np.cross(edge, lateral)
-    assert speed * dt * about @ angular == pytest.approx(share * slip, rel=1e-3, abs=1e-6 * slip)
+    assert way * about @ angular == pytest.approx(share * slip, rel=1e-3, abs=1e-6 * slip)
     np.testing.assert_allclose(
         angular - about * (about @ angular), 0, rtol=0, atol=1e-3 * np.linalg.norm(angular) + 1e-15
     )
 
 
 def test_the_metrics_limits_are_the_position_and_the_rotation_alone() -> None:
-    free = primitive("curved").rollout()
-    ends = {}
-    for length in (1e-6, 1e4):
-        metric = inverse_metric(BLADE, "shared", length, 1.0)
-        ends[length] = constrained([ns.Blade()], metric, plain=primitive("curved")).rollout()
-    position = constrained([ns.Blade()], POSITION_ONLY, plain=primitive("curved")).rollout()
-    np.testing.assert_allclose(ends[1e4].positions, position.positions, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(ends[1e-6].positions, free.positions, rtol=0, atol=1e-6)
+    metric = inverse_metric(BLADE, "shared", 1e4, 1.0)
+    far = constrained([ns.Blade()], metric, plain=primitive("curved")).rollout()
+    # Pushed along the same rows.
+    alone = constrained([ns.Blade()], POSITION_ONLY, plain=primitive("curved"), push="steering")
+    position = alone.rollout()
+    np.testing.assert_allclose(far.positions, position.positions, rtol=0, atol=1e-6)
+    # Of one step: the rotation alone swings.
+    q = Rotation.from_euler("z", 0.01).as_quat(scalar_first=True)
+    given = (np.zeros(3), q, [1, 0, 0], np.zeros(3), 1e-3, 1e6, [1, 0, 0, 0, 0, 0])
+    near = blade_step(inverse_metric(BLADE, "shared", 1e-8, 1.0))(*given)
+    for found, expected in zip(near, blade_step(ROTATION_ONLY)(*given), strict=True):
+        np.testing.assert_allclose(np.array(found), np.array(expected), rtol=1e-6, atol=1e-9)
+
+
+@velocity_constraint
+def vanishing(motion: Instant) -> Any:
+    """A roll in proportion to how fast the tool moves aside, by less and less along x."""
+    return (0.5 - motion.position[0]) * motion.linear_velocity[1] - 0.1 * motion.angular_velocity[0]
+
+
+def test_a_row_of_which_the_position_holds_nothing_somewhere_is_shared() -> None:
+    system, turning = ConstraintSystem(vanishing), ConstraintSystem([ns.Blade(), vanishing])
+    for rules in (system, turning):
+        assert inverse_metric(rules, "auto", 0.1, 1.0)[3] == 0
+        assert inverse_metric(rules, "auto", 0.1, 1.0, [curved()])[3] > 0
+        # Up to where a half of it is left, the position holds it.
+    ahead = curved()[:60]
+    assert inverse_metric(system, "auto", 0.1, 1.0, [ahead])[3] == 0
+    assert learn(curved(), vanishing, basis_functions=20).rule.inverse_metric[3] > 0
+
+
+def test_rules_that_are_given_twice_are_the_positions_all_the_same() -> None:
+    twice = ConstraintSystem([ns.Blade(), ns.Blade(), ns.Needle()])
+    assert inverse_metric(twice, "auto", 0.1, 1.0, [curved(), cusp()]) == POSITION_ONLY
 
 
 # -------------------------------------------------------------------- at rest
 
 
 def greatest_turn(name: str, metric: Sequence[float], steps: int) -> float:
-    """Largest angular acceleration near rest, which both motions pass at t = 0.5."""
+    """Largest angular acceleration that the rule adds near rest, which both pass at t = 0.5."""
     motion = constrained([ns.Blade()], metric, plain=primitive(name)).rollout(time_step=1 / steps)
+    free = primitive(name).rollout(time_step=1 / steps)
     if any(metric[:3]):
         assert np.abs(motion.constraint_residuals).max() <= 1e-10
-    spins = motion.angular_velocities[1:]
+    spins = motion.angular_velocities[1:] - free.angular_velocities[1:]
     near = np.abs(motion.times[2:] - 0.5) < 0.1
     return float(np.linalg.norm(np.diff(spins, axis=0) * steps, axis=1)[near].max())
 
@@ -254,28 +308,30 @@ def test_learning_takes_a_metric_and_a_length_and_saving_keeps_them(tmp_path: Pa
     learned = ns.learn(
         curved(), ns.Blade(), basis_functions=30, metric="shared", metric_length=0.02
     )
-    assert learned.inverse_metric == pytest.approx((1, 1, 1, 2500, 2500, 2500))
+    assert learned.rule.inverse_metric == pytest.approx((1, 1, 1, 2500, 2500, 2500))
     loaded = ns.load_primitive(learned.save(tmp_path / "primitive.json"))
-    assert loaded.inverse_metric == learned.inverse_metric
+    assert loaded.rule.inverse_metric == learned.rule.inverse_metric
     goal = learned.goal_position + [0.05, -0.1, 0.02]
     np.testing.assert_array_equal(
         loaded.rollout(goal_position=goal).positions, learned.rollout(goal_position=goal).positions
     )
 
 
-def test_learning_chooses_the_position_or_both_and_a_mean_steps_length() -> None:
+def test_learning_chooses_the_position_or_both_and_half_a_mean_steps_length() -> None:
     demonstration = curved()
-    assert ns.learn(demonstration, ns.Blade(), basis_functions=20).inverse_metric == POSITION_ONLY
+    assert (
+        ns.learn(demonstration, ns.Blade(), basis_functions=20).rule.inverse_metric == POSITION_ONLY
+    )
     upright = ns.learn(demonstration, ns.constraints.ToolAxis(), basis_functions=20)
-    step = demonstration.path_length / upright.steps
-    assert upright.inverse_metric == pytest.approx((1, 1, 1, *([1 / step**2] * 3)))
+    step = demonstration.path_length / upright.law.steps / 2
+    assert upright.rule.inverse_metric == pytest.approx((1, 1, 1, *([1 / step**2] * 3)))
     assert np.abs(upright.rollout().constraint_residuals).max() <= 1e-10
 
 
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"metric": "both"}, "metric is one of position, rotation, shared"),
+        ({"metric": "both"}, "metric is one of auto, position, shared"),
         ({"metric": (1, 2)}, "metric"),
         ({"metric": "shared", "metric_length": 0.0}, "metric_length"),
         ({"barrier_rate": 0.0}, "barrier_rate"),

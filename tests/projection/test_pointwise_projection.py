@@ -203,16 +203,21 @@ def coupled(names: tuple[str, ...], metric: tuple[float, ...]) -> Any:
     """Compile a coupling term as a function of numbers."""
     system = ConstraintSystem([rule for name in names for rule in SETS[name]])
     p, q, v, w = (ca.SX.sym(name, n) for name, n in zip("pqvw", (3, 4, 3, 3), strict=True))
-    dt, t, rate = ca.SX.sym("dt"), ca.SX.sym("t"), ca.SX.sym("rate")
+    dt, previous, t, rate = (ca.SX.sym(name) for name in ("dt", "previous", "t", "rate"))
     free = ca.SX.sym("free", 6)
-    symbols = StepSymbols(p, q, v, w, dt, dt, dt, t + dt, rate, rate, rate)
+    symbols = StepSymbols(p, q, v, w, dt, dt, previous, t + dt, rate, rate, rate)
     held = coupling(system, inverse_metric=metric)(symbols, free[:3], free[3:])
     outputs = [held.linear, held.angular, held.values, held.multipliers]
-    return ca.Function("step", [p, q, v, w, dt, t, rate, free], outputs)
+    return ca.Function("step", [p, q, v, w, dt, previous, t, rate, free], outputs)
 
 
-def take(step: Step, name: str, metric: tuple[float, ...], dt: float) -> tuple[Floats, ...]:
-    """Return velocities, residuals and multipliers after a step of length ``dt``."""
+def take(
+    step: Step, name: str, metric: tuple[float, ...], dt: float, previous: float | None = None
+) -> tuple[Floats, ...]:
+    """Return velocities, residuals and multipliers after a step of length ``dt``.
+
+    The step before was as long, unless told; of no length at the start.
+    """
     free = step.velocities + dt * step.unconstrained
     v, w, residual, multipliers = coupled((name,), metric)(
         step.position,
@@ -220,6 +225,7 @@ def take(step: Step, name: str, metric: tuple[float, ...], dt: float) -> tuple[F
         step.velocities[:3],
         step.velocities[3:],
         dt,
+        dt if previous is None else previous,
         step.time,
         0.0,
         free,
@@ -252,25 +258,30 @@ def test_a_step_tends_to_the_udwadia_kalaba_formula(name: str, metric: Any) -> N
 
 @pytest.mark.parametrize("metric", METRICS, ids=["position", "full", "uneven"])
 @pytest.mark.parametrize("name", SETS)
-def test_the_next_state_satisfies_the_constraint(name: str, metric: Any) -> None:
+@pytest.mark.parametrize("is_first", [True, False])
+def test_the_next_step_satisfies_the_constraint(is_first: bool, name: str, metric: Any) -> None:
     system = ConstraintSystem(SETS[name])
+    velocity_rows = np.array(system.row_is_velocity)
     for seed in range(20):
         step, dt = Step.random(seed, SETS[name], metric), 2e-3
-        velocities, residual, _ = take(step, name, metric, dt)
-        # The same step taken with SciPy's rotations.
-        turned = Rotation.from_rotvec(dt * velocities[3:]) * Rotation.from_quat(
-            step.quaternion, scalar_first=True
-        )
-        found = system.residuals(
-            step.time + dt,
-            step.position + dt * velocities[:3],
-            turned.as_quat(scalar_first=True),
-            velocities[:3],
-            velocities[3:],
-        )[0]
+        velocities, residual, _ = take(step, name, metric, dt, 0.0 if is_first else None)
+
+        def at(part: float, twist: Floats, step: Step = step) -> Floats:
+            # A part of a step, taken with SciPy's rotations.
+            turned = Rotation.from_rotvec(part * twist[3:]) * Rotation.from_quat(
+                step.quaternion, scalar_first=True
+            )
+            quaternion = turned.as_quat(scalar_first=True)
+            position = step.position + part * twist[:3]
+            return system.residuals(step.time + part, position, quaternion, twist[:3], twist[3:])[0]
+
+        found = np.where(velocity_rows, at(dt / 2, velocities), at(dt, velocities))
         np.testing.assert_allclose(residual, found, rtol=0, atol=1e-13)
-        velocity_rows = system.row_is_velocity
-        assert np.abs(found[velocity_rows]).max(initial=0) <= 1e-12
+        # Nothing decays at a rate of zero: the middle is left by as much as the middle before was,
+        # at the start by as much as the instant is, which is on the constraint.
+        before = at(0.0 if is_first else -dt / 2, step.velocities)
+        np.testing.assert_allclose(found[velocity_rows], before[velocity_rows], rtol=0, atol=1e-12)
+        assert np.abs(before[velocity_rows]).max(initial=0) <= (1e-12 if is_first else 20 * dt)
         # At position level the last pose counts too: straight on from where it came, here from
         # dt^2 beside the constraint.
         assert np.abs(found[~velocity_rows]).max(initial=0) <= 20 * dt**2
@@ -461,10 +472,11 @@ def test_a_velocity_residual_decays_exponentially(rate: float, even: bool) -> No
     steps = list(gaps / gaps.sum())
     lateral = fitted().start_rotation.apply([0, 1, 0])
     states = off_start(dmp, steps, push=0.2 * lateral)
-    times = np.array([state.time for state in states[1:]])
+    times = np.array([state.time for state in states])
+    middles = (times[1:] + times[:-1]) / 2
     found = np.array([state.constraint_residuals[0] for state in states[1:]])
     # What has decayed to rounding is gone.
-    np.testing.assert_allclose(found, 0.2 * np.exp(-rate * times), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found, 0.2 * np.exp(-rate * middles), rtol=0, atol=1e-11)
 
 
 def test_the_rate_is_per_duration() -> None:
@@ -474,7 +486,8 @@ def test_the_rate_is_per_duration() -> None:
     state = replace(state, linear_velocity=state.linear_velocity + 0.2 * lateral)
     for _ in range(100):
         state = dmp.step(state, 0.05)
-    assert state.constraint_residuals[0] == pytest.approx(0.2 * np.exp(-10.0 * 0.1), rel=1e-10)
+    # In the middle of the last step, 4.975 s of 50 s.
+    assert state.constraint_residuals[0] == pytest.approx(0.2 * np.exp(-10.0 * 0.0995), rel=1e-10)
 
 
 @pytest.mark.parametrize("rate", [5.0, 20.0])

@@ -223,8 +223,9 @@ def test_four_thousand_samples_are_projected_in_one_piece() -> None:
 class Documented:
     """The cost that the module documents and a blade's constraint, on the dense unknowns.
 
-    ``int (w_p |p - p_ref|^2 + mu_p |p'' - p_ref''|^2) / L^2 + w_R u |d|^2 + mu_R |d''|^2`` with
-    time normalized, by sums and second differences; u is the speed over its mean.
+    ``int (w_p |p - p_ref|^2 + mu_p |p'' - p_ref''|^2) / L^2 + w_R u |d|^2 + g |d'|^2
+    + mu_R |d''|^2`` with time normalized, by sums and differences; u is the speed over its mean,
+    g is ``1e-3 / (1 + (u / 0.3)^2)``.
     """
 
     def __init__(self, motion: PoseTrajectory, hold: bool) -> None:
@@ -233,7 +234,9 @@ class Documented:
         self.length = motion.path_length
         speed = np.linalg.norm(steps(motion).linear, axis=1)
         speed = np.concatenate([speed[:1], speed])
-        self.u = speed / speed.mean() + 1e-3
+        relative = speed / speed.mean()
+        self.u = relative + 1e-3
+        self.g = 1e-3 / (1 + (relative[1:] / 0.3) ** 2)
 
     def split(self, z: Floats) -> tuple[Floats, Floats]:
         turns = z[: 3 * self.count].reshape(-1, 3)
@@ -247,6 +250,7 @@ class Documented:
             LEARNING.position * np.sum(moved**2)
             + LEARNING.position_smoothing * np.sum(bent[1] ** 2)
             + np.sum(self.u[:, None] * turns**2)
+            + np.sum(self.g[:, None] * (np.diff(turns, axis=0) / self.h) ** 2)
             + LEARNING.rotation_smoothing * np.sum(bent[0] ** 2)
         )
 

@@ -21,8 +21,9 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip import _pose_files as files
 from noslip._files import write_beside
+from noslip._pose_checks import Source
+from noslip._pose_csv import POSITION, QUATERNION
 from noslip._typing import Floats
 from noslip.boundary import Boundary, End, twist
 from noslip.cli import options, output
@@ -34,6 +35,7 @@ from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import end_errors
 from noslip.law.scaling import Scaling
 from noslip.merit import figures_of_merit
+from noslip.named_columns import NamedColumns
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import ADAPTING
 from noslip.runtime.motion import Motion
@@ -43,7 +45,7 @@ SUMMARY = "summary.csv"
 """In the folder, beside the primitives, none of which can have its name: they are JSON."""
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
 """What every file system takes for a name."""
-_COLUMNS = (files.POSITION_NAMES, files.QUATERNION_NAMES, ("duration",))
+_COLUMNS = (POSITION, QUATERNION, ("duration",))
 """Of numbers, in a file of goals; those of a group are there together or not at all."""
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
 """The same, for people."""
@@ -353,38 +355,30 @@ def _merged(goals: Path, asked: _Asked, row: _Row) -> _Asked:
 
 def _read_goals(path: Path) -> dict[str, _Row]:
     """Read the goal and the duration that each row of a CSV asks for, by its name."""
-    text = files._decode(path, files._read(path))
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    rows = list(files._rows(path, text, delimiter=max(",;\t", key=first.count)))
-    if not rows:
-        raise InputError(f"{path}: the file is empty; needed are columns {_KNOWN}")
-    (line, header), *rows = rows
-    names = [" ".join(cell.split()).lower() for cell in header]
-    columns = _goal_columns(path, line, names)
-    if not rows:
-        raise InputError(f"{path}: line {line}: a header and no goals; add a row for each")
-    table = np.array([files._row_numbers(path, k, cells, names, columns) for k, cells in rows])
-    of = dict(zip(columns, table.T, strict=True))
-    lines = [line for line, _ in rows]
-    source = files._Source(path, "", f"columns {', '.join(files.QUATERNION_NAMES)}", lines)
-    files._check_finite(source, {f"column {name}": values for name, values in of.items()})
-    positions: Sequence[Floats | None] = [None] * len(rows)
-    rotations: Sequence[Rotation | None] = [None] * len(rows)
-    durations: Sequence[float | None] = [None] * len(rows)
+    table = NamedColumns.open(path)
+    columns = _goal_columns(table.where, table.names)
+    labelled = ("name",) if "name" in table.names else ()
+    lines, of, texts = table.read(columns, labelled)
+    if not lines:
+        raise InputError(f"{table.where}: a header and no goals; add a row for each")
+    source = Source(path, "", f"columns {', '.join(QUATERNION)}", lines)
+    source.check_finite({f"column {name}": values for name, values in of.items()})
+    positions: Sequence[Floats | None] = [None] * len(lines)
+    rotations: Sequence[Rotation | None] = [None] * len(lines)
+    durations: Sequence[float | None] = [None] * len(lines)
     if "x" in of:
-        positions = list(np.column_stack([of[name] for name in files.POSITION_NAMES]))
+        positions = list(np.column_stack([of[name] for name in POSITION]))
     if "qw" in of:
-        quaternions = np.column_stack([of[name] for name in files.QUATERNION_NAMES])
-        rotations = list(files._rotations(source, quaternions))
+        rotations = list(source.rotations(np.column_stack([of[name] for name in QUATERNION])))
     if "duration" in of:
         durations = of["duration"].tolist()
         if (of["duration"] <= 0).any():
             index = int(np.argmax(of["duration"] <= 0))
             found = of["duration"][index]
             raise source.error(index, "column duration", f"found {found:g}; seconds above 0")
-    labels = [f"goal_{index:03}" for index in range(1, len(rows) + 1)]
-    if "name" in names:
-        labels = _labels(path, {k: cells[names.index("name")] for k, cells in rows})
+    labels = [f"goal_{index:03}" for index in range(1, len(lines) + 1)]
+    if labelled:
+        labels = _labels(path, dict(zip(lines, texts["name"], strict=True)))
     asked = zip(positions, rotations, durations, strict=True)
     return {
         label: (Boundary(1.0, position, rotation), duration)
@@ -392,25 +386,22 @@ def _read_goals(path: Path) -> dict[str, _Row]:
     }
 
 
-def _goal_columns(path: Path, line: int, names: list[str]) -> tuple[str, ...]:
+def _goal_columns(where: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return the columns of numbers; refuse what is unknown, twice there, or there by half."""
     known = [name for group in _COLUMNS for name in group]
     for name in filter(None, names):
         if name not in (*known, "name"):
-            raise InputError(
-                f"{path}: line {line}: column {name!r} is not known; known are {_KNOWN}"
-            )
+            raise InputError(f"{where}: column {name!r} is not known; known are {_KNOWN}")
         if names.count(name) > 1:
-            raise InputError(f"{path}: line {line}: column {name} appears twice; keep one")
+            raise InputError(f"{where}: column {name} appears twice; keep one")
     for group in _COLUMNS:
         missing = [name for name in group if name not in names]
         if 0 < len(missing) < len(group):
             raise InputError(
-                f"{path}: line {line}: missing {', '.join(missing)}; give all of "
-                f"{','.join(group)} or none"
+                f"{where}: missing {', '.join(missing)}; give all of {','.join(group)} or none"
             )
     if not set(names) & set(known):
-        raise InputError(f"{path}: line {line}: no column of a goal; give any of {_KNOWN}")
+        raise InputError(f"{where}: no column of a goal; give any of {_KNOWN}")
     return tuple(name for name in known if name in names)
 
 

@@ -17,9 +17,9 @@ from typing import Annotated
 import typer
 
 from noslip.cli import options
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.errors import InputError
-from noslip.recordings.writing import WRITABLE, WRITABLE_TOLD, write_recording
+from noslip.recordings import load_demonstrations, write_recording
+from noslip.recordings.formats import WRITTEN, listed_suffixes
 
 
 @options.grouped
@@ -29,7 +29,7 @@ def run(
     ],
     out: Annotated[
         Path,
-        options.optional("FILE", f"What to write: {WRITABLE_TOLD}."),
+        options.optional("FILE", f"What to write: {listed_suffixes(WRITTEN)}."),
     ],
     given: options.Where = options.Where(),  # noqa: B008 - immutable
 ) -> None:
@@ -37,8 +37,8 @@ def run(
 
     Poses and times stay as recorded.  Of a data set choose one episode.
     """
-    if out.suffix.lower() not in WRITABLE:
-        raise InputError(f"--out: {out} must end in {WRITABLE_TOLD}")
+    if out.suffix.lower() not in WRITTEN:
+        raise InputError(f"--out: {out} must end in {listed_suffixes(WRITTEN)}")
     trajectories = load_demonstrations(recording, **given.loading())
     if len(trajectories) > 1:
         raise InputError(

@@ -211,7 +211,7 @@ def run(
             **learning.keywords(),
         )
     if learning.align:
-        # As it was learned: how far apart in time they were is no fault of the primitive.
+        # What it was learned from is what it is compared with.
         demonstrations = bring_into_step(demonstrations)
     motion = primitive.rollout()
     system = primitive.system

@@ -18,10 +18,10 @@ from noslip._typing import Floats
 from noslip.boundary import End
 from noslip.constraints.catalog import parse_constraint
 from noslip.constraints.declaration import CATALOG, Constraint
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError
 from noslip.projection.metric import Metric
+from noslip.recordings import load_demonstrations
 from noslip.trajectory import PoseTrajectory
 
 _ROUNDING = 4 * np.finfo(np.float64).eps
@@ -264,13 +264,14 @@ def constraints(texts: list[str]) -> list[Constraint]:
     return [parse_constraint(text) for text in texts]
 
 
-def metric(text: str | None) -> Metric | None:
+def metric(text: str | None) -> Metric:
     """Return the metric that ``--metric`` names: a word, or six weights."""
-    if text is None or text in get_args(get_args(Metric)[0]):
-        return cast("Metric | None", text)
+    # Why the rotation alone is none, learning says.
+    if text is None or text in ("rotation", *get_args(get_args(Metric)[0])):
+        return cast("Metric", text or "auto")
     if "," not in text:
         raise InputError(
-            "--metric: expected position, rotation, shared or six weights separated by commas, "
+            "--metric: expected auto, position, shared or six weights separated by commas, "
             f"got {text!r}"
         )
     return numbers("--metric", text, (6,))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import asdict, dataclass, fields
 
 from noslip.constraints.check import amount
+from noslip.named_columns import records_text
 
 
 @dataclass(frozen=True)
@@ -53,13 +52,7 @@ class Outcome:
 
 def csv_text(outcomes: list[Outcome]) -> str:
     """Return the summary: a header, then a row a goal; empty cells of what there is not."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(field.name for field in fields(Outcome))
-    for outcome in outcomes:
-        values = asdict(outcome).values()
-        writer.writerow(str(v).lower() if isinstance(v, bool) else v for v in values)
-    return text.getvalue()
+    return records_text([field.name for field in fields(Outcome)], map(asdict, outcomes))
 
 
 def told(outcome: Outcome) -> list[str]:

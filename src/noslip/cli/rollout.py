@@ -24,7 +24,7 @@ from noslip.cli import options, output
 from noslip.constraints.check import CheckReport, amount, check
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.recordings.writing import WRITABLE, WRITABLE_TOLD, write_recording
+from noslip.recordings.formats import WRITTEN, listed_suffixes, write_recording
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import ProjectStart
 from noslip.saving import load_primitive
@@ -92,8 +92,8 @@ def run(
     more) may give way.
     """
     options.output(out)
-    if out is not None and out.suffix.lower() not in WRITABLE:
-        raise InputError(f"--out: {out} must end in {WRITABLE_TOLD}")
+    if out is not None and out.suffix.lower() not in WRITTEN:
+        raise InputError(f"--out: {out} must end in {listed_suffixes(WRITTEN)}")
     if as_json and out is None:
         raise InputError("--json needs --out: standard output cannot carry both")
     dmp = load_primitive(primitive)

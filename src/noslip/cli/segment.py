@@ -28,10 +28,11 @@ from noslip.cli import options, output
 from noslip.cli.plot import FORMATS
 from noslip.demonstrations.outliers import FEWEST, Outliers, outliers
 from noslip.demonstrations.preparation import relative_to_start
-from noslip.demonstrations.segmentation import MINIMUM_REST, Segments, read_column, segment
+from noslip.demonstrations.segmentation import MINIMUM_REST, Segments, segment
 from noslip.errors import InputError
 from noslip.figures.segments import BETWEEN, recording_cuts
 from noslip.figures.style import save_figure
+from noslip.recordings import read_column
 from noslip.trajectory import PoseTrajectory
 
 _CUTS = "Where to cut"

@@ -29,10 +29,9 @@ from noslip import robots
 from noslip._files import write_beside
 from noslip.cli import options, output
 from noslip.constraints.catalog import specification
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.errors import InputError, MissingDependencyError
 from noslip.figures import executed_slip, joint_limits, save_figure
-from noslip.recordings import write_bag
+from noslip.recordings import load_demonstrations, write_bag
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 

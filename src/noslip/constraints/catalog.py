@@ -17,7 +17,7 @@ from noslip.constraints.declaration import (
     constraint_function,
     declared,
 )
-from noslip.constraints.expression import Instructions
+from noslip.constraints.expression import Instructions, Opaque
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
 
@@ -109,7 +109,7 @@ def _as_data(value: Any) -> Any:
         return dataclasses.asdict(value)
     if isinstance(value, Constraint):
         return specification(value)
-    return {"instructions": value.to_data()} if isinstance(value, Instructions) else value
+    return {"instructions": value.to_data()} if isinstance(value, (Instructions, Opaque)) else value
 
 
 def _from_data(value: Any) -> Any:

@@ -20,7 +20,7 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip.constraints.expression import Instructions
+from noslip.constraints.expression import Instructions, Opaque
 from noslip.constraints.instant import AcceleratedInstant, Instant, motion_symbols
 from noslip.constraints.shape import Shape
 from noslip.edge import Edge
@@ -131,7 +131,7 @@ class Declaration:
     barrier_rate: float | None
     priority: int
     edge: Edge | None
-    expression: Instructions
+    expression: Instructions | Opaque
     relative: Instructions | None
 
 
@@ -204,9 +204,13 @@ def relative_function(constraint: Constraint) -> Any:
     return ca.Function("relative", list(vars(motion).values())[:5], [column])
 
 
-def residual_instructions(constraint: Constraint) -> Instructions:
-    """Return a constraint's residual as data."""
-    return Instructions.of(_built(constraint))
+def residual_instructions(constraint: Constraint) -> Instructions | Opaque:
+    """Return a constraint's residual as data, if it is arithmetic."""
+    function = _built(constraint)
+    try:
+        return Instructions.of(function)
+    except ConstraintError as error:
+        return Opaque(function, constraint, str(error))
 
 
 def described(constraint: Constraint) -> str:

@@ -16,7 +16,7 @@ from noslip.constraints.declaration import (
     described,
     residual_instructions,
 )
-from noslip.constraints.expression import Instructions
+from noslip.constraints.expression import Instructions, Opaque
 from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError
 
@@ -42,7 +42,7 @@ class _FunctionConstraint(Constraint):
         self.__doc__ = inspect.getdoc(function)
 
     @cached_property
-    def instructions(self) -> Instructions:
+    def instructions(self) -> Instructions | Opaque:
         """The residual as data, from when it is first needed."""
         return residual_instructions(self)
 

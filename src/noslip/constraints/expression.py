@@ -150,13 +150,48 @@ class Instructions:
             raise ConstraintError(f"its expression cannot be read: {reason}") from error
 
 
+@dataclass(frozen=True, eq=False)
+class Opaque:
+    """A function of more than arithmetic: only itself, neither saved nor sent.
+
+    Attributes
+    ----------
+    function : casadi.Function
+    owner : object
+        Whose function it is; two of the same owner are equal.
+    reason : str
+        What it uses.
+    """
+
+    function: Any
+    owner: Any
+    reason: str
+
+    def __call__(self, *arguments: Expression) -> Expression:
+        """Evaluate on expressions."""
+        return self.function(*arguments)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Opaque) and other.owner is self.owner
+
+    def __hash__(self) -> int:
+        return id(self.owner)
+
+    def __reduce__(self) -> Any:
+        raise ConstraintError(self.reason)
+
+    def to_data(self) -> Any:
+        """Refuse, with the reason."""
+        raise ConstraintError(self.reason)
+
+
 def _steps(function: Any) -> Iterator[tuple[Any, ...]]:
     for k in range(function.n_instructions()):
         name = _NAMES.get(function.instruction_id(k))
         if name is None:
             raise ConstraintError(
-                f"constraint uses CasADi operation {function.instruction_id(k)}, which cannot be "
-                "kept; write it with arithmetic"
+                f"uses CasADi operation {function.instruction_id(k)}, which cannot be kept; write "
+                "it with arithmetic"
             )
         result, operands = function.instruction_output(k), function.instruction_input(k)
         if name == _CONSTANT:

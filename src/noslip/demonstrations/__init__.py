@@ -1,7 +1,6 @@
-"""Recordings in files -> PoseTrajectory, and preparing them."""
+"""From recordings to demonstrations: preparing, cutting, aligning, leaving out."""
 
 from noslip.demonstrations.alignment import align
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.outliers import Outliers, outliers
 from noslip.demonstrations.preparation import prepare
 from noslip.demonstrations.segmentation import Segments, segment
@@ -10,7 +9,6 @@ __all__ = [
     "Outliers",
     "Segments",
     "align",
-    "load_demonstrations",
     "outliers",
     "prepare",
     "segment",

@@ -22,6 +22,7 @@ TIMES_MEDIAN = 2.0
 FEWEST = 4
 """Demonstrations: of three, no one can tell which two belong together."""
 SAMPLES = 101
+"""Instants at which motions are compared, a hundredth of their duration apart."""
 ROUNDING = 1e-9
 """Distances below this (m, rad) are none: copies differ by rounding."""
 GAUSSIAN = 1.4826

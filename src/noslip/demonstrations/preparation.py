@@ -16,6 +16,7 @@ from scipy.signal import butter, sosfiltfilt, zpk2sos
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._pose_checks import MINIMUM_SAMPLES
 from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
@@ -24,8 +25,6 @@ PAPER_CUTOFF = 4.8
 """Cut-off frequency of the paper's low-pass filter (Hz)."""
 PAPER_ORDER = 3
 """Order of the paper's Butterworth filter; run forwards and backwards, it counts twice."""
-MINIMUM_SAMPLES = 8
-"""Fewest samples that a trimmed trajectory may be left with."""
 SPEED_WINDOW = 0.1
 """Seconds to either side over which :func:`trim_speed` averages the velocity."""
 RIGID_TOLERANCE = 1e-3

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -15,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter1d
 
 from noslip import _arguments
+from noslip._pose_checks import MINIMUM_SAMPLES
 from noslip._typing import Floats
 from noslip._values import Value
-from noslip.demonstrations.preparation import MINIMUM_SAMPLES, _averaged_speeds, trim_time
+from noslip.demonstrations.preparation import _averaged_speeds, trim_time
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
 
@@ -217,67 +215,6 @@ def segment(
     whole = [(0, len(recording) - 1)]
     found = _active(recording, speeds, level, "above", minimum_rest) if level else whole
     return _cut(recording, "speed", speeds, level, found, minimum_duration)
-
-
-def read_column(
-    path: str | Path, column: str, *, rate: float | None = None
-) -> tuple[Floats, Floats]:
-    """Read one more column of a CSV recording, a component of the wrench, say.
-
-    Parameters
-    ----------
-    path : path
-    column : str
-        Its name in the header.
-    rate : float, optional
-        Samples per second of files that number their samples (column ``i``).
-
-    Returns
-    -------
-    times, values : array, shape (M,)
-        Seconds, increasing, and the column in its own unit; a time given twice is taken once.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, lacks the column or holds no number in it.
-    """
-    if Path(path).suffix.lower() != ".csv":
-        raise InputError(f"{path}: column {column!r} can only be read from a CSV; convert it")
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
-    header, _, _ = text.lstrip().partition("\n")
-    reader = csv.reader(
-        io.StringIO(text.lstrip(), newline=""), delimiter=max(",;\t", key=header.count)
-    )
-    names = [cell.strip().lower() for cell in next(reader, [])]
-    time = next((name for name in ("t", "time", "i") if name in names), "t")
-    for wanted in (time, column.strip().lower()):
-        if wanted not in names:
-            raise InputError(
-                f"{path}: no column {wanted!r}, found {', '.join(names)}; name one of them"
-            )
-    at = [names.index(time), names.index(column.strip().lower())]
-    rows: list[list[float]] = []
-    for cells in filter(any, reader):
-        try:
-            rows.append([float(cells[index]) for index in at])
-        except (IndexError, ValueError):
-            raise InputError(
-                f"{path}: line {reader.line_num}, column {column}: not a number; "
-                "fill in or remove the row"
-            ) from None
-    table = np.array(rows, dtype=np.float64).reshape(-1, 2)
-    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    if len(bad) or not len(table):
-        what = f"sample {bad[0]} is not finite" if len(bad) else "it has no samples"
-        raise InputError(f"{path}: column {column}: {what}; fill in or remove the row")
-    stamps, first = np.unique(table[:, 0], return_index=True)
-    if time == "i":
-        stamps = stamps / _arguments.positive(f"{path}: rate", rate, "samples per second")
-    return stamps, table[first, 1]
 
 
 # ---------------------------------------------------------------- thresholds

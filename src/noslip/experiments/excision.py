@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from noslip.constraints.blade import Blade
-from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
-from noslip.demonstrations.preparation import prepare
+from noslip.demonstrations.excision import RATE, TOOL_FRAME, synthetic_excisions
+from noslip.demonstrations.preparation import PAPER_CUTOFF, prepare
 from noslip.learning import learn
 from noslip.merit import FiguresOfMerit, figures_of_merit
 from noslip.primitive import ConstrainedDMP
@@ -20,9 +20,9 @@ from noslip.projection.pointwise import project_initial_velocity
 from noslip.trajectory import PoseTrajectory
 
 CONSTRAINT = Blade()
-RATE = 120.0
-CUTOFF = 4.8
+"""The scalpel's, as the paper has it."""
 TRIM_SPEED = 0.005
+"""Below it the scalpel waits (m/s): cuts exceed it at once, averaged tremor and noise never."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Excision:
             tool_frame=TOOL_FRAME,
             trim_speed=TRIM_SPEED,
             rate=RATE,
-            lowpass=CUTOFF,
+            lowpass=PAPER_CUTOFF,
             relative=True,
         )
         demonstration = project_initial_velocity(demonstration, [CONSTRAINT])

@@ -15,8 +15,11 @@ from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 
 SAMPLES = 1000
+"""Of the demonstration: the paper's second at its time step."""
 TIME_STEP = 1e-3
+"""The paper's (s)."""
 CONSTRAINT = Blade()
+"""The one the example is about."""
 
 
 def demonstration() -> PoseTrajectory:

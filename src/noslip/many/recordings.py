@@ -6,8 +6,8 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from noslip.demonstrations.loading import SUFFIXES, expand, folder_reader
 from noslip.errors import InputError
+from noslip.recordings.formats import SUFFIXES, expand, folder_format
 
 Recordings = str | Path | Iterable[str | Path]
 """What stands for files: a path, a glob, a folder, or several of them."""
@@ -27,7 +27,7 @@ def find_recordings(recordings: Recordings, *, leave_out: Iterable[Path] = ()) -
     found: dict[Path, tuple[str, Path]] = {}
     for path in [recordings] if isinstance(recordings, (str, Path)) else recordings:
         folder = Path(path).expanduser()
-        if folder.is_dir() and folder_reader(folder) is None:
+        if folder.is_dir() and folder_format(folder) is None:
             inside = [
                 (file.relative_to(folder), file)
                 for file in sorted(folder.rglob("*"))

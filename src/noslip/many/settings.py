@@ -12,10 +12,10 @@ from noslip._version import __version__
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import ConstraintError, InputError
 from noslip.learning import learn
+from noslip.recordings import load_demonstrations
 
 
 def settings_text(

@@ -14,13 +14,13 @@ import numpy as np
 from noslip._version import __version__
 from noslip.constraints.catalog import restore
 from noslip.constraints.system import ConstraintSystem
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError, NoslipError
 from noslip.learning import learn
 from noslip.many.recordings import content_hash
 from noslip.merit import figures_of_merit
 from noslip.primitive import ConstrainedDMP
+from noslip.recordings import load_demonstrations
 from noslip.result_table import RecordingResult
 from noslip.trajectory import PoseTrajectory
 

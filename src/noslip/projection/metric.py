@@ -5,12 +5,16 @@ The correction of a step's acceleration is the least in ``a^T M a``, with
 the length that weighs as much as a radian.
 
 - ``"position"``: the rotation is held, the position gives way.  The paper's choice.
-- ``"rotation"``: the position is held.  A blade must then turn into its path at any price; at rest,
-  where a turn does not help, nothing can.
 - ``"shared"``: both, all weights 1.  A turn corrects a blade's slip in proportion to the way ds
-  that it moves in a step, so the rotation takes the share ``ds^2 / (ds^2 + L^2)``: most of it while
-  it moves fast, none at rest, where the position gives way instead.  Nothing is singular there and
-  the angular acceleration stays bounded.
+  that it moves in half a step, to the middle where the blade is asked; so the rotation takes the
+  share ``ds^2 / (ds^2 + L^2)``: most of it while it moves fast, none at rest, where the position
+  gives way instead.  Nothing is singular there and the angular acceleration stays bounded.
+- ``"auto"``, the default: the position where that can hold all that the demonstrations ask, else
+  shared.
+
+The rotation alone is no choice step by step: a heading asked for in the middle of each step,
+``(theta_k + theta_k+1) / 2 = direction``, is passed by as much as it was missed before, for ever.
+The trajectory projection does that job (``hold_position=True``), all steps at once.
 """
 
 from __future__ import annotations
@@ -19,50 +23,123 @@ from collections.abc import Sequence
 from typing import Literal
 
 import casadi as ca
+import numpy as np
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
+from noslip.trajectory import PoseTrajectory, continuous_quaternions
 
-Metric = Literal["position", "rotation", "shared"] | Sequence[float]
+Metric = Literal["auto", "position", "shared"] | Sequence[float]
+
+_ROBUST = 0.05
+"""Least singular value of what the position can do about the rows, of unit norm, by which it may
+hold them alone: a blade's or a needle's is 1 everywhere; where it vanishes, rounding becomes a
+kick, and at a twentieth a correction is twenty times what shared would make it."""
+_MOVING = 1e-3
+"""Speed over the mean from which a tool moves: at rest a row may vanish, and asks for nothing."""
+_LOOKED_AT = 200
+"""Steps of a motion that are looked at: a row all but vanishes over a stretch, not in one step."""
+_SAME_ROW = 1e-9
+"""Singular value, over the largest, below which rows repeat others; doubled rules are harmless."""
 
 
 def inverse_metric(
-    system: ConstraintSystem, metric: Metric | None, length: float | None, usual: float
+    system: ConstraintSystem,
+    metric: Metric,
+    length: float | None,
+    usual: float,
+    demonstrations: Sequence[PoseTrajectory] = (),
 ) -> tuple[float, ...]:
     """Diagonal of M^-1, 6 numbers.
 
     Parameters
     ----------
     system : ConstraintSystem
-    metric : "position", "rotation", "shared" or 6 positive weights, or None
-        None is "position" where that can hold every constraint and no limit is about turning (a
-        tool that goes on turning cannot stand still for it), else "shared".
+    metric : "auto", "position", "shared" or 6 positive weights
+        "auto" is "position" where that can hold every constraint all along the demonstrations, and
+        no limit is about turning (a tool that goes on turning cannot stand still for it), else
+        "shared".
     length : float or None
         L (m); None is the usual one.
     usual : float
         Of the path at hand (m); 0 for one that does not move.
+    demonstrations : sequence of PoseTrajectory
+        That the constraints hold along, or nearly.
 
     Raises
     ------
     InputError
-        If the metric is none of these.
+        If the metric is none of these, or lets the rotation alone give way.
     """
     if length is None:
         length = usual if usual > 0 else 1.0
     length = _arguments.positive("metric_length", length, "m")
     turn = 1 / length**2
-    if metric is None:
-        position = all(holdable_rows(system, POSITION_ONLY)) and not _limits_turning(system.limits)
-        metric = "position" if position else "shared"
     if isinstance(metric, str):
-        if metric not in _NAMED:
-            raise InputError(
-                f"metric is one of {', '.join(_NAMED)}, or 6 positive weights; got {metric!r}"
+        name: str = metric
+        if name == "auto":
+            position = (
+                all(holdable_rows(system, POSITION_ONLY))
+                and not _limits_turning(system.limits)
+                and all(_position_holds(system.equalities, each) for each in demonstrations)
             )
-        return _scaled(_NAMED[metric], turn)
-    return _scaled([1 / weight for weight in _arguments.positive_weights("metric", metric)], turn)
+            name = "position" if position else "shared"
+        if name == "rotation":
+            raise InputError(_SWINGS)
+        if name not in _NAMED:
+            names = ", ".join(("auto", *_NAMED))
+            raise InputError(f"metric is one of {names}, or 6 positive weights; got {metric!r}")
+        return _scaled(_NAMED[name], turn)
+    inverse = [1 / weight for weight in _arguments.positive_weights("metric", metric)]
+    if not any(inverse[:3]):
+        raise InputError(_SWINGS)
+    return _scaled(inverse, turn)
+
+
+_SWINGS = (
+    "the rotation alone cannot hold constraints step by step: it swings about what is asked, for "
+    'ever; use metric="shared", or leave the path as it is by hold_position=True'
+)
+"""Why, and what does that job."""
+
+
+def _position_holds(equalities: ConstraintSystem, motion: PoseTrajectory) -> bool:
+    """Whether the position alone can hold all rows wherever a motion moves."""
+    linear, angular = motion.step_velocities()
+    speeds = np.linalg.norm(linear, axis=1)
+    moving = speeds > _MOVING * speeds.mean()
+    if not equalities.size or not moving.any():
+        return True
+    moving = np.flatnonzero(moving)[:: -(-len(moving) // _LOOKED_AT)]
+    quaternions = continuous_quaternions(motion.rotations)
+    middles = quaternions[1:] + quaternions[:-1]
+    instants = zip(
+        (motion.clock[1:] + motion.clock[:-1])[moving] / 2,
+        (motion.positions[1:] + motion.positions[:-1])[moving] / 2,
+        (middles / np.linalg.norm(middles, axis=1, keepdims=True))[moving],
+        linear[moving],
+        angular[moving],
+        strict=True,
+    )
+    # A radian weighs what the path would turn by, were it a circle.
+    scale = np.repeat([1.0, 2 * np.pi / motion.path_length], 3)
+    return all(_in_position(equalities.instant(*at)[2] * scale) >= _ROBUST for at in instants)
+
+
+def _in_position(rows: Floats) -> float:
+    """Least singular value of the linear part of rows' orthonormal basis, rows of shape (m, 6)."""
+    norms = np.linalg.norm(rows, axis=1)
+    rows = rows[norms > 0] / norms[norms > 0, None]
+    if not len(rows):
+        return 1.0
+    _, sizes, basis = np.linalg.svd(rows, full_matrices=False)
+    basis = basis[sizes > _SAME_ROW * sizes[0]]
+    if len(basis) > 3:
+        return 0.0
+    return float(np.linalg.svd(basis[:, :3], compute_uv=False)[-1])
 
 
 def _limits_turning(limits: ConstraintSystem) -> bool:
@@ -77,6 +154,5 @@ def _scaled(inverse_weights: Sequence[float], turn: float) -> tuple[float, ...]:
 
 _NAMED = {
     "position": POSITION_ONLY,
-    "rotation": (0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
     "shared": (1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
 }

@@ -10,6 +10,7 @@ is a row like an equality's, with ``-s / mu`` on its diagonal.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
@@ -364,9 +365,9 @@ class Problem:
 
     def _residuals(self, trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
         """Residuals (N, m) and margins (N, k) of a trajectory."""
-        linear, angular = trajectory.step_velocities()
         # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
-        times = np.arange(self.count) * self.time_step + self.begin
+        times: Floats = np.asarray(np.arange(self.count) * self.time_step + self.begin, np.float64)
+        linear, angular = replace(trajectory, times=times).step_velocities()
         accelerations = [
             np.pad(np.diff(v, axis=0) / self.time_step, ((0, 1), (0, 0))) for v in (linear, angular)
         ]

@@ -1,10 +1,20 @@
 """Recordings in the formats where they live: ROS bags, data sets, tables; read and written.
 
-One module a format; each reader returns :class:`~noslip.trajectory.PoseTrajectory`.
-:func:`noslip.load_demonstrations` chooses among them by what a path holds.
+One module a format; :mod:`noslip.recordings.formats` lists them, and chooses among them by what a
+path is.
 """
 
+from noslip.recordings.bag_writing import write_bag
 from noslip.recordings.bags import BagTopic, bag_topics
-from noslip.recordings.writing import write_bag, write_joints, write_recording
+from noslip.recordings.columns import read_column
+from noslip.recordings.formats import load_demonstrations, write_joints, write_recording
 
-__all__ = ["BagTopic", "bag_topics", "write_bag", "write_joints", "write_recording"]
+__all__ = [
+    "BagTopic",
+    "bag_topics",
+    "load_demonstrations",
+    "read_column",
+    "write_bag",
+    "write_joints",
+    "write_recording",
+]

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from noslip.errors import InputError, MissingDependencyError, NoslipError
+from noslip.errors import MissingDependencyError, NoslipError, RecordingError
 
 
 def need(path: str | Path, module: str, extra: str) -> Any:
@@ -35,4 +35,4 @@ def reading(path: str | Path, kind: str) -> Iterator[None]:
         raise
     except Exception as error:
         what = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"{path}: cannot be read as {kind} ({what})") from error
+        raise RecordingError(f"{path}: cannot be read as {kind} ({what})") from error

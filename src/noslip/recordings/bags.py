@@ -9,21 +9,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from noslip import _pose_files as files
 from noslip.errors import InputError, RecordingError
+from noslip.named_columns import listed
 from noslip.recordings._extras import need, reading
+from noslip.recordings._format import Format
+from noslip.recordings.bag_writing import write_bag
 from noslip.recordings.transforms import Key, Link, Series, resolve, told
 from noslip.trajectory import PoseTrajectory
 
-SUFFIXES = (".bag", ".mcap", ".db3")
 METADATA = "metadata.yaml"
+"""What the folder of every ROS 2 bag has, and is known by."""
 
-POSE = "geometry_msgs/msg/PoseStamped"
-TRANSFORM = "geometry_msgs/msg/TransformStamped"
-ODOMETRY = "nav_msgs/msg/Odometry"
 PATH = "nav_msgs/msg/Path"
+"""The type whose messages each hold a whole motion."""
 TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-TYPES = (POSE, TRANSFORM, ODOMETRY, PATH, *TF)
+"""The types of links in a tree of frames, of ROS 2 and of ROS 1 before tf2."""
+TYPES = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "nav_msgs/msg/Odometry",
+    PATH,
+    *TF,
+)
+"""All that are read: the poses that ROS stamps."""
 
 Stamped = tuple[Key, int, Any, Any]
 """Frames, stamp (ns), position and orientation as a message holds them."""
@@ -134,12 +142,7 @@ def read_bag(
         if _pose_type(reader, name) == PATH and not any(one.stamps):
             raise RecordingError(f"{where}: the poses of the path carry no stamps, so no times")
         source, times, positions, quaternions = one.checked_arrays(where)
-        return [
-            PoseTrajectory(
-                **files._poses(source, times, positions, files._rotations(source, quaternions)),
-                name=str(path),
-            )
-        ]
+        return [PoseTrajectory(**source.fields(times, positions, quaternions), name=str(path))]
 
 
 @contextmanager
@@ -162,18 +165,18 @@ def _chosen_topic(path: Path, reader: Any, topic: str | None) -> str:
     holding = [name for name, kind in found.items() if kind and not _is_static(name, kind)]
     if topic is None and len(holding) == 1:
         return holding[0]
-    listed = ", ".join(
+    choices = ", ".join(
         f"{name} ({_short(str(found[name]))}, {reader.topics[name].msgcount})"
         for name in sorted(holding)
     )
     if topic is None:
         if not holding:
             raise RecordingError(
-                f"{path}: no topic of poses, found {files._listed(sorted(found))}; known are "
+                f"{path}: no topic of poses, found {listed(sorted(found))}; known are "
                 f"{', '.join(map(_short, TYPES))}"
             )
         raise RecordingError(
-            f'{path}: several topics hold poses; choose one with topic="..." (--topic): {listed}'
+            f'{path}: several topics hold poses; choose one with topic="..." (--topic): {choices}'
         )
     for name in (topic, f"/{topic}"):
         if found.get(name):
@@ -183,7 +186,7 @@ def _chosen_topic(path: Path, reader: Any, topic: str | None) -> str:
         if topic not in found
         else f"topic {topic} holds {_short(', '.join(_types(reader, topic)))}, no poses"
     )
-    raise RecordingError(f"{path}: {problem}; those with poses are {listed or 'none'}")
+    raise RecordingError(f"{path}: {problem}; those with poses are {choices or 'none'}")
 
 
 def _types(reader: Any, topic: str) -> list[str]:
@@ -283,3 +286,18 @@ def _one(
         f'{where}: poses between several frames; choose with frame="..." and child_frame="..." '
         f"(--frame, --child-frame): {found}"
     )
+
+
+BAG = Format(
+    name="a ROS bag",
+    read=read_bag,
+    options=("topic", "frame", "child_frame"),
+    suffixes=(".bag", ".mcap", ".db3"),
+    folders="ROS 2 bags",
+    is_folder=is_bag,
+    write=lambda trajectory, path, **named: write_bag(path, poses=trajectory, **named),
+    write_options=("frame", "topic"),
+    written=(".mcap", ""),
+    extra="bags",
+)
+"""Of ROS 1 (``.bag``) or ROS 2: a folder, or one of its files."""

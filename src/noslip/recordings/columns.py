@@ -1,19 +1,22 @@
-"""Which columns of a table hold the pose: ``"x,y,z,qw,qx,qy,qz"``, ``"state[0:3,6,3:6]"``."""
+"""Columns of a table: ``"x,y,z,qw,qx,qy,qz"``, ``"state[0:3,6,3:6]"`` of a pose, and any other."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from noslip import _pose_files as files
+from noslip._pose_checks import Source
+from noslip._pose_csv import POSE, TIME, check_rate
 from noslip._typing import Floats
 from noslip.errors import RecordingError
+from noslip.named_columns import NamedColumns
 
-POSE = files.POSITION_NAMES + files.QUATERNION_NAMES
 _OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")
+"""A comma that separates columns, not places in one."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,50 @@ def stacked(places: list[tuple[str, int]], read: Callable[[str], Floats]) -> Flo
     """Return the chosen numbers, shape (N, 7); every column is read once, as (N, width)."""
     of = {name: read(name) for name, _ in places}
     return np.column_stack([of[name][:, place] for name, place in places])
+
+
+def read_column(
+    path: str | Path, column: str, *, rate: float | None = None
+) -> tuple[Floats, Floats]:
+    """Read one more column of a CSV recording, a component of the wrench, say.
+
+    Parameters
+    ----------
+    path : path
+    column : str
+        Its name in the header.
+    rate : float, optional
+        Samples per second of files that number their samples (column ``i``).
+
+    Returns
+    -------
+    times, values : array, shape (M,)
+        Seconds, increasing, and the column in its own unit; a time given twice is taken once.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, lacks the column or holds no number in it.
+    """
+    if Path(path).suffix.lower() != ".csv":
+        raise RecordingError(f"{path}: column {column!r} can only be read from a CSV; convert it")
+    table = NamedColumns.open(path)
+    name = " ".join(column.split()).lower()
+    time = next((each for each in (*TIME, "i") if each in table.names), TIME[0])
+    for wanted in (time, name):
+        if wanted not in table.names:
+            raise RecordingError(
+                f"{path}: no column {wanted!r}, found {', '.join(table.names)}; name one of them"
+            )
+    if time == "i":
+        check_rate(table.where, rate)
+    lines, of, _ = table.read((time, name))
+    if not lines:
+        raise RecordingError(f"{path}: column {name}: it has no samples; record something first")
+    source = Source(path, time, "", lines)
+    source.check_finite({f"column {each}": values for each, values in of.items()})
+    stamps, first = np.unique(of[time], return_index=True)
+    return stamps / rate if rate is not None and time == "i" else stamps, of[name][first]
 
 
 def _by_name(where: str | object, available: Mapping[str, Column]) -> list[tuple[str, int]]:

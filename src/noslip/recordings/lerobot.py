@@ -9,16 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from noslip import _pose_files as files
+from noslip._files import read_text
+from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._extras import need
+from noslip.recordings._format import Format
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.recordings.tables import arrow_table, numbers
 from noslip.trajectory import PoseTrajectory
 
 INFO = Path("meta") / "info.json"
+"""What every data set has, and its folder is known by."""
 STAMP_TOLERANCE = 1e-4
 """How far a frame's stamp may lie from ``frame_index / fps`` (s): LeRobot's own tolerance."""
 
@@ -89,8 +92,7 @@ def _episode(
             )
     pose = stacked(places, of.__getitem__)
     times = _times(of["timestamp"][:, 0], of["frame_index"][:, 0], fps)
-    source = files._Source(name, "timestamp", "quaternion")
-    fields = files._checked(source, times, pose[:, :3], pose[:, 3:])
+    fields = Source(name, "timestamp", "quaternion").fields(times, pose[:, :3], pose[:, 3:])
     return PoseTrajectory(**fields, name=name)
 
 
@@ -102,7 +104,7 @@ def _times(stamps: Floats, frames: Floats, fps: float) -> Floats:
 def _info(path: Path) -> dict[str, Any]:
     file = path / INFO
     try:
-        info: dict[str, Any] = json.loads(files._decode(file, files._read(file)))
+        info: dict[str, Any] = json.loads(read_text(file))
     except ValueError as error:
         if isinstance(error, InputError):
             raise
@@ -170,7 +172,7 @@ def _where_episodes_are(path: Path, info: dict[str, Any]) -> dict[int, Path]:
 def _episodes_of_v2(path: Path) -> list[int]:
     file = path / "meta" / "episodes.jsonl"
     episodes = []
-    for line, text in enumerate(files._decode(file, files._read(file)).splitlines(), start=1):
+    for line, text in enumerate(read_text(file).splitlines(), start=1):
         if text.strip():
             try:
                 episodes.append(int(json.loads(text)["episode_index"]))
@@ -191,3 +193,14 @@ def _episodes_of_v3(path: Path) -> list[tuple[int, int, int]]:
         columns = [numbers(file, table, key)[:, 0].astype(int).tolist() for key in keys]
         rows += zip(*columns, strict=True)
     return sorted(rows)
+
+
+LEROBOT = Format(
+    name="a LeRobot data set",
+    read=read_lerobot,
+    options=("episode", "columns"),
+    folders="LeRobot data sets",
+    is_folder=is_lerobot,
+    extra="tables",
+)
+"""A folder."""

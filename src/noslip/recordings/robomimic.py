@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from noslip import _pose_files as files
+from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.errors import RecordingError
+from noslip.named_columns import listed
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._extras import need, reading
+from noslip.recordings._format import Format
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.trajectory import PoseTrajectory
 
-SUFFIXES = (".hdf5", ".h5")
 EEF_POSE = "robot0_eef_pos,robot0_eef_quat[3,0:3]"
 """The end effector's pose; robosuite's quaternions have the scalar last."""
 
@@ -55,7 +56,7 @@ def read_robomimic(
         if not demos:
             raise RecordingError(
                 f"{path}: no groups data/demo_0 and so on, found "
-                f"{files._listed(file)}; robomimic's layout is needed"
+                f"{listed(file)}; robomimic's layout is needed"
             )
         frequency = _frequency(path, data) if rate is None else rate
         if not (np.isfinite(frequency) and frequency > 0):
@@ -106,7 +107,16 @@ def _read_demo(name: str, demo: Any, rate: float, columns: str | None, h5py: Any
         return values.reshape(len(values), -1)
 
     pose = stacked(places, read)
-    source = files._Source(name, "sample", "quaternion")
-    return PoseTrajectory(
-        **files._checked(source, np.arange(len(pose)) / rate, pose[:, :3], pose[:, 3:]), name=name
-    )
+    times = np.arange(len(pose)) / rate
+    fields = Source(name, "sample", "quaternion").fields(times, pose[:, :3], pose[:, 3:])
+    return PoseTrajectory(**fields, name=name)
+
+
+HDF5 = Format(
+    name="an HDF5 file",
+    read=read_robomimic,
+    options=("rate", "episode", "columns"),
+    suffixes=(".hdf5", ".h5"),
+    extra="hdf5",
+)
+"""As robomimic lays it out."""

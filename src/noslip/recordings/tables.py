@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from noslip import _pose_files as files
+from noslip._files import read_bytes, write_beside
+from noslip._pose_checks import Source
+from noslip._pose_csv import POSE, QUATERNION, TIME, pose_layout, poses_of_columns
 from noslip._typing import Floats
 from noslip.errors import RecordingError
+from noslip.named_columns import plural
 from noslip.recordings._extras import need, reading
-from noslip.recordings.columns import POSE, Column, pose_columns, stacked
-from noslip.trajectory import CSV_COLUMNS, PoseTrajectory
-
-SUFFIXES = (".parquet", ".feather")
+from noslip.recordings._format import Format
+from noslip.recordings.columns import Column, pose_columns, stacked
+from noslip.trajectory import PoseTrajectory
 
 
 def read_table(
@@ -43,23 +45,23 @@ def read_table(
     table = arrow_table(path)
     names = table.column_names
     if columns is None:
-        time, layout = files._layout(str(path), names, rate)
+        time, layout = pose_layout(str(path), names, rate)
         of = {name: numbers(path, table, name)[:, 0] for name in (time, *layout)}
     else:
         # The table's own x, y, z give way to those that are chosen.
         others = [name for name in names if name not in POSE]
-        time, _ = files._layout(str(path), [*others, *POSE], rate)
+        time, _ = pose_layout(str(path), [*others, *POSE], rate)
         places = pose_columns(path, columns, column_shapes(table))
         pose = stacked(places, lambda name: numbers(path, table, name))
         of = dict(zip(POSE, pose.T, strict=True)) | {time: numbers(path, table, time)[:, 0]}
-    source = files._Source(path, f"column {time}", f"columns {', '.join(files.QUATERNION_NAMES)}")
-    return [PoseTrajectory(**files._of_columns(source, of, rate), name=str(path))]
+    source = Source(path, f"column {time}", f"columns {', '.join(QUATERNION)}")
+    return [PoseTrajectory(**poses_of_columns(source, of, rate), name=str(path))]
 
 
 def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
     """Return a table, or those of its columns that are asked for, as pyarrow reads it."""
     # Through our own reading, for the same words about files that are not there.
-    content = io.BytesIO(files._read(path))
+    content = io.BytesIO(read_bytes(path))
     wanted = None if columns is None else list(columns)
     feather = path.suffix.lower() == ".feather"
     reader = need(path, "pyarrow.feather" if feather else "pyarrow.parquet", "tables")
@@ -71,7 +73,7 @@ def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
     if wanted is not None:
         missing = [name for name in wanted if name not in names]
         if missing:
-            raise RecordingError(f"{path}: {files._plural('column', missing)} missing")
+            raise RecordingError(f"{path}: {plural('column', missing)} missing")
     return table
 
 
@@ -106,15 +108,26 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
     return values.astype(np.float64).reshape(-1, width)
 
 
-def table_bytes(path: Path, trajectory: PoseTrajectory) -> bytes:
-    """Return a trajectory as the content of a Parquet or Feather file, by the path's suffix."""
+def write_table(trajectory: PoseTrajectory, path: Path) -> Path:
+    """Write a trajectory as a Parquet or Feather file, by the path's suffix."""
     pyarrow = need(path, "pyarrow", "tables")
     poses = np.column_stack([trajectory.times, trajectory.positions, trajectory.quaternions])
-    table = pyarrow.table(dict(zip(CSV_COLUMNS, poses.T.copy(), strict=True)))
+    table = pyarrow.table(dict(zip((TIME[0], *POSE), poses.T.copy(), strict=True)))
     sink = pyarrow.BufferOutputStream()
     if path.suffix.lower() == ".feather":
         need(path, "pyarrow.feather", "tables").write_feather(table, sink)
     else:
         need(path, "pyarrow.parquet", "tables").write_table(table, sink)
-    content: bytes = sink.getvalue().to_pybytes()
-    return content
+    return write_beside(path, sink.getvalue().to_pybytes())
+
+
+TABLE = Format(
+    name="a table",
+    read=read_table,
+    options=("rate", "columns"),
+    suffixes=(".parquet", ".feather"),
+    write=write_table,
+    written=(".parquet", ".feather"),
+    extra="tables",
+)
+"""Parquet or Feather."""

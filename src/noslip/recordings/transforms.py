@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from noslip import _pose_files as files
+from noslip._pose_checks import MINIMUM_SAMPLES, Source
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 
@@ -27,17 +27,17 @@ class Series:
     positions: list[tuple[float, float, float]] = field(default_factory=list)
     quaternions: list[tuple[float, float, float, float]] = field(default_factory=list)
 
-    def checked_arrays(self, where: str) -> tuple[files._Source, Floats, Floats, Floats]:
+    def checked_arrays(self, where: str) -> tuple[Source, Floats, Floats, Floats]:
         """Return times (s), positions and quaternions (scalar first), all finite."""
         headers = any(self.stamps)
-        source = files._Source(
+        source = Source(
             where, "stamp of the header" if headers else "time in the bag", "orientation"
         )
         # Division of whole numbers rounds once; seconds and nanoseconds apart would round twice.
         stamps = [stamp / 10**9 for stamp in (self.stamps if headers else self.received)]
         positions = np.array(self.positions, dtype=np.float64).reshape(-1, 3)
         quaternions = np.array(self.quaternions, dtype=np.float64).reshape(-1, 4)
-        files._check_finite(source, {"position": positions, "orientation": quaternions})
+        source.check_finite({"position": positions, "orientation": quaternions})
         return source, np.array(stamps), positions, quaternions
 
 
@@ -53,11 +53,11 @@ class Link:
         """Return times, positions and rotations after the checks that recordings get."""
         where = f"{self.where}: {key[0]} -> {key[1]}"
         source, times, positions, quaternions = self.series.checked_arrays(where)
-        rotations = files._rotations(source, quaternions)
+        rotations = source.rotations(quaternions)
         if self.static:
             return times[-1:], positions[-1:], rotations[-1:]
-        kept = files._distinct(source, times, positions, rotations)
-        files._check_gaps(source, times, kept)
+        kept = source.distinct(times, positions, rotations)
+        source.check_gaps(times, kept)
         return times[kept], positions[kept], rotations[kept]
 
 
@@ -102,10 +102,10 @@ def resolve(
     end = min(times[-1] for times in moving.values())
     dense = max(moving.values(), key=lambda times: int(np.sum((times >= start) & (times <= end))))
     times = dense[(dense >= start) & (dense <= end)]
-    if len(times) < files.MIN_SAMPLES:
+    if len(times) < MINIMUM_SAMPLES:
         raise RecordingError(
             f"{where}: the links from {root} to {tip} have {len(times)} samples in the time they "
-            f"share, at least {files.MIN_SAMPLES} are needed: "
+            f"share, at least {MINIMUM_SAMPLES} are needed: "
             + ", ".join(f"{a} -> {b} {t[0]:.6f} to {t[-1]:.6f} s" for (a, b), t in moving.items())
         )
     positions = np.zeros((len(times), 3))
@@ -117,9 +117,7 @@ def resolve(
             step = -turn.apply(step)
         positions = positions + rotations.apply(step)
         rotations = rotations * turn
-    return files._poses(
-        files._Source(where, "stamp of the header", "rotation"), times, positions, rotations
-    )
+    return Source(where, "stamp of the header", "rotation").fields(times, positions, rotations)
 
 
 def _parents(where: str, links: Mapping[Key, Link]) -> dict[str, str]:

@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from noslip import _pose_files as files
+from noslip._files import read_text, write_beside
+from noslip._pose_checks import Source
+from noslip._pose_csv import poses_of_columns
 from noslip.errors import RecordingError
+from noslip.named_columns import NamedColumns, numbers_text
+from noslip.recordings._format import Format
 from noslip.trajectory import PoseTrajectory
 
-SUFFIXES = (".tum", ".txt")
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 """As the RGB-D benchmark of TU Munich orders them: the scalar of the quaternion last."""
 
@@ -23,20 +26,28 @@ def read_tum(path: Path) -> list[PoseTrajectory]:
     InputError
         If a line does not hold eight numbers, or for what :func:`noslip.load_demonstrations` names.
     """
-    text = files._decode(path, files._read(path))
-    stripped = (line.partition("#")[0].split() for line in text.splitlines())
-    rows = [(number, cells) for number, cells in enumerate(stripped, start=1) if cells]
-    if not rows:
+    stripped = (line.partition("#")[0].split() for line in read_text(path).splitlines())
+    rows = ((number, cells) for number, cells in enumerate(stripped, start=1) if cells)
+    lines, of, _ = NamedColumns(path, 0, COLUMNS, rows).read(COLUMNS)
+    if not lines:
         raise RecordingError(f"{path}: the file holds no poses")
-    lines, table = files._numbers(path, rows, list(COLUMNS), COLUMNS)
-    of = dict(zip(COLUMNS, table.T, strict=True))
-    source = files._Source(path, "column t", "columns qx, qy, qz, qw", lines)
-    return [PoseTrajectory(**files._of_columns(source, of, None), name=str(path))]
+    source = Source(path, "column t", "columns qx, qy, qz, qw", lines)
+    return [PoseTrajectory(**poses_of_columns(source, of, None), name=str(path))]
 
 
-def tum_text(trajectory: PoseTrajectory) -> str:
-    """Return a trajectory as text; a float read back is the float written."""
+def write_tum(trajectory: PoseTrajectory, path: Path) -> Path:
+    """Write a trajectory; a float read back is the float written."""
     scalar_last = np.roll(trajectory.quaternions, -1, axis=1)
     table = np.column_stack([trajectory.times, trajectory.positions, scalar_last])
-    rows = (" ".join(map(repr, row)) for row in table.tolist())
-    return "\n".join([f"# {' '.join(COLUMNS)}", *rows, ""])
+    return write_beside(path, f"# {numbers_text(COLUMNS, table, ' ')}".encode())
+
+
+TUM = Format(
+    name="a TUM file",
+    read=read_tum,
+    suffixes=(".tum",),
+    named_only=(".txt",),
+    write=write_tum,
+    written=(".tum",),
+)
+"""A text file may be one if it is named; in a folder it mostly is none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +14,7 @@ from noslip._typing import Floats
 from noslip.constraints.check import step_residuals
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.named_columns import numbers_text
 from noslip.robots.kinematics import APART
 from noslip.robots.model import NEAR, Robot
 from noslip.robots.placement import Placement
@@ -133,18 +133,18 @@ class TrackedMotion:
 
     def csv_text(self) -> str:
         """Return ``t,q1..,dq1..`` as text; a float read back is the float written."""
-        n = self.robot.size
-        header = ["t", *(f"q{k + 1}" for k in range(n)), *(f"dq{k + 1}" for k in range(n))]
         table = np.column_stack([self.times, self.joint_positions, self.joint_velocities])
-        text = io.StringIO()
-        text.write(",".join(header) + "\n")
-        for row in table.tolist():
-            text.write(",".join(map(repr, row)) + "\n")
-        return text.getvalue()
+        return numbers_text(joint_columns(self.robot), table)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write :meth:`csv_text` to a file."""
         return write_beside(path, self.csv_text().encode())
+
+
+def joint_columns(robot: Robot) -> list[str]:
+    """Return what a table of an arm's joints has in its header: ``t,q1..,dq1..``."""
+    joints = range(1, robot.size + 1)
+    return ["t", *(f"q{k}" for k in joints), *(f"dq{k}" for k in joints)]
 
 
 def slip(motion: PoseTrajectory, constraints: Constraints) -> Floats:

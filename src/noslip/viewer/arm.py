@@ -17,10 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments, robots
+from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.constraints.catalog import restore
 from noslip.constraints.declaration import Constraint
 from noslip.errors import InputError, NoslipError
+from noslip.named_columns import NamedColumns, listed
+from noslip.robots.executed import joint_columns
 from noslip.robots.model import required
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.tool import Part
@@ -265,16 +268,15 @@ def _summary(file: Path) -> dict[str, Any]:
 
 def _joints(file: Path, robot: robots.Robot) -> tuple[Floats, Floats]:
     """Times, shape (N,), and joint positions, shape (N, n), of ``t,q1..,dq1..``."""
-    try:
-        table = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise InputError(f"{file}: not a table of numbers: {error}") from error
-    columns = 1 + 2 * robot.size
-    if table.shape[1] != columns or len(table) < 2 or not np.all(np.isfinite(table)):
+    table = NamedColumns.open(file)
+    names = joint_columns(robot)
+    if table.names != names:
         raise InputError(
-            f"{file}: expected {columns} finite numbers a row (t, q1.., dq1.. of {robot.name}) in "
-            f"two rows or more, got shape {table.shape}"
+            f"{file}: expected the columns {', '.join(names)} of {robot.name}, found "
+            f"{listed(table.names)}; simulate again"
         )
-    return table[:, 0], table[:, 1 : 1 + robot.size]
+    lines, of, _ = table.read(names)
+    Source(file, "", "", lines).check_finite({f"column {name}": of[name] for name in names})
+    if len(lines) < 2:
+        raise InputError(f"{file}: {len(lines)} rows, at least 2 are needed; simulate again")
+    return of["t"], np.column_stack([of[name] for name in names[1 : 1 + robot.size]])

@@ -21,7 +21,7 @@ from noslip.runtime.state import State
 COARSE_SAMPLES, COARSE_STEPS = 61, 200
 """Of an adaptation while a goal is dragged, and of its rollout: few, so that the drag is
 followed."""
-METRICS = ("as learned", "position", "rotation", "shared")
+METRICS = ("as learned", "position", "shared")
 """What the dropdown offers: the primitive's own, or one of those known by name."""
 MOST_STEPS_AT_ONCE = 200
 """Of a pushed motion between two frames: what takes longer runs slower than the clock, instead of

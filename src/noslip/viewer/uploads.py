@@ -7,9 +7,9 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.errors import InputError, NoslipError
 from noslip.primitive import ConstrainedDMP
+from noslip.recordings import load_demonstrations
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 

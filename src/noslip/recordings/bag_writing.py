@@ -1,4 +1,4 @@
-"""PoseTrajectory and joint motions -> files, by suffix."""
+"""Poses and joints -> ROS 2 bags."""
 
 from __future__ import annotations
 
@@ -12,108 +12,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from noslip._files import write_beside
 from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.recordings._extras import need
-from noslip.recordings.tables import table_bytes
-from noslip.recordings.tum import tum_text
+from noslip.recordings.joints import checked_joints
 from noslip.trajectory import PoseTrajectory
 
 Storage = Literal["sqlite3", "mcap"]
 
-WRITABLE = (".csv", ".npz", ".tum", ".parquet", ".feather", ".mcap", "")
-WRITABLE_TOLD = f"{', '.join(WRITABLE[:-1])}, or no suffix for a ROS 2 bag (a folder)"
-# ROS stores seconds as int32.
 _LAST_STAMP = 2**31
-# Metadata 8 keeps profiles of service as text, which ROS 2 from Humble on understands.
+"""Seconds; ROS stores them as int32."""
 _BAG_VERSION = 8
-
-
-def write_recording(
-    trajectory: PoseTrajectory, path: str | Path, *, frame: str = "world", topic: str = "/pose"
-) -> Path:
-    """Write a trajectory's poses in the format that the suffix names; return the path.
-
-    Parameters
-    ----------
-    trajectory : PoseTrajectory
-    path : path
-        ``.csv``, ``.npz`` (with velocities), ``.tum``, ``.parquet``, ``.feather``, ``.mcap``, or
-        without suffix for the folder of a ROS 2 bag (SQLite).
-    frame, topic : str
-        Of the ``geometry_msgs/PoseStamped`` messages in a bag or MCAP file.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without the extra that the format needs.
-    InputError
-        If the suffix is another, the file cannot be written, or :func:`write_bag` refuses.
-    """
-    target = Path(path)
-    match target.suffix.lower():
-        case ".csv":
-            return trajectory.to_csv(target)
-        case ".npz":
-            return trajectory.to_npz(target)
-        case ".tum":
-            return write_beside(target, tum_text(trajectory).encode())
-        case ".parquet" | ".feather":
-            return write_beside(target, table_bytes(target, trajectory))
-        case ".mcap" | "":
-            return write_bag(target, poses=trajectory, frame=frame, topic=topic)
-    raise InputError(f"{target}: cannot write {target.suffix}; known are {WRITABLE_TOLD}")
-
-
-def write_joints(
-    times: ArrayLike,
-    names: Sequence[str],
-    positions: ArrayLike,
-    velocities: ArrayLike | None,
-    path: str | Path,
-) -> Path:
-    """Write the motion of joints as CSV, or as ``sensor_msgs/JointState`` in a ROS 2 bag.
-
-    Parameters
-    ----------
-    times : array, shape (N,)
-        Seconds, increasing.
-    names : sequence of str, length J
-        Of the joints.
-    positions, velocities : array, shape (N, J)
-        Radians (meters of a sliding joint), and per second; the latter None where unknown.
-    path : path
-        ``.csv``: columns ``t``, the names, and the names with ``_velocity``.  ``.mcap``, or
-        without suffix for the folder of a ROS 2 bag: see :func:`write_bag`.
-
-    Raises
-    ------
-    InputError
-        If shapes disagree, a number is not finite, times do not increase, or the suffix is another.
-    """
-    target = Path(path)
-    if target.suffix.lower() in (".mcap", ""):
-        return write_bag(
-            target,
-            joint_names=names,
-            joint_times=times,
-            joint_positions=positions,
-            joint_velocities=velocities,
-        )
-    if target.suffix.lower() != ".csv":
-        raise InputError(
-            f"{target}: cannot write joints as {target.suffix}; known are .csv, .mcap, or no "
-            "suffix for a ROS 2 bag (a folder)"
-        )
-    stamps, angles, rates = _joints(target, names, times, positions, velocities)
-    header = ["t", *names]
-    table = [stamps[:, None], angles]
-    if rates is not None:
-        header += [f"{name}_velocity" for name in names]
-        table.append(rates)
-    rows = (",".join(map(repr, row)) for row in np.column_stack(table).tolist())
-    return write_beside(target, "\n".join([",".join(header), *rows, ""]).encode())
+"""Of the metadata: it keeps profiles of service as text, which ROS 2 from Humble on understands."""
 
 
 def write_bag(
@@ -170,7 +80,7 @@ def write_bag(
     if poses is not None:
         messages += _pose_messages(target, types, poses, frame, topic)
     if joint_positions is not None:
-        joints = _joints(target, joint_names, joint_times, joint_positions, joint_velocities)
+        joints = checked_joints(target, joint_names, joint_times, joint_positions, joint_velocities)
         messages += _joint_messages(target, types, joint_names, *joints, joint_topic)
     plugin = (
         rosbag2.StoragePlugin.MCAP if bare or storage == "mcap" else (rosbag2.StoragePlugin.SQLITE3)
@@ -253,32 +163,3 @@ def _stamps(target: Path, times: Floats) -> list[int]:
     if any(after <= before for before, after in pairwise(stamps)):
         raise InputError(f"{target}: samples less than a nanosecond apart; resample first")
     return stamps
-
-
-def _joints(
-    target: Path,
-    names: Sequence[str],
-    times: ArrayLike | None,
-    positions: ArrayLike,
-    velocities: ArrayLike | None,
-) -> tuple[Floats, Floats, Floats | None]:
-    """Return times, positions and velocities of joints after checks."""
-    if isinstance(names, str) or not names or len(set(names)) != len(names):
-        raise InputError(f"{target}: joints need different names, one each, got {names!r}")
-    try:
-        stamps = np.asarray([] if times is None else times, dtype=np.float64)
-        angles = np.asarray(positions, dtype=np.float64)
-        rates = None if velocities is None else np.asarray(velocities, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{target}: joints must be numbers: {error}") from None
-    if stamps.ndim != 1 or not len(stamps) or not np.all(np.diff(stamps) > 0):
-        raise InputError(f"{target}: times of joints must be one row that increases")
-    shape = (len(stamps), len(names))
-    for what, values in (("positions", angles), ("velocities", rates)):
-        if values is not None and values.shape != shape:
-            raise InputError(f"{target}: {what} have shape {values.shape}, expected {shape}")
-    for what, values in (("times", stamps), ("positions", angles), ("velocities", rates)):
-        if values is not None and not np.all(np.isfinite(values)):
-            row = int(np.argwhere(~np.isfinite(values))[0][0])
-            raise InputError(f"{target}: {what} of joints, sample {row}, are not finite")
-    return stamps, angles, rates

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 import refusals
 from noslip import PoseTrajectory
-from noslip.demonstrations.loading import load_demonstrations
 from noslip.errors import InputError
+from noslip.recordings import load_demonstrations
 
 HEADER = "t,x,y,z,qw,qx,qy,qz"
 Write = Callable[..., Path]

@@ -1,45 +1,60 @@
-"""Recordings in files -> PoseTrajectory."""
+"""The formats of recordings, and reading and writing by what a path is."""
 
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from noslip._files import write_beside
 from noslip.errors import InputError, RecordingError
-from noslip.recordings import bags, lerobot, robomimic, tables, tum
+from noslip.named_columns import numbers_text
+from noslip.recordings._format import Format
+from noslip.recordings.bag_writing import write_bag
+from noslip.recordings.bags import BAG
+from noslip.recordings.joints import checked_joints
+from noslip.recordings.lerobot import LEROBOT
+from noslip.recordings.robomimic import HDF5
+from noslip.recordings.tables import TABLE
+from noslip.recordings.tum import TUM
 from noslip.trajectory import PoseTrajectory
 
+CSV = Format(
+    name="a CSV",
+    read=lambda path, rate: [PoseTrajectory.from_csv(path, rate=rate)],
+    options=("rate",),
+    suffixes=(".csv",),
+    write=PoseTrajectory.to_csv,
+    written=(".csv",),
+)
+"""Of named columns."""
+NPZ = Format(
+    name="an npz",
+    read=lambda path: [PoseTrajectory.from_npz(path)],
+    suffixes=(".npz",),
+    write=PoseTrajectory.to_npz,
+    written=(".npz",),
+)
+"""Of arrays."""
+FORMATS = (CSV, NPZ, TUM, LEROBOT, HDF5, TABLE, BAG)
+"""All there are, in the order in which messages list them.  Adding one means adding it here."""
 
-class _Reader(NamedTuple):
-    """How to read one format, and which of the options it takes."""
+_BY_SUFFIX = {suffix: each for each in FORMATS for suffix in (*each.suffixes, *each.named_only)}
+"""What a file that is named is read as."""
+SUFFIXES = tuple(suffix for each in FORMATS for suffix in each.suffixes)
+"""Of the recordings in a folder."""
+WRITTEN = {suffix: each for each in FORMATS for suffix in each.written}
+"""What is written by suffix."""
 
-    read: Callable[..., list[PoseTrajectory]]
-    options: tuple[str, ...] = ()
 
-
-_BAG = _Reader(bags.read_bag, ("topic", "frame", "child_frame"))
-_LEROBOT = _Reader(lerobot.read_lerobot, ("episode", "columns"))
-_READERS = {
-    ".csv": _Reader(lambda path, rate: [PoseTrajectory.from_csv(path, rate=rate)], ("rate",)),
-    ".npz": _Reader(lambda path: [PoseTrajectory.from_npz(path)]),
-    **dict.fromkeys(tum.SUFFIXES, _Reader(tum.read_tum)),
-    **dict.fromkeys(tables.SUFFIXES, _Reader(tables.read_table, ("rate", "columns"))),
-    **dict.fromkeys(
-        robomimic.SUFFIXES, _Reader(robomimic.read_robomimic, ("rate", "episode", "columns"))
-    ),
-    **dict.fromkeys(bags.SUFFIXES, _BAG),
-}
-SUFFIXES = tuple(suffix for suffix in _READERS if suffix != ".txt")
-"""Of recordings.  A text file may be one if it is named, but in a folder it mostly is none."""
-_WHAT_TAKES = {
-    "topic": "a ROS bag",
-    "frame": "a ROS bag",
-    "child_frame": "a ROS bag",
-    "episode": "a LeRobot data set or an HDF5 file",
-    "columns": "a LeRobot data set, an HDF5 file or a table",
-}
+def listed_suffixes(suffixes: Iterable[str]) -> str:
+    """Return suffixes that are written, for messages."""
+    folder = "or no suffix for a ROS 2 bag (a folder)"
+    return ", ".join(suffix or folder for suffix in suffixes)
 
 
 def load_demonstrations(
@@ -130,7 +145,7 @@ def load_demonstrations(
             files.setdefault(file.resolve(), file)
     if not files:
         raise RecordingError("no demonstrations given; give at least one file, such as runs/*.csv")
-    readers = {file: _reader(file) for file in files.values()}
+    formats = {file: _format(file) for file in files.values()}
     options = {
         "rate": rate,
         "topic": topic,
@@ -139,11 +154,11 @@ def load_demonstrations(
         "episode": list(episode) if isinstance(episode, Iterable) else episode,
         "columns": columns,
     }
-    _check_options(options, readers)
+    _refuse_ignored(options, formats)
     return [
         trajectory
-        for file, reader in readers.items()
-        for trajectory in reader.read(file, **{name: options[name] for name in reader.options})
+        for file, each in formats.items()
+        for trajectory in each.read(file, **{name: options[name] for name in each.options})
     ]
 
 
@@ -153,7 +168,7 @@ def expand(path: str | Path) -> list[Path]:
         literal = Path(path).expanduser()
     except RuntimeError as error:
         raise RecordingError(f"{path}: the home folder is unknown; give the path itself") from error
-    if literal.is_dir() and folder_reader(literal) is None:
+    if literal.is_dir() and folder_format(literal) is None:
         raise InputError(f"{path}: a folder, not a file; give {Path(path) / '*.csv'}")
     if literal.exists():
         return [literal]
@@ -162,34 +177,118 @@ def expand(path: str | Path) -> list[Path]:
     # Path.glob takes no absolute pattern, and it matches hidden files.
     names = sorted(glob.glob(str(literal), recursive=True))  # noqa: PTH207
     matches = map(Path, names)
-    files = [match for match in matches if not match.is_dir() or folder_reader(match)]
+    files = [match for match in matches if not match.is_dir() or folder_format(match)]
     if not files:
         raise InputError(f"{path}: no file matches; check the folder and the pattern")
     return files
 
 
-def folder_reader(folder: Path) -> _Reader | None:
-    """Return how to read the recording that a folder is, or None if it is none."""
-    if bags.is_bag(folder):
-        return _BAG
-    return _LEROBOT if lerobot.is_lerobot(folder) else None
+def folder_format(folder: Path) -> Format | None:
+    """Return the format of the recording that a folder is, or None if it is none."""
+    return next((each for each in FORMATS if each.is_folder(folder)), None)
 
 
-def _reader(file: Path) -> _Reader:
-    reader = folder_reader(file) if file.is_dir() else _READERS.get(file.suffix.lower())
-    if reader is None:
+def _format(file: Path) -> Format:
+    found = folder_format(file) if file.is_dir() else _BY_SUFFIX.get(file.suffix.lower())
+    if found is None:
+        folders = " and ".join(each.folders for each in reversed(FORMATS) if each.folders)
         raise RecordingError(
             f"{file}: {file.suffix or 'no suffix'} is not a known kind of recording; "
-            f"known are {', '.join(_READERS)}, and the folders of ROS 2 bags and LeRobot data sets"
+            f"known are {', '.join(_BY_SUFFIX)}, and the folders of {folders}"
         )
-    return reader
+    return found
 
 
-def _check_options(options: dict[str, Any], readers: dict[Path, _Reader]) -> None:
-    """Refuse an option that would be ignored."""
-    for name, wanted in _WHAT_TAKES.items():
-        taken = any(name in reader.options for reader in readers.values())
-        if options[name] is not None and not taken:
+def _refuse_ignored(options: dict[str, Any], formats: dict[Path, Format]) -> None:
+    """Refuse an option that none of the files takes; a rate may be given for files with stamps."""
+    for name, value in options.items():
+        taken = any(name in each.options for each in formats.values())
+        if value is not None and name != "rate" and not taken:
+            wanted = [each.name for each in FORMATS if name in each.options]
+            *others, last = wanted
+            listed = f"{', '.join(others)} or {last}" if others else last
             raise RecordingError(
-                f"{next(iter(readers))}: {name}={options[name]!r} is for {wanted}; leave it out"
+                f"{next(iter(formats))}: {name}={value!r} is for {listed}; leave it out"
             )
+
+
+def write_recording(
+    trajectory: PoseTrajectory, path: str | Path, *, frame: str = "world", topic: str = "/pose"
+) -> Path:
+    """Write a trajectory's poses in the format that the suffix names; return the path.
+
+    Parameters
+    ----------
+    trajectory : PoseTrajectory
+    path : path
+        ``.csv``, ``.npz`` (with velocities), ``.tum``, ``.parquet``, ``.feather``, ``.mcap``, or
+        without suffix for the folder of a ROS 2 bag (SQLite).
+    frame, topic : str
+        Of the ``geometry_msgs/PoseStamped`` messages in a bag or MCAP file.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without the extra that the format needs.
+    InputError
+        If the suffix is another, the file cannot be written, or :func:`write_bag` refuses.
+    """
+    target = Path(path)
+    chosen = WRITTEN.get(target.suffix.lower())
+    if chosen is None or chosen.write is None:
+        raise InputError(
+            f"{target}: cannot write {target.suffix}; known are {listed_suffixes(WRITTEN)}"
+        )
+    options = {"frame": frame, "topic": topic}
+    return chosen.write(
+        trajectory, target, **{name: options[name] for name in chosen.write_options}
+    )
+
+
+def write_joints(
+    times: ArrayLike,
+    names: Sequence[str],
+    positions: ArrayLike,
+    velocities: ArrayLike | None,
+    path: str | Path,
+) -> Path:
+    """Write the motion of joints as CSV, or as ``sensor_msgs/JointState`` in a ROS 2 bag.
+
+    Parameters
+    ----------
+    times : array, shape (N,)
+        Seconds, increasing.
+    names : sequence of str, length J
+        Of the joints.
+    positions, velocities : array, shape (N, J)
+        Radians (meters of a sliding joint), and per second; the latter None where unknown.
+    path : path
+        ``.csv``: columns ``t``, the names, and the names with ``_velocity``.  ``.mcap``, or
+        without suffix for the folder of a ROS 2 bag: see :func:`write_bag`.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, a number is not finite, times do not increase, or the suffix is another.
+    """
+    target = Path(path)
+    if target.suffix.lower() in BAG.written:
+        return write_bag(
+            target,
+            joint_names=names,
+            joint_times=times,
+            joint_positions=positions,
+            joint_velocities=velocities,
+        )
+    if target.suffix.lower() != ".csv":
+        raise InputError(
+            f"{target}: cannot write joints as {target.suffix}; known are "
+            f"{listed_suffixes(CSV.written + BAG.written)}"
+        )
+    stamps, angles, rates = checked_joints(target, names, times, positions, velocities)
+    header = ["t", *names]
+    table = [stamps[:, None], angles]
+    if rates is not None:
+        header += [f"{name}_velocity" for name in names]
+        table.append(rates)
+    return write_beside(target, numbers_text(header, np.column_stack(table)).encode())

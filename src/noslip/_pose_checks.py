@@ -1,0 +1,174 @@
+"""What poses from a file must be, whatever its format, and how it is said where they are not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip.errors import RecordingError
+
+MINIMUM_SAMPLES = 8
+"""Fewest samples of a recording: a cubic spline rests on four, so of fewer than twice as many most
+would be its ends."""
+MAX_NORM_ERROR = 1e-3
+"""How far a quaternion's norm may be off 1: what rounding to three decimals can do, four times
+5e-4 in a square sum; what is scaled or in another order is off by more."""
+MAX_GAP = 10.0
+"""Longest time without a sample, in median periods: a few lost samples a spline bridges, across
+more it invents motion."""
+SAME_POSE = 1e-9
+"""Poses that agree to this (m, and in each number of a unit quaternion) count as equal: no tracker
+resolves it, and files that are rounded to ten digits keep it."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a file calls its parts, so that the same checks can point into any file.
+
+    Attributes
+    ----------
+    path : path
+        The file, or a part of it.
+    times, quaternions : str
+        What holds these.
+    lines : list of int, optional
+        Of the samples; without it samples are counted from 0.
+    """
+
+    path: str | Path
+    times: str
+    quaternions: str
+    lines: list[int] | None = None
+
+    def sample(self, index: int) -> str:
+        """Return what to call a sample."""
+        return f"sample {index}" if self.lines is None else f"line {self.lines[index]}"
+
+    def error(self, index: int, part: str, problem: str) -> RecordingError:
+        """Return what to raise about a sample."""
+        return RecordingError(f"{self.path}: {self.sample(index)}, {part}: {problem}")
+
+    def check_finite(self, parts: Mapping[str, Floats]) -> None:
+        """Refuse NaN and infinity, pointing at the first sample that holds one."""
+        found: list[tuple[int, str]] = []
+        for part, values in parts.items():
+            bad = np.argwhere(~np.isfinite(values))
+            found += [(int(where[0]), part) for where in bad[:1]]
+        if found:
+            index, part = min(found, key=itemgetter(0))
+            raise self.error(
+                index,
+                part,
+                f"found {parts[part][index]}, not a finite number; fill in or remove the sample",
+            )
+
+    def rotations(self, quaternions: Floats) -> Rotation:
+        """Return the rotations of finite unit quaternions, scalar first, shape (N, 4)."""
+        with np.errstate(over="ignore"):
+            norms = np.linalg.norm(quaternions, axis=1)
+        bad = np.flatnonzero(~(np.abs(norms - 1) <= MAX_NORM_ERROR))
+        if len(bad):
+            index = int(bad[0])
+            norm = norms[index]
+            found = f"has norm {norm:.6g}" if norm else "is zero, which is no rotation"
+            raise self.error(
+                index,
+                self.quaternions,
+                f"the quaternion {found}; norms must be 1 to within {MAX_NORM_ERROR:g}, "
+                "correct or remove the sample",
+            )
+        return Rotation.from_quat(quaternions, scalar_first=True)
+
+    def fields(
+        self,
+        times: Floats,
+        positions: Floats,
+        rotations: Floats | Rotation,
+        velocities: Mapping[str, Floats] | None = None,
+    ) -> dict[str, Any]:
+        """Return the fields of a trajectory, those samples that repeat the one before left out.
+
+        Parameters
+        ----------
+        times : array, shape (N,)
+            Seconds.
+        positions : array, shape (N, 3)
+        rotations : Rotation, or array, shape (N, 4)
+            Quaternions scalar first.
+        velocities : mapping, optional
+            ``linear_velocities`` and ``angular_velocities``, shape (N, 3), finite.
+
+        Raises
+        ------
+        InputError
+            Of what :func:`noslip.load_demonstrations` refuses, at the first sample of its kind.
+        """
+        if not isinstance(rotations, Rotation):
+            parts = {self.times: times, "position": positions, self.quaternions: rotations}
+            self.check_finite(parts)
+            rotations = self.rotations(rotations)
+        with np.errstate(over="ignore"):
+            kept = self.distinct(times, positions, rotations)
+        if len(kept) < MINIMUM_SAMPLES:
+            raise RecordingError(
+                f"{self.path}: {len(kept)} distinct samples, at least {MINIMUM_SAMPLES} are "
+                "needed; record more"
+            )
+        self.check_gaps(times, kept)
+        arrays = {"times": times, "positions": positions, **(velocities or {})}
+        chosen = {name: values[kept] for name, values in arrays.items()}
+        return {**chosen, "rotations": rotations[kept]}
+
+    def distinct(self, times: Floats, positions: Floats, rotations: Rotation) -> NDArray[np.intp]:
+        """Return the samples to keep: all but equal poses repeated at the same time."""
+        periods = np.diff(times)
+        quaternions = rotations.as_quat()
+        turns = np.minimum(
+            np.abs(quaternions[1:] - quaternions[:-1]).max(axis=1, initial=0),
+            np.abs(quaternions[1:] + quaternions[:-1]).max(axis=1, initial=0),
+        )
+        moves = np.abs(np.diff(positions, axis=0)).max(axis=1, initial=0)
+        moved = (moves > SAME_POSE) | (turns > SAME_POSE)
+        wrong = np.flatnonzero((periods < 0) | ((periods == 0) & moved))
+        if len(wrong):
+            before, index = int(wrong[0]), int(wrong[0]) + 1
+            if periods[before] < 0:
+                problem = (
+                    f"time runs backwards, from {times[before]} s ({self.sample(before)}) to "
+                    f"{times[index]} s; sort the samples or split the recording"
+                )
+            else:
+                turned = (rotations[index] * rotations[before].inv()).magnitude()
+                problem = (
+                    f"{times[index]} s is also the time of {self.sample(before)}, at another pose "
+                    f"({moves[before]:.2g} m and {turned:.2g} rad away); correct the time or "
+                    "remove one"
+                )
+            raise self.error(index, self.times, problem)
+        return np.flatnonzero(np.concatenate([[True], periods > 0])[: len(times)])
+
+    def check_gaps(self, times: Floats, kept: NDArray[np.intp]) -> None:
+        """Refuse a hole in the recording, which a spline would fill with invented motion."""
+        stamps = times[kept]
+        with np.errstate(over="ignore"):
+            periods = np.diff(stamps)
+        usual = float(np.median(periods))
+        # The margin keeps a gap of exactly ten periods, whatever its rounding.
+        gaps = np.flatnonzero(periods > MAX_GAP * usual * (1 + 1e-9))
+        if len(gaps):
+            before = int(gaps[0])
+            raise self.error(
+                int(kept[before + 1]),
+                self.times,
+                f"no sample from {stamps[before]} s ({self.sample(int(kept[before]))}) to "
+                f"{stamps[before + 1]} s, over {MAX_GAP:g} times the median period of {usual:.3g} "
+                "s; split the recording there",
+            )

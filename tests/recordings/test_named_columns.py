@@ -1,0 +1,96 @@
+"""Columns by name: one reader, whatever the table is for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from noslip.errors import InputError
+from noslip.named_columns import NamedColumns, number
+from noslip.recordings import load_demonstrations, read_column
+from noslip.recordings.formats import FORMATS
+from noslip.result_table import RecordingResult, read_results, write_results
+
+
+def test_a_column_is_read_with_its_times(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("t;x;fz\n1.0;0;5\n1.5;0;6.5\n1.5;0;6.5\n2.0;0;7\n")
+    times, values = read_column(file, "Fz")
+    np.testing.assert_array_equal(times, [1.0, 1.5, 2.0])
+    np.testing.assert_array_equal(values, [5.0, 6.5, 7.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t,x\n1,2\n", "no column 'fz', found t, x"),
+        ("x,fz\n1,2\n", "no column 't'"),
+        ("t,fz\n1,2\n2,high\n", "line 3, column fz: found 'high', not a number"),
+        ("t,fz\n1,nan\n", "line 2, column fz: found nan"),
+        ("t,fz\n", "no samples"),
+        ("i,fz\n0,1\n", "pass rate="),
+    ],
+)
+def test_a_column_that_cannot_be_read_is_told(tmp_path, text, message):
+    file = tmp_path / "a.csv"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_column(file, "fz")
+
+
+# Rows of a recording, of a column, of goals and of results; `1_5` is 15 to Python.
+def test_a_number_is_read_in_one_way_everywhere(tmp_path):
+    file = tmp_path / "a.csv"
+    rows = "".join(f"{k},{k},0,0,1,0,0,0,{k}\n" for k in range(9))
+    file.write_text("t,x,y,z,qw,qx,qy,qz,fz\n" + rows + "9,1_5,0,0,1,0,0,0,1_5\n")
+    readers = {
+        "x": [load_demonstrations, lambda path: NamedColumns.open(path).read(("x",))],
+        "fz": [lambda path: read_column(path, "fz")],
+    }
+    for column, every in readers.items():
+        for read in every:
+            with pytest.raises(InputError) as caught:
+                read(file)
+            assert str(caught.value).startswith(
+                f"{file}: line 11, column {column}: found '1_5', not a number"
+            )
+    table = write_results(
+        [RecordingResult(name="a", status="failed", recording="a", samples=7, seconds=0.5)],
+        tmp_path / "results.csv",
+    )
+    for good, column in ((",7,", "samples"), (",0.5,", "seconds")):
+        wrong = tmp_path / "wrong.csv"
+        wrong.write_text(table.read_text().replace(good, ",1_5,"))
+        with pytest.raises(InputError, match=f"row 2, column {column}: found '1_5'"):
+            read_results(wrong)
+
+
+@pytest.mark.parametrize(
+    ("cell", "value"),
+    [("1e3", 1e3), (" -.5 ", -0.5), ("+2", 2.0), ("nan", np.nan), ("-inf", -np.inf)],
+)
+def test_what_a_number_is(cell, value):
+    np.testing.assert_equal(number(cell), value)
+
+
+@pytest.mark.parametrize("cell", ["1_5", "1,5", "1 000", "1'000", "0x10", "1m", ""])
+def test_what_a_number_is_not(cell):
+    with pytest.raises(ValueError, match=r"."):
+        number(cell)
+
+
+def test_the_page_on_recordings_lists_every_format():
+    """Suffixes, extra, and whether a format is written, by the table people read."""
+    page = Path(__file__).parents[2] / "docs" / "recordings.md"
+    lines = [line for line in page.read_text().splitlines() if line.startswith("| ")]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    paths = [row for row in rows if len(row) == 5]
+    for each in FORMATS:
+        for suffix in (*each.suffixes, *each.named_only):
+            row = next(row for row in paths if f"`{suffix}`" in row[0])
+            assert row[4].strip("`") == each.extra
+            # A row may hold suffixes that are read only; then it says which are written.
+            written = row[3].startswith("yes") and ("(" not in row[3] or suffix in row[3])
+            assert written == (suffix in each.written)
