@@ -40,9 +40,12 @@ def planar_cut(
     """A curved planar cut of 0.1 m in 2 s; its blade is beside its path by angles (rad)."""
     t = np.linspace(0.0, 2.0, count)
     heading = bend * np.sin(np.pi * t / 2)
-    # Each step goes along the blade as it stands at the step's end.
-    velocities = 0.05 * np.column_stack([np.cos(heading), np.sin(heading), 0 * t])
-    positions = np.cumsum(velocities, axis=0) * (t[1] - t[0])
+    # Each step goes along the blade as it stands in the step's middle.
+    middle = (heading[1:] + heading[:-1]) / 2
+    ways = (
+        0.05 * np.diff(t)[:, None] * np.column_stack([np.cos(middle), np.sin(middle), 0 * middle])
+    )
+    positions = np.vstack([np.zeros(3), np.cumsum(ways, axis=0)])
     held = Rotation.from_euler("z", heading + beside + wavering * np.sin(3 * t))
     return PoseTrajectory(t, positions, held)
 

@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 from panels import panel, title_of
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
+import measures
 import noslip
 from learned import under
 from motions import numerical_example
@@ -791,15 +792,11 @@ def test_blades_are_equally_far_apart(motions):
 def test_blades_are_colored_by_the_share_of_slip(motions, resting):
     for name in ("demonstration", "optimized"):
         motion = motions[name]
-        linear = motion.step_velocities()[0]
-        instants = (motion.times[1:] + motion.times[:-1]) / 2
-        middles = Slerp(motion.times, motion.rotations)(instants)
-        body = middles.inv().apply(linear)
-        speeds = np.linalg.norm(linear, axis=1)
+        speeds = np.linalg.norm(measures.steps(motion).linear, axis=1)
         moving = speeds > 2e-3 * speeds.max()
         shares = snapshots.slip_shares(motion)
         np.testing.assert_allclose(
-            shares[1:][moving], np.abs(body[moving, 1]) / speeds[moving], atol=1e-12
+            shares[1:][moving], np.abs(measures.slip(motion)[moving]) / speeds[moving], atol=1e-12
         )
         ax = Figure().add_subplot(projection="3d")
         blades = figures.plot_blades(ax, motion)[1]

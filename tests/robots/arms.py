@@ -51,11 +51,14 @@ def arc(
     """A blade along an arc from the origin, z up, without slip in any step."""
     count = round(duration / step) + 1
     heading = angle * eased(np.linspace(0, 1, count))
-    # Each step goes along the edge as it stands at the step's end.
-    ahead = Rotation.from_euler("z", heading[:, None])
-    ways = ahead[1:].apply([1.0, 0, 0]) * (radius * np.diff(heading))[:, None]
-    positions = np.vstack([np.zeros(3), np.cumsum(ways, axis=0)])
-    return PoseTrajectory(step * np.arange(count), positions, ahead, name="arc")
+    # Each step goes along the edge as it stands in the step's middle.
+    middle = (heading[1:] + heading[:-1]) / 2
+    ahead = Rotation.from_euler("z", middle[:, None]).apply([1.0, 0, 0])
+    positions = np.vstack(
+        [np.zeros(3), np.cumsum(ahead * radius * np.diff(heading)[:, None], axis=0)]
+    )
+    held = Rotation.from_euler("z", heading[:, None])
+    return PoseTrajectory(step * np.arange(count), positions, held, name="arc")
 
 
 def line(toward: Floats, *, duration: float = 2.0, step: float = 2e-3) -> PoseTrajectory:
