@@ -68,10 +68,10 @@ _STRAIGHT = 0.01
 """Largest share of the rotation in corrections of what is left, over that of the position."""
 _STILL = 1e-11
 """Speed (m/s) of a tool at rest."""
-_APPROACHING, _RESTORING = 2, 4
-"""Newton steps to the nearest point, and then straight onto the constraint."""
-_LIMIT_APPROACHING, _LIMIT_RESTORING = 2, 4
-"""The same with limits: who pushes is settled in the first, each of the others may mend it."""
+_APPROACHING, _RESTORING = 3, 3
+"""Newton steps to the nearest point, and then straight onto the constraint: what is asked and what
+pushes differ by half a step's turn, of which each of the former leaves a higher power.  Of limits
+who pushes is settled in the first, and each of the others may mend it."""
 _HARD_CAP, _SOFT_CAPS = 1e7, (3e1, 3e4)
 """Largest multiplier of a hard limit, and of the least and most important soft one, over the
 velocity that the limits ask for."""
@@ -376,8 +376,6 @@ class _Step:
         return velocities
 
     def _passes(self) -> tuple[int, int]:
-        if self.limits.size:
-            return _LIMIT_APPROACHING, _LIMIT_RESTORING
         if self.is_division:
             return 1, 0
         if self.is_linear:
