@@ -163,7 +163,7 @@ def test_the_rotation_alone_is_refused_with_the_reason(metric: Any) -> None:
         lambda: inverse_metric(BLADE, metric, None, 0.01),
         lambda: learn(curved(), ns.Blade(), metric=metric),
     ):
-        told = refusal(ns.InputError, call)
+        told = refusal(ns.errors.InputError, call)
         assert "swings" in told and "hold_position=True" in told and "shared" in told
 
 
