@@ -729,9 +729,7 @@ def test_a_ball_on_a_turntable_goes_round_at_two_sevenths_of_its_rate() -> None:
     rate = 2 / 7 * table
 
     def error(steps: int) -> float:
-        path = simulate(
-            [on_the_turntable], start, 8.0, steps, metric=ball.metric, external=falling
-        )
+        path = simulate([on_the_turntable], start, 8.0, steps, metric=ball.metric, external=falling)
         turn = rate * path.times[:, None]
         moved = np.sin(turn) * velocity + (1 - np.cos(turn)) * np.cross(up, velocity)
         return farthest(path.positions, position + moved / rate)

@@ -90,9 +90,7 @@ class Learning:
     ] = "auto"
     metric_length: Annotated[
         float | None,
-        options.optional(
-            "M", "Meters that weigh as much as a radian; by default half a mean step."
-        ),
+        options.optional("M", "Meters that weigh as much as a radian; by default a mean step."),
     ] = None
     stabilization: Annotated[
         float,
