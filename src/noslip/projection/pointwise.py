@@ -62,9 +62,8 @@ _REACHED, _STOPPING = 1e-7, 0.1
 """Violation, so relative, up to which a hard limit is kept; how much less that of a stop is."""
 _MISSED, _ROUNDING = 1e-10, 1e-14
 """Residual at which an equality is missed, besides what the rounding of positions makes of it."""
-_SMALL_TURN, _LARGEST_TURN = 0.02, 0.5
-"""Correction of a step's turn (rad) in which rows are near linear, and the longest: the middle of
-the step, where rows are asked, turns by half of it."""
+_SMALL_TURN, _LARGEST_TURN = 0.01, 0.5
+"""Correction of a step's turn (rad) in which rows are near linear, and the longest."""
 _STRAIGHT = 0.01
 """Largest share of the rotation in corrections of what is left, over that of the position."""
 _STILL = 1e-11
