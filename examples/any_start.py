@@ -38,6 +38,8 @@ for ax, (title, (dmp, start, project)) in zip(figure.subplots(1, 3), panels.item
     for rate, color in rates.items():
         motion = dmp.rollout(**start, project_start=project, pull_in=rate)
         t, residual = motion.times, 1e3 * np.abs(motion.constraint_residuals[:, 0])
+        if dmp is blade:  # A velocity is asked at the middle of each step, a position at its end.
+            t = np.append(t[0], (t[1:] + t[:-1]) / 2)
         # At position level, a start whose velocity is not projected is critically damped.
         damped = 1 + rate * t if (dmp, project) == (table, "nothing") else 1
         predicted = residual[0] * damped * np.exp(-rate * t)

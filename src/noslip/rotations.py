@@ -14,6 +14,8 @@ from noslip._typing import Expression
 
 _SERIES_BELOW = 1e-3
 """Squared angle (or squared tangent) below which the series are exact in double."""
+_LEAST_SQUARE = 1e-300
+"""Added to a squared angle: its root is not 0, and sin(x) / x of it is 1 in double."""
 
 
 def quaternion_product(a: Expression, b: Expression) -> Expression:
@@ -45,6 +47,15 @@ def quaternion_exp(rotation_vector: Expression) -> Expression:
     sine = ca.if_else(small, sine_series, ca.sin(angle / 2) / angle)
     cosine = ca.if_else(small, cosine_series, ca.cos(angle / 2))
     return ca.vertcat(cosine, sine * rotation_vector)
+
+
+def quaternion_turn(rotation_vector: Expression) -> Expression:
+    """Return what :func:`quaternion_exp` does in a third of its operations; no derivative at 0.
+
+    For what is known when a graph is differentiated, such as the step before.
+    """
+    angle = ca.sqrt(ca.sumsqr(rotation_vector) + _LEAST_SQUARE)
+    return ca.vertcat(ca.cos(angle / 2), ca.sin(angle / 2) / angle * rotation_vector)
 
 
 def quaternion_log(q: Expression) -> Expression:

@@ -19,13 +19,12 @@ import noslip as ns
 from learned import constrained
 from noslip import (
     ConstrainedDMP,
-    Instant,
     PoseTrajectory,
     learn,
     project_trajectory,
     velocity_constraint,
 )
-from noslip.constraints import ConstraintSystem
+from noslip.constraints import ConstraintSystem, Instant
 from noslip.law.step import StepSymbols
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, coupling
@@ -164,7 +163,7 @@ def test_the_rotation_alone_is_refused_with_the_reason(metric: Any) -> None:
         lambda: inverse_metric(BLADE, metric, None, 0.01),
         lambda: learn(curved(), ns.Blade(), metric=metric),
     ):
-        told = refusal(ns.InputError, call)
+        told = refusal(ns.errors.InputError, call)
         assert "swings" in told and "hold_position=True" in told and "shared" in told
 
 
@@ -317,13 +316,13 @@ def test_learning_takes_a_metric_and_a_length_and_saving_keeps_them(tmp_path: Pa
     )
 
 
-def test_learning_chooses_the_position_or_both_and_half_a_mean_steps_length() -> None:
+def test_learning_chooses_the_position_or_both_and_a_mean_steps_length() -> None:
     demonstration = curved()
     assert (
         ns.learn(demonstration, ns.Blade(), basis_functions=20).rule.inverse_metric == POSITION_ONLY
     )
     upright = ns.learn(demonstration, ns.constraints.ToolAxis(), basis_functions=20)
-    step = demonstration.path_length / upright.law.steps / 2
+    step = demonstration.path_length / upright.law.steps
     assert upright.rule.inverse_metric == pytest.approx((1, 1, 1, *([1 / step**2] * 3)))
     assert np.abs(upright.rollout().constraint_residuals).max() <= 1e-10
 

@@ -81,13 +81,13 @@ class Learning:
     position_smoothing: options.PositionSmoothing = LEARNING.position_smoothing
     rotation_smoothing: options.RotationSmoothing = LEARNING.rotation_smoothing
     metric: Annotated[
-        str | None,
-        options.optional(
-            "NAME",
-            "Who gives way at run time: position, rotation, shared, or six positive weights "
-            "separated by commas; by default position where that can hold all, else shared.",
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Who gives way at run time: position, shared, or six positive weights separated "
+            "by commas; auto is position where that can hold all, else shared.",
         ),
-    ] = None
+    ] = "auto"
     metric_length: Annotated[
         float | None,
         options.optional("M", "Meters that weigh as much as a radian; by default a mean step."),

@@ -264,11 +264,11 @@ def constraints(texts: list[str]) -> list[Constraint]:
     return [parse_constraint(text) for text in texts]
 
 
-def metric(text: str | None) -> Metric:
+def metric(text: str) -> Metric:
     """Return the metric that ``--metric`` names: a word, or six weights."""
     # Why the rotation alone is none, learning says.
-    if text is None or text in ("rotation", *get_args(get_args(Metric)[0])):
-        return cast("Metric", text or "auto")
+    if text in ("rotation", *get_args(get_args(Metric)[0])):
+        return cast("Metric", text)
     if "," not in text:
         raise InputError(
             "--metric: expected auto, position, shared or six weights separated by commas, "

@@ -106,12 +106,12 @@ class ConstraintSystem:
         found: T = self._graphs.get(key, build)
         return found
 
-    @property
+    @cached_property
     def equalities(self) -> ConstraintSystem:
         """Those of the constraints that must be zero."""
         return self._of_relation("zero")
 
-    @property
+    @cached_property
     def limits(self) -> ConstraintSystem:
         """Those of the constraints that must not be negative."""
         return self._of_relation("nonnegative")

@@ -133,8 +133,7 @@ class Winding(Value):
             Rotation vectors, world frame (rad).
         """
         leading, left_out = _along(self, begin, steps, step_fraction, alpha, starting)
-        turn = self.goal.inv() * goal
-        if goal is self.goal or turn.magnitude() == 0.0:
+        if goal is self.goal or (turn := self.goal.inv() * goal).magnitude() == 0.0:
             return leading, left_out
         turned = Rotation.from_quat(leading, scalar_first=True) * turn
         return np.asarray(turned.as_quat(scalar_first=True)), left_out

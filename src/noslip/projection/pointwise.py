@@ -43,7 +43,7 @@ from noslip.errors import ConstraintError
 from noslip.law.step import Coupled, Coupling, StepSymbols
 from noslip.projection.nearest import nearest
 from noslip.projection.quadratic import Pushes, least_push
-from noslip.rotations import quaternion_exp, quaternion_product
+from noslip.rotations import quaternion_product, quaternion_turn
 from noslip.trajectory import PoseTrajectory
 
 Push = Literal["force", "steering"]
@@ -514,7 +514,7 @@ def _residual_after(
     before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
     state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
     now, drift = system.residual(*state), system.first_order(*state)
-    half_back = quaternion_exp(-previous / 2 * s.angular_velocity)
+    half_back = quaternion_turn(-previous / 2 * s.angular_velocity)
     middle = system.residual(
         before - previous / 2,
         s.position - previous / 2 * s.linear_velocity,
@@ -522,7 +522,7 @@ def _residual_after(
         s.linear_velocity,
         s.angular_velocity,
     )
-    back = quaternion_exp(-previous * s.angular_velocity)
+    back = quaternion_product(half_back, half_back)
     earlier = system.residual(
         before - previous,
         s.position - previous * s.linear_velocity,
