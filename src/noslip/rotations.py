@@ -14,8 +14,8 @@ from noslip._typing import Expression
 
 _SERIES_BELOW = 1e-3
 """Squared angle (or squared tangent) below which the series are exact in double."""
-_LEAST_SQUARE = 1e-300
-"""Added to a squared angle: its root is not 0, and sin(x) / x of it is 1 in double."""
+_LEAST_SQUARE = 1e-30
+"""Added to a squared angle: its root is not 0, also in single, and sin(x) / x of it is 1."""
 
 
 def quaternion_product(a: Expression, b: Expression) -> Expression:
