@@ -312,7 +312,10 @@ def _project_from_coarse(request: Request) -> ProjectedTrajectory:
         rotations=RotationSpline(times, turned)(inside) * trajectory.rotations,
         name=trajectory.name,
     )
-    weights = replace(request.weights, rotation_smoothing=coarse.smoothing)
+    # Of what is left, little and smooth, only the swing from step to step needs to be smoothed: as
+    # much as the samples ask for would eat up the precision.
+    less = (_MOST_SAMPLES / len(guess)) ** 6
+    weights = replace(request.weights, rotation_smoothing=less * coarse.smoothing)
     problem = Problem(replace(request, reference=guess, weights=weights), np.zeros((len(guess), 3)))
     fine = problem.solve(request.max_iterations, careful=False)
     return replace(
@@ -320,6 +323,7 @@ def _project_from_coarse(request: Request) -> ProjectedTrajectory:
         turns=(fine.trajectory.rotations * trajectory.rotations.inv()).as_rotvec(),
         iterations=coarse.iterations + fine.iterations,
         backing=coarse.backing,
+        smoothing=coarse.smoothing,
     )
 
 
