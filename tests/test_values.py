@@ -10,7 +10,6 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
-from time import perf_counter
 from typing import Any
 
 import casadi as ca
@@ -27,9 +26,6 @@ from noslip.provenance import Origin
 from noslip.rule import Rule
 from noslip.runtime.stepper import Stepper, stepper_of
 from noslip.spread import Spread
-
-MOST_TIMES_SLOWER = 3.0
-"""Of a copy's first rollout, over its original's: a graph built anew takes a hundred times."""
 
 
 def limited() -> list[ns.Constraint]:
@@ -138,18 +134,16 @@ def test_a_copied_controller_goes_on_by_itself(copied: Callable[[Any], Any]) -> 
 
 
 @pytest.mark.parametrize("copied", [there_and_back, copy.deepcopy])
-def test_the_next_rollout_of_a_copy_is_as_fast(copied: Callable[[Any], Any]) -> None:
+def test_a_copy_rolls_out_by_the_graph_and_machine_code_of_its_original(
+    copied: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     dmp = values()["primitive"]
-    dmp.compile()
-    own, others = [], []
-    for _ in range(5):
-        again = copied(dmp)
-        assert stepper_of(again.rule) is stepper_of(dmp.rule)
-        for which, times in ((dmp, own), (again, others)):
-            begin = perf_counter()
-            which.rollout()
-            times.append(perf_counter() - begin)
-    assert min(others) <= MOST_TIMES_SLOWER * min(own)
+    stepper = stepper_of(dmp.rule)
+    again = copied(dmp)
+    assert stepper_of(again.rule) is stepper
+    # Whatever is built is built through these.
+    monkeypatch.setattr("casadi.Function", None)
+    again.rollout()
 
 
 def elsewhere(value: Any) -> Any:

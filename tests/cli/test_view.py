@@ -88,15 +88,21 @@ def test_without_viser_the_extra_is_named(noslip, recording, monkeypatch):
 def test_it_serves_until_it_is_interrupted(recording):
     command = [sys.executable, "-m", "noslip", "view", recording, "--no-open", "--port", "0"]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ,
+        # Where these tests run in the background, interrupts are ignored by whoever inherits that.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         try:
             line = process.stdout.readline()
             assert line.startswith("http://127.0.0.1:") and "Ctrl-C" in line
-            with urllib.request.urlopen(line.split()[0], timeout=10) as answer:
+            with urllib.request.urlopen(line.split()[0], timeout=60) as answer:
                 assert b"<html" in answer.read()
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=20)
+            out, err = process.communicate(timeout=60)
         finally:
             process.kill()
     assert process.returncode == 130
