@@ -126,20 +126,29 @@ def _position_holds(equalities: ConstraintSystem, motion: PoseTrajectory) -> boo
     )
     # A radian weighs what the path would turn by, were it a circle.
     scale = np.repeat([1.0, 2 * np.pi / motion.path_length], 3)
-    return all(_in_position(equalities.instant(*at)[2] * scale) >= _ROBUST for at in instants)
+    rows = np.array([equalities.instant(*at)[2] * scale for at in instants])
+    return bool(_in_position(rows).min() >= _ROBUST)
 
 
-def _in_position(rows: Floats) -> float:
-    """Least singular value of the linear part of rows' orthonormal basis, rows of shape (m, 6)."""
-    norms = np.linalg.norm(rows, axis=1)
-    rows = rows[norms > 0] / norms[norms > 0, None]
-    if not len(rows):
-        return 1.0
-    _, sizes, basis = np.linalg.svd(rows, full_matrices=False)
-    basis = basis[sizes > _SAME_ROW * sizes[0]]
-    if len(basis) > 3:
-        return 0.0
-    return float(np.linalg.svd(basis[:, :3], compute_uv=False)[-1])
+def _in_position(rows: Floats) -> Floats:
+    """Least singular value of the linear part of rows' orthonormal basis.
+
+    Parameters
+    ----------
+    rows : array, shape (N, m, 6)
+
+    Returns
+    -------
+    array, shape (N,)
+    """
+    norms = np.linalg.norm(rows, axis=2, keepdims=True)
+    _, sizes, basis = np.linalg.svd(rows / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    kept = (sizes > _SAME_ROW * sizes[:, :1]) & (sizes > 0)
+    # What repeats other rows is left out; it then comes last, as zeros.
+    held = np.linalg.svd((basis * kept[:, :, None])[:, :, :3], compute_uv=False)
+    count = kept.sum(axis=1)
+    least = np.take_along_axis(held, np.clip(count, 1, held.shape[1])[:, None] - 1, axis=1)[:, 0]
+    return np.where(count == 0, 1.0, np.where(count > 3, 0.0, least))
 
 
 def _limits_turning(limits: ConstraintSystem) -> bool:
