@@ -254,16 +254,18 @@ class ConstraintSystem:
         Rows at velocity level are those of the step's middle, ``p + h v / 2``, ``Exp(h w / 2) R``,
         which is second order and symmetric in time; rows at position level those of its end.
         """
-        at_end = [level == "position" for level in self.row_levels]
-        middle = end = ca.SX()
-        if not all(at_end):
-            turned = quaternion_product(quaternion_exp(h / 2 * w), q)
-            middle = self.residual(t + h / 2, p + h / 2 * v, turned, v, w, a, alpha)
-        if any(at_end):
-            half = quaternion_exp(h / 2 * w)
-            turned = quaternion_product(half, quaternion_product(half, q))
-            end = self.residual(t + h, p + h * v, turned, v, w, a, alpha)
-        rows = [(end if ends else middle)[i] for i, ends in enumerate(at_end)]
+        half = quaternion_exp(h / 2 * w)
+        halfway = quaternion_product(half, q)
+        turned = quaternion_product(half, halfway)
+        return self.by_level(
+            self.residual(t + h / 2, p + h / 2 * v, halfway, v, w, a, alpha),
+            self.residual(t + h, p + h * v, turned, v, w, a, alpha),
+        )
+
+    def by_level(self, middle: Expression, end: Expression) -> Expression:
+        """Of residuals in the middle and at the end of a step, row by row those that are asked."""
+        levels = enumerate(self.row_levels)
+        rows = [(end if level == "position" else middle)[i] for i, level in levels]
         return ca.vertcat(ca.SX(0, 1), *rows)
 
     def _step_residual(self) -> Any:

@@ -94,7 +94,8 @@ def demonstrated_forces(attractor: Attractor, goal: Goal, points: Floats) -> Flo
     fraction = 1.0 / (len(points) - 1)
     velocities = POSE.difference(points[1:], points[:-1]) / fraction
     pull = attractor.demonstrated_pull(velocities, fraction)
-    return attractor.stiffness * (pull - goal.pull(points, attractor.alpha)[1:])
+    led = goal.pull(points, attractor.alpha, len(points) - 1)
+    return attractor.stiffness * (pull - led[1:])
 
 
 def _start_velocity(
@@ -102,10 +103,8 @@ def _start_velocity(
 ) -> Floats:
     """Velocity, per duration, with which the first step is the demonstrated one."""
     fraction = 1.0 / (len(points) - 1)
-    pull = (
-        goal.pull(points, attractor.alpha)[0]
-        + forcing.at_start(fraction, attractor.alpha) / attractor.stiffness
-    )
+    pull = goal.pull(points, attractor.alpha, 1)[0]
+    pull = pull + forcing.at_start(fraction, attractor.alpha) / attractor.stiffness
     first = POSE.difference(points[1:2], points[:1])[0] / fraction
     return attractor.demonstrated_start(pull, first, fraction)
 

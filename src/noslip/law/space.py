@@ -50,8 +50,8 @@ class Goal(Value):
         """Position and quaternion, shape (7,)."""
         return np.concatenate([self.position, self.winding.quaternions[-1]])
 
-    def pull(self, points: Floats, alpha: float) -> Floats:
-        """Return what draws each sample but the last to the last, by way of the winding.
+    def pull(self, points: Floats, alpha: float, count: int) -> Floats:
+        """Return what draws the first samples to the last one, by way of the winding.
 
         Parameters
         ----------
@@ -59,18 +59,20 @@ class Goal(Value):
             Evenly spaced from the start to the end.
         alpha : float
             Of the attractor.
+        count : int
+            How many samples, at most all but the last.
 
         Returns
         -------
-        array, shape (N - 1, 6)
+        array, shape (count, 6)
             As the step that leaves the sample feels it.
         """
-        steps = len(points) - 1
+        fraction = 1 / (len(points) - 1)
         rotations, left_out = self.winding.along(
-            0.0, steps, 1 / steps, alpha, _rotation(points[-1]), starting=True
+            0.0, count, fraction, alpha, _rotation(points[-1]), starting=True
         )
-        ends = np.hstack([np.broadcast_to(points[-1, STATE["position"]], (steps, 3)), rotations])
-        found = POSE.difference(ends, points[:-1])
+        ends = np.hstack([np.broadcast_to(points[-1, STATE["position"]], (count, 3)), rotations])
+        found = POSE.difference(ends, points[:count])
         found[:, FORCE["angular"]] += left_out
         return found
 

@@ -141,10 +141,7 @@ def _residual(
 
     def residual(part: ConstraintSystem, *accelerations: Expression) -> Expression:
         middles, ends = (part.residual(*at, *accelerations) for at in (at_middle, at_end))
-        rows = [
-            (ends if level == "position" else middles)[i] for i, level in enumerate(part.row_levels)
-        ]
-        return ca.vertcat(ca.SX(0, 1), *rows)
+        return part.by_level(middles, ends)
 
     phi = ca.vertcat(residual(equalities), residual(limits, linear, angular))
     parameters = ca.vertcat(*q, p, v, v_after, time, time_step, length)
