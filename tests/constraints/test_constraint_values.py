@@ -165,6 +165,14 @@ def test_a_system_owns_what_is_built_for_it() -> None:
     assert ConstraintSystem([ns.Blade()]).owned(("step", 0.01), build) is not found
 
 
+def test_a_system_shares_with_its_copies_whatever_was_declared_in_between() -> None:
+    system = ConstraintSystem([ns.DepthLimit(0.456)])
+    found = system.owned("step", lambda: [1])
+    for number in range(200):
+        ConstraintSystem([ns.DepthLimit(0.001 * number)]).owned("step", lambda: [2])
+    assert copy.deepcopy(system).owned("step", lambda: [3]) is found
+
+
 def test_what_a_system_owns_is_bounded() -> None:
     system = ConstraintSystem([ns.DepthLimit(0.321)])
     for number in range(1000):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import cached_property, lru_cache
 from threading import RLock
 from typing import Any, TypeVar
+from weakref import WeakValueDictionary
 
 import casadi as ca
 import numpy as np
@@ -27,7 +28,8 @@ from noslip.rotations import quaternion_exp, quaternion_product, rotation_matrix
 T = TypeVar("T")
 
 MOST_SYSTEMS = 64
-"""More than a program uses at once; the graphs of one take some 100 kB to 10 MB."""
+"""Kept though no system of theirs lives: more than a program uses in turn; one takes some 100 kB to
+10 MB."""
 MOST_OWNED = 64
 """Of one system: its own five graphs, and steps and stages in a dozen metrics and forms."""
 
@@ -80,7 +82,7 @@ class ConstraintSystem:
         )
         self._identity = tuple(map(declared, self.constraints)), self.names
         self._hash = hash(self._identity)
-        self._graphs = _graphs(self)
+        self._graphs = _graphs(self._identity)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ConstraintSystem):
@@ -433,9 +435,19 @@ class _Graphs:
             return self._kept[key]
 
 
+_living: WeakValueDictionary[Hashable, _Graphs] = WeakValueDictionary()
+_living_lock = RLock()
+
+
+def _graphs(identity: Hashable) -> _Graphs:
+    """The graphs of a declaration: one object while a system of it lives, and some time beyond."""
+    with _living_lock:
+        return _recent(_living.setdefault(identity, _Graphs()))
+
+
 @lru_cache(maxsize=MOST_SYSTEMS)
-def _graphs(system: ConstraintSystem) -> _Graphs:
-    return _Graphs()
+def _recent(graphs: _Graphs) -> _Graphs:
+    return graphs
 
 
 def _named(constraints: tuple[Constraint, ...], names: tuple[str, ...]) -> ConstraintSystem:
