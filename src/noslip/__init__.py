@@ -22,7 +22,7 @@ from noslip.constraints import (
 from noslip.constraints.check import check
 from noslip.control import Controller
 from noslip.demonstrations import prepare, segment
-from noslip.errors import NoslipError
+from noslip.errors import NoslipError, NoslipWarning
 from noslip.learning import learn
 from noslip.many import learn_each
 from noslip.primitive import ConstrainedDMP
@@ -44,6 +44,7 @@ __all__ = [
     "Motion",
     "Needle",
     "NoslipError",
+    "NoslipWarning",
     "PoseTrajectory",
     "SpeedLimit",
     "State",

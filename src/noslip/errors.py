@@ -1,8 +1,11 @@
 """Everything that noslip raises on purpose derives from :class:`NoslipError`.
 
-Each message is one line that names what was wrong, where, what was found and what to do.
+Each message is one line that names what was wrong, where, what was found and what to do.  What was
+done, but not as asked, is a :class:`NoslipWarning`, in Python as on the command line.
 """
 
+import sys
+import warnings
 from typing import ClassVar
 
 
@@ -40,5 +43,31 @@ class ConvergenceError(NoslipError, RuntimeError):
     page = "docs/concepts/projections.md"
 
 
+class MissedError(NoslipError, RuntimeError):
+    """A motion misses its goal, a via point or a hard limit; says by how much and what to do."""
+
+    page = "docs/refusals.md"
+
+
 class MissingDependencyError(NoslipError, ImportError):
     """An optional package is needed and not installed; the message says how to install it."""
+
+
+class NoslipWarning(UserWarning):
+    """Base of every warning; one line, like an error's."""
+
+
+class RecordingWarning(NoslipWarning):
+    """A recording is hardly what its file says: units, size, speed, placement."""
+
+
+class CompromiseWarning(NoslipWarning):
+    """Something was done, but not as asked: the message says by how much and what to do."""
+
+
+def warn(message: str, category: type[NoslipWarning]) -> None:
+    """Warn whoever called noslip: the line named is the first one outside of the package."""
+    package, frame, level = __name__.partition(".")[0], sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from noslip.constraints.system import _graphs
+from noslip.constraints.system import forget
 
 
 def told(noslip: Callable[..., Any]) -> dict[str, str]:
@@ -33,7 +33,7 @@ def test_without_one_it_says_why(
 ) -> None:
     monkeypatch.setenv("CC", "no-such-compiler")
     # What was compiled before stays compiled.
-    _graphs.cache_clear()
+    forget()
     found = told(noslip)
     assert found["steps run as"].endswith("no C compiler (no-such-compiler)")
     assert "no-such-compiler not found" in found["C compiler"]

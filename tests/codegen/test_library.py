@@ -14,14 +14,14 @@ import pytest
 
 import noslip as ns
 from noslip.codegen import library
-from noslip.constraints.system import _graphs
+from noslip.constraints.system import forget
 from noslip.experiments.numerical_example import demonstration
 from noslip.runtime.stepper import stepper_of
 
 
 def learned(**options: Any) -> ns.ConstrainedDMP:
     """Learn under a rule that no test has had compiled."""
-    _graphs.cache_clear()
+    forget()
     return ns.learn(demonstration(), [ns.Blade()], **options)
 
 

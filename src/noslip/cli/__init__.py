@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from textwrap import indent
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -25,10 +28,10 @@ from noslip.cli import (
     topics,
     view,
 )
-from noslip.errors import ConvergenceError, NoslipError
+from noslip.errors import ConvergenceError, MissedError, NoslipError, NoslipWarning
 
 EXIT_VIOLATED, EXIT_USAGE = 1, 2
-"""What a script tells apart: a constraint that is violated, and a call that is wrong."""
+"""What a script tells apart: a job that was not done, and a call that is wrong."""
 
 app = typer.Typer(
     name="noslip",
@@ -63,8 +66,26 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    """Tell each warning of ours as one line, like an error; those of libraries stay as they are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", NoslipWarning)
+        show = warnings.showwarning
+
+        def as_line(message: Warning | str, category: type[Warning], *where: Any) -> None:
+            if issubclass(category, NoslipWarning):
+                typer.echo(f"noslip: warning: {message}", err=True)
+            else:
+                show(message, category, *where)
+
+        warnings.showwarning = as_line  # type: ignore[assignment]
+        yield
+
+
 @app.callback()
 def _noslip(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option(
@@ -89,9 +110,10 @@ def _noslip(
     A recording is t,x,y,z,qw,qx,qy,qz (s, m, the tool in the world), a ROS
     bag or a data set.
 
-    Exit codes: 0 fine, 1 a constraint is violated or a projection did not
-    converge, 2 bad usage or input.
+    Exit codes: 0 fine, 1 a constraint is violated, a goal missed or a projection
+    did not converge, 2 bad usage or input.
     """
+    context.with_resource(_warnings_as_lines())
 
 
 def main() -> None:
@@ -101,7 +123,8 @@ def main() -> None:
     except NoslipError as error:
         more = f" (see {error.page})" if error.page else ""
         print(f"noslip: error: {error}{more}", file=sys.stderr)
-        sys.exit(EXIT_VIOLATED if isinstance(error, ConvergenceError) else EXIT_USAGE)
+        undone = isinstance(error, (ConvergenceError, MissedError))
+        sys.exit(EXIT_VIOLATED if undone else EXIT_USAGE)
     except (MemoryError, OverflowError, RecursionError, ArithmeticError) as error:
         what = str(error) or "too large to compute"
         print(f"noslip: error: {type(error).__name__}: {what}; check the numbers", file=sys.stderr)

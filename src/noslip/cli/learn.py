@@ -26,7 +26,7 @@ from noslip.cli import each as one_each
 from noslip.cli import options, output
 from noslip.constraints.check import check, margin_text
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.errors import InputError
+from noslip.errors import CompromiseWarning, InputError, warn
 from noslip.learning import learn
 from noslip.merit import figures_of_merit
 from noslip.primitive import ConstrainedDMP
@@ -230,7 +230,7 @@ def run(
     # Only what moves is written: what was there before may still be of use.
     primitive.save(out)
     for warning in _warnings(primitive, demonstrations, result["demonstrations"]):
-        typer.echo(f"noslip: warning: {warning}", err=True)
+        warn(warning, CompromiseWarning)
     if as_json:
         output.print_json(result)
         return
