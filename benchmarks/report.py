@@ -205,7 +205,7 @@ def _merits(comparison: Comparison) -> Table:
             name,
             f"{merit.residual_peak:.1e}",
             f"{merit.position_rms:.1e}",
-            f"{merit.position_end:.1e}",
+            f"{merit.end_error:.1e}",
             f"{merit.angular_speed_peak:.1f}",
             f"{merit.angular_acceleration_peak:.0f}",
         )

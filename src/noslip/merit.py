@@ -23,10 +23,11 @@ class FiguresOfMerit:
 
     Attributes
     ----------
-    position_rms, position_end : float
-        Distance from the reference at the same fraction of the motion (m).
-    rotation_rms, rotation_peak, rotation_end : float
-        Angle to the reference's rotation (rad).
+    position_rms, path_error, end_error : float
+        Distance from the reference at the same fraction of the motion: root mean square, largest,
+        and at the end (m).
+    rotation_rms, rotation_error, end_rotation_error : float
+        The same of the angle to the reference's rotation (rad).
     speed_peak, angular_speed_peak : float
         Of the steps (m/s, rad/s).
     acceleration_peak, angular_acceleration_peak : float
@@ -48,10 +49,11 @@ class FiguresOfMerit:
     """
 
     position_rms: float
-    position_end: float
+    path_error: float
+    end_error: float
     rotation_rms: float
-    rotation_peak: float
-    rotation_end: float
+    rotation_error: float
+    end_rotation_error: float
     speed_peak: float
     angular_speed_peak: float
     acceleration_peak: float
@@ -81,12 +83,7 @@ def figures_of_merit(
     read back from a file.
     """
     system = as_system(constraints)
-    fractions = (motion.times - motion.times[0]) / motion.duration
-    at = reference.times[0] + fractions * reference.duration
-    if len(motion) != len(reference) or not np.allclose(at, reference.times, 1e-9):
-        reference = reference.resampled(times=at)
-    distances = np.linalg.norm(motion.positions - reference.positions, axis=1)
-    angles = (motion.rotations * reference.rotations.inv()).magnitude()
+    distances, angles = deviations(motion, reference)
     speed, angular_speed = map(_peak, motion.step_velocities())
     acceleration, angular_acceleration = map(_peak, step_accelerations(motion))
 
@@ -98,10 +95,11 @@ def figures_of_merit(
         force, torque = map(_peak, np.split(motion.constraint_forces, 2, axis=1))
     return FiguresOfMerit(
         position_rms=_rms(distances),
-        position_end=float(distances[-1]),
+        path_error=float(distances.max()),
+        end_error=float(distances[-1]),
         rotation_rms=_rms(angles),
-        rotation_peak=float(angles.max()),
-        rotation_end=float(angles[-1]),
+        rotation_error=float(angles.max()),
+        end_rotation_error=float(angles[-1]),
         speed_peak=speed,
         angular_speed_peak=angular_speed,
         acceleration_peak=acceleration,
@@ -115,6 +113,16 @@ def figures_of_merit(
         force_peak=force,
         torque_peak=torque,
     )
+
+
+def deviations(motion: PoseTrajectory, reference: PoseTrajectory) -> tuple[Floats, Floats]:
+    """Distance (m) and angle (rad) of each sample to a reference at the same fraction of it."""
+    fractions = (motion.times - motion.times[0]) / motion.duration
+    at = reference.times[0] + fractions * reference.duration
+    if len(motion) != len(reference) or not np.allclose(at, reference.times, 1e-9):
+        reference = reference.resampled(times=at)
+    distances = np.linalg.norm(motion.positions - reference.positions, axis=1)
+    return distances, (motion.rotations * reference.rotations.inv()).magnitude()
 
 
 def slowest_edge_speed(motion: PoseTrajectory, system: ConstraintSystem) -> float | None:

@@ -50,7 +50,7 @@ class RecordingResult:
         Of each limit along that motion, ``name=margin`` separated by commas.
     end_position_error_m, end_rotation_error_deg : float or None
         From the recording's last pose to that motion's.
-    position_rms_m, rotation_rms_deg, rotation_peak_deg : float or None
+    position_rms_m, rotation_rms_deg, rotation_error_deg : float or None
         Between recording and motion.
     angular_speed_peak_rad_s, angular_acceleration_peak_rad_s2 : float or None
     slowest_edge_speed_m_s : float or None
@@ -88,7 +88,7 @@ class RecordingResult:
     end_rotation_error_deg: float | None = None
     position_rms_m: float | None = None
     rotation_rms_deg: float | None = None
-    rotation_peak_deg: float | None = None
+    rotation_error_deg: float | None = None
     angular_speed_peak_rad_s: float | None = None
     angular_acceleration_peak_rad_s2: float | None = None
     slowest_edge_speed_m_s: float | None = None

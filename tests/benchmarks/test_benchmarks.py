@@ -80,7 +80,7 @@ def test_paper_method_follows_the_path(coarse: dict[int, paper_method.PaperResul
     for samples, result in coarse.items():
         merit = figures_of_merit(result.motion, demonstration(samples))
         assert merit.position_rms < 0.01
-        assert merit.position_end < 0.01
+        assert merit.end_error < 0.01
 
 
 def test_optimizing_is_what_keeps_the_path(coarse: dict[int, paper_method.PaperResult]) -> None:
@@ -213,7 +213,7 @@ def test_summaries_count_what_was_reached() -> None:
 def test_merit_agrees_with_check() -> None:
     given = demonstration(100)
     merit = figures_of_merit(given, given, Blade())
-    assert merit.position_rms == merit.position_end == 0.0
+    assert merit.position_rms == merit.end_error == 0.0
     assert merit.residual_peak == pytest.approx(check(given, [Blade()]).constraints[0].peak)
 
 
@@ -344,7 +344,7 @@ def test_comparison_measures_all_methods(compared: comparison.Comparison) -> Non
 
 @needs_peer
 def test_the_other_library_follows_the_demonstration(compared: comparison.Comparison) -> None:
-    assert compared.merits["movement-primitives, unconstrained"].position_end < 0.05
+    assert compared.merits["movement-primitives, unconstrained"].end_error < 0.05
     assert "orientation" in peers.step_functions()
 
 

@@ -145,7 +145,7 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
 _COLUMNS: list[tuple[str, Any]] = [
     ("slips at most (m/s)", lambda c: f"{c.residual_peak:.1e}"),
     ("position rms (mm)", lambda c: f"{c.position_rms * 1e3:.3f}"),
-    ("end (mm)", lambda c: f"{c.position_end * 1e3:.3f}"),
+    ("end (mm)", lambda c: f"{c.end_error * 1e3:.3f}"),
     ("rotation rms (deg)", lambda c: f"{np.degrees(c.rotation_rms):.1f}"),
     ("peak ang. speed (rad/s)", lambda c: f"{c.angular_speed_peak:.1f}"),
     ("peak ang. accel. (rad/s²)", lambda c: f"{c.angular_acceleration_peak:.0f}"),

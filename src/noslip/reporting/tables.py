@@ -50,7 +50,7 @@ def recordings_tables(
                     cell(given.duration, "s"),
                     cell(given.path_length, "m"),
                     cell(merits.position_rms, "m"),
-                    cell(merits.position_end, "m"),
+                    cell(merits.end_error, "m"),
                     cell(merits.rotation_rms, "rad"),
                 )
             )
@@ -154,7 +154,7 @@ def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> 
             ("residual, rms", residual_unit, "residual_rms"),
             (f"distance from {against}, rms", "m", "position_rms"),
             (f"angle to {against}, rms", "rad", "rotation_rms"),
-            (f"angle to {against}, peak", "rad", "rotation_peak"),
+            (f"angle to {against}, peak", "rad", "rotation_error"),
             ("peak speed", "m/s", "speed_peak"),
             ("peak angular speed", "rad/s", "angular_speed_peak"),
             ("peak angular acceleration", "rad/s²", "angular_acceleration_peak"),

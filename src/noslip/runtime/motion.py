@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
+from noslip._values import Value
 from noslip.errors import InputError
-from noslip.law.layout import STATE
+from noslip.law.layout import STATE, STEP
+from noslip.rule import Rule
+from noslip.runtime.state import State
+from noslip.runtime.stepper import stepper_of
 from noslip.trajectory import PoseTrajectory
 
 HELD = 1e-9
@@ -37,6 +42,35 @@ class GaveWay:
     share: float
 
 
+@dataclass(frozen=True, eq=False)
+class Asked(Value):
+    """What the law asked of a motion.
+
+    Attributes
+    ----------
+    start : State
+        Where it began, and with which goal.
+    steps : array, shape (N - 1, 22)
+        What depends on the phase alone, see :data:`noslip.law.layout.STEP`.
+    """
+
+    start: State
+    steps: Floats
+
+    @cached_property
+    def _alone(self) -> tuple[Floats, Floats]:
+        stepper, first = stepper_of(Rule()), self.start.vector()
+        states = np.empty((len(self.steps), STATE.size))
+        stepper.run(first, self.steps, states, np.empty((len(self.steps), stepper.outputs.size)))
+        times = np.append(self.start.time, self.steps[:, STEP["time"]])
+        return times, np.vstack([first, states])[:, STATE["position"]]
+
+    def alone(self, times: Floats) -> Floats:
+        """Positions at these times if nothing constrained the law (m), shape (N, 3)."""
+        own, positions = self._alone
+        return np.column_stack([np.interp(times, own, column) for column in positions.T])
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Motion(PoseTrajectory):
     """A rolled-out motion and what the constraints did to it.
@@ -59,6 +93,8 @@ class Motion(PoseTrajectory):
     limit_names : tuple of str
     row_forces : array, shape (N, m + k, 6)
         The part of ``constraint_forces`` that each equality, then each limit, causes.
+    asked : Asked
+        Where it should end, and what the law wants on the way.
     """
 
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros((0, 0)))
@@ -69,6 +105,7 @@ class Motion(PoseTrajectory):
     limit_multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     limit_names: tuple[str, ...] = ()
     row_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 6)))
+    asked: Asked
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -94,6 +131,7 @@ class Motion(PoseTrajectory):
         outputs: dict[str, Floats],
         constraint_names: tuple[str, ...],
         limit_names: tuple[str, ...],
+        asked: Asked,
     ) -> Motion:
         """Return what a stepper has made, whose arrays it keeps: only NaN is looked for.
 
@@ -105,6 +143,7 @@ class Motion(PoseTrajectory):
             Named as in :func:`noslip.law.layout.output_layout`.
         constraint_names, limit_names : tuple of str
             One a row.
+        asked : Asked
         """
         for part in (states, outputs["values"]):
             if not np.isfinite(part).all():
@@ -141,9 +180,28 @@ class Motion(PoseTrajectory):
             ),
             constraint_names=constraint_names,
             limit_names=limit_names,
+            asked=asked,
             name="rollout",
         )
         return motion
+
+    @property
+    def end_error(self) -> float:
+        """Distance from where it ends to its goal (m)."""
+        return float(np.linalg.norm(self.positions[-1] - self.asked.start.goal_position))
+
+    @property
+    def end_rotation_error(self) -> float:
+        """The same of the rotation (rad)."""
+        return float((self.rotations[-1] * self.asked.start.goal_rotation.inv()).magnitude())
+
+    @property
+    def path_error(self) -> float:
+        """Largest distance from where the law alone would be at the same time (m).
+
+        That is how far constraints and limits push the motion off its way.
+        """
+        return float(np.linalg.norm(self.positions - self.asked.alone(self.times), axis=1).max())
 
     @property
     def clock(self) -> Floats:

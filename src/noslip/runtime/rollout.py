@@ -20,7 +20,7 @@ from noslip.law.layout import CLOCK, FORCE, STATE, STEP, VELOCITY
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
-from noslip.runtime.motion import Motion
+from noslip.runtime.motion import Asked, Motion
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 
@@ -105,7 +105,8 @@ def rollout(
     states[0] = first
     times: Floats = state.time + time_step * np.arange(steps + 1, dtype=np.float64)
     times[-1] = state.time + state.duration
-    stepper.run(first, _table(law, rule, state, times, time_step), states[1:], outputs[1:])
+    table = _table(law, rule, state, times, time_step)
+    stepper.run(first, table, states[1:], outputs[1:])
     outputs[0] = outputs[1]
     outputs[0, stepper.outputs["values"]] = [*state.constraint_residuals, *state.margins]
     return Motion.of_steps(
@@ -114,6 +115,7 @@ def rollout(
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
         tuple(system.equalities.row_names),
         tuple(system.limits.row_names),
+        Asked(state, table),
     )
 
 

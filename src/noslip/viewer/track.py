@@ -268,7 +268,7 @@ class Track:
         found = figures_of_merit(self.motion, self.reference, self.system)
         texts = {
             "position, rms": f"{1e3 * found.position_rms:.3g} mm",
-            "position, at the end": f"{1e3 * found.position_end:.3g} mm",
+            "position, at the end": f"{1e3 * found.end_error:.3g} mm",
             "rotation, rms": f"{np.degrees(found.rotation_rms):.3g}°",
             "angular speed, peak": f"{found.angular_speed_peak:.3g} rad/s",
             "angular acceleration, peak": f"{found.angular_acceleration_peak:.3g} rad/s²",
