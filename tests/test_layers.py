@@ -17,6 +17,7 @@ LAYERS = [
     {"projection", "demonstrations"},
     {"rule", "codegen"},
     {"runtime"},
+    {"verification"},
     {"adapting"},
     {"control", "spread", "provenance", "merit"},
     {"document"},

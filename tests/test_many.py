@@ -119,7 +119,7 @@ def test_without_constraints_and_without_a_folder_only_figures_are_kept(runs, tm
     learned = learn_each(runs, **FEW)
     assert learned.table is None and not learned.failed
     assert {result.primitive for result in learned.results} == {""}
-    assert {result.iterations for result in learned.results} == {None}
+    assert {result.iterations for result in learned.results} == {0}
     assert all(result.position_rms_m < 1e-3 for result in learned.results)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["runs"]
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import wraps
-from typing import ParamSpec
+from typing import Literal, ParamSpec
+
+import numpy as np
 
 from noslip import _arguments
 from noslip.boundary import Boundary, End
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.alignment import align as bring_into_step
+from noslip.errors import CompromiseWarning, warn
 from noslip.law.fitting import (
     MOST_BASIS_FUNCTIONS,
     as_demonstrations,
@@ -19,18 +22,33 @@ from noslip.law.fitting import (
     evenly_sampled,
     fit,
 )
+from noslip.law.law import Law
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.feasibility import require_consistent
 from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import project_initial_velocity
 from noslip.projection.request import LEARNING, Request, Weights
+from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule
+from noslip.runtime.rollout import rollout
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
+from noslip.verification import FOLLOWED, Deviation, followed_with, verify
 
 P = ParamSpec("P")
+
+_PAPERS = 100
+"""Basis functions in the paper."""
+FAR_SHARE = 0.05
+"""Share of the path by which a primitive may leave its one demonstration without a warning: more is
+seen with the eye."""
+FAR_FROM_MEAN = 0.25
+"""The same with several, whose mean it is: eight cuts by one hand lie up to 11 % off it."""
+FAR_TURN = 67.5
+"""Degrees (rms) by which the constraint may turn the tool without a warning: three quarters of what
+a wrong axis does; the numerical example, which never turns its tool, is turned by 65."""
 
 
 def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]:
@@ -49,7 +67,7 @@ def learn(
     demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
     constraints: ConstraintSystem | Constraint | Sequence[Constraint] = (),
     *,
-    basis_functions: int = 100,
+    basis_functions: int | Literal["auto"] = "auto",
     alpha: float = 25.0,
     beta: float = 6.25,
     alpha_s: float = 1.0,
@@ -81,7 +99,10 @@ def learn(
     constraints : Constraint or several
         Equalities, zero along the motion, and limits, not negative; none gives an ordinary pose
         primitive.
-    basis_functions, alpha, beta, alpha_s, ridge
+    basis_functions : int or "auto"
+        By default 100, as in the paper, and more where the primitive else leaves its projected
+        demonstration by more than a thousandth of the path.
+    alpha, beta, alpha_s, ridge : float
         As for :func:`noslip.law.fit`.
     hold_position : bool
         Project by the orientation alone, as in the paper.  By default the position gives way too,
@@ -116,6 +137,13 @@ def learn(
         If demonstrations or constraints are not what they must be.
     ConvergenceError
         If a projection does not converge; the message says what to change.
+    MissedError
+        If the primitive's own motion misses its goal or breaks a hard limit; says what helps.
+
+    Warns
+    -----
+    CompromiseWarning
+        If the primitive leaves its demonstration, or the projection turns the tool far.
     """
     recorded = as_demonstrations(demonstrations)
     system = as_system(constraints)
@@ -135,36 +163,95 @@ def learn(
 
     # What is out of range is refused before the projections take their time.
     rule_along(())
-    basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
+    fewest = _PAPERS
+    if basis_functions != "auto":
+        fewest = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     for demonstration in recorded:
         require_consistent(system, demonstration)
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
-    projected, record = [], []
-    sampled = [evenly_sampled(d, basis_functions) for d in recorded]
+
+    def projected(demonstration: PoseTrajectory) -> ProjectedTrajectory:
+        ends = (
+            Boundary.keeping(demonstration, 0.0, start),
+            Boundary.keeping(demonstration, 1.0, end),
+        )
+        request = Request(demonstration, system, ends, weights, hold_position)
+        return project_heeding_what_it_can(request)
+
+    sampled = [evenly_sampled(d, fewest) for d in recorded]
+    results = []
     for index, demonstration in enumerate(sampled):
-        if system.size:
-            ends = (
-                Boundary.keeping(demonstration, 0.0, start),
-                Boundary.keeping(demonstration, 1.0, end),
-            )
-            result = project_heeding_what_it_can(
-                Request(demonstration, system, ends, weights, hold_position)
-            )
-            record.append(LearningRecord.of(demonstration, result))
-            projected.append(result.trajectory)
+        results.append(projected(demonstration) if system.size else None)
         if progress is not None:
             progress(index + 1, len(recorded))
-    constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
-    demonstrated = fit(sampled, basis_functions=basis_functions, **constants)
-    demonstrated = replace(demonstrated, steps=default_steps(recorded[0]))
-    law = demonstrated
-    if projected:
-        law = replace(
-            fit(projected, basis_functions=basis_functions, **constants),
-            duration=demonstrated.duration,
-            steps=demonstrated.steps,
-        )
-    spread = Spread.about(law, projected or sampled)
-    return ConstrainedDMP(
-        law, rule_along(projected or sampled), demonstrated, tuple(record), spread
+    followed = [d if r is None else r.trajectory for d, r in zip(sampled, results, strict=True)]
+
+    def fitted(several: Sequence[PoseTrajectory], count: int) -> Law:
+        constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
+        law = fit(several, basis_functions=count, **constants)
+        duration = float(np.mean([d.duration for d in recorded]))
+        return replace(law, duration=duration, steps=default_steps(recorded[0]))
+
+    most = MOST_BASIS_FUNCTIONS if basis_functions == "auto" else fewest
+    law, off = followed_with(fitted, followed, fewest, most)
+    count = law.basis.count
+    if system.size and len(followed) > 1:
+        # Feasible motions have a mean that is not: it is projected as they were.
+        mean = rollout(law, Rule(), time_step=law.duration / (len(followed[0]) - 1))
+        law = fitted([projected(mean).trajectory], count)
+    rule = rule_along(followed)
+    goal = Boundary(1.0, law.goal_position, law.goal_rotation)
+    # With fewer basis functions than it takes, by choice, it comes as near as these can.
+    motion = verify(law, rule, [goal], strict=off <= FOLLOWED)
+    record = tuple(
+        LearningRecord.of(d, r, Deviation.between(motion, d))
+        for d, r in zip(sampled, results, strict=True)
     )
+    if off > FOLLOWED:
+        warn(
+            f"{count} basis functions leave the demonstration by {off:.2g} of its path; give more "
+            "basis functions, or none for as many as it takes",
+            CompromiseWarning,
+        )
+    _tell(record, sampled, rotation_smoothing)
+    demonstrated = fitted(sampled, count) if system.size else law
+    return ConstrainedDMP(law, rule, demonstrated, record, Spread.about(law, followed))
+
+
+def _tell(
+    record: Sequence[LearningRecord], demonstrations: Sequence[PoseTrajectory], smoothing: float
+) -> None:
+    """Warn of what a person should look at before trusting the primitive."""
+    remedy = "low-pass the recording, give the tool's frame, or check the constraint's axes"
+    for one in record:
+        if np.degrees(one.rotation_change) > FAR_TURN:
+            warn(
+                f"{one.demonstration}: the constraint turns the tool by "
+                f"{np.degrees(one.rotation_change):.0f} degrees (rms); {remedy}",
+                CompromiseWarning,
+            )
+        if one.left_out:
+            warn(
+                f"{one.demonstration}: its projection cannot keep {', '.join(one.left_out)}; left "
+                "to the run time: demonstrate a motion within the limits",
+                CompromiseWarning,
+            )
+        if one.smoothing > 1.5 * smoothing:
+            warn(
+                f"{one.demonstration}: converged only with "
+                f"{one.smoothing / smoothing:.0f} times the smoothing; {remedy}",
+                CompromiseWarning,
+            )
+    several = len(record) > 1
+    far = FAR_FROM_MEAN if several else FAR_SHARE
+    lengths = [demonstration.path_length for demonstration in demonstrations]
+    left = [(r, n) for r, n in zip(record, lengths, strict=True) if r.path_error > far * n]
+    if left:
+        worst, length = max(left, key=lambda pair: pair[0].path_error)
+        which = f"{len(left)} of {len(record)} demonstrations, the most " if several else ""
+        warn(
+            f"the primitive leaves {which}{worst.demonstration} by "
+            f"{worst.path_error * 1e3:.3g} mm of a path of {length * 1e3:.3g} mm; "
+            + ("learn from each alone, or from those that lie together" if several else remedy),
+            CompromiseWarning,
+        )

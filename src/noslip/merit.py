@@ -15,6 +15,7 @@ from noslip.constraints.edge_motion import edge_steps
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.runtime.motion import Motion
 from noslip.trajectory import PoseTrajectory
+from noslip.verification import deviations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,16 +114,6 @@ def figures_of_merit(
         force_peak=force,
         torque_peak=torque,
     )
-
-
-def deviations(motion: PoseTrajectory, reference: PoseTrajectory) -> tuple[Floats, Floats]:
-    """Distance (m) and angle (rad) of each sample to a reference at the same fraction of it."""
-    fractions = (motion.times - motion.times[0]) / motion.duration
-    at = reference.times[0] + fractions * reference.duration
-    if len(motion) != len(reference) or not np.allclose(at, reference.times, 1e-9):
-        reference = reference.resampled(times=at)
-    distances = np.linalg.norm(motion.positions - reference.positions, axis=1)
-    return distances, (motion.rotations * reference.rotations.inv()).magnitude()
 
 
 def slowest_edge_speed(motion: PoseTrajectory, system: ConstraintSystem) -> float | None:

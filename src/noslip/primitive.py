@@ -24,9 +24,11 @@ from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule
 from noslip.runtime.batch import rollout_many
 from noslip.runtime.export import export_c
+from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread
+from noslip.verification import Deviation, require_hard_limits, tell
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -41,6 +43,34 @@ def _method(
         return function(self.law, self.rule, *args, **options)
 
     return _described(method, function)
+
+
+def _told(
+    function: Callable[Concatenate[Law, Rule, P], Motion],
+) -> Callable[Concatenate[Law, Rule, P], Motion]:
+    """Return a rollout that tells what it misses, where it is not as it was learned."""
+
+    @wraps(function)
+    def told(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> Motion:
+        motion = function(law, rule, *args, **options)
+        if options:
+            tell(motion, rule)
+        return motion
+
+    return told
+
+
+def _within_limits(
+    function: Callable[Concatenate[Law, Rule, P], T],
+) -> Callable[Concatenate[Law, Rule, P], T]:
+    """Return a function that is called of laws alone that keep their hard limits."""
+
+    @wraps(function)
+    def within(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> T:
+        require_hard_limits(law, rule)
+        return function(law, rule, *args, **options)
+
+    return within
 
 
 def _adapting(
@@ -164,11 +194,11 @@ class ConstrainedDMP(Value):
 
     # ---------------------------------------------------------------- motion
 
-    rollout = _method(rollout)
+    rollout = _method(_told(rollout))
     initial_state = _method(initial_state)
     step = _method(step)
     rollout_many = _method(rollout_many)
-    export_c = _method(export_c)
+    export_c = _method(_within_limits(export_c))
 
     def controller(self, *, time_step: float, **options: Any) -> Controller:
         """Return what steps this primitive in a control loop; see :class:`noslip.Controller`."""
@@ -202,7 +232,13 @@ class ConstrainedDMP(Value):
             self,
             law=law,
             demonstrated=replace(demonstrated, duration=law.duration, begin=law.begin),
-            record=(LearningRecord.of(adapted.request.reference, adapted.projected),),
+            record=(
+                LearningRecord.of(
+                    adapted.request.reference,
+                    adapted.projected,
+                    Deviation.between(adapted.motion, adapted.projected.trajectory),
+                ),
+            ),
             spread=spread,
             history=(*self.history, origin),
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from inspect import signature
 from typing import Any, Literal
 
@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from noslip._values import Value
 from noslip.projection.result import ProjectedTrajectory
 from noslip.trajectory import PoseTrajectory
+from noslip.verification import Deviation
 
 Verb = Literal["learn", "adapt", "replan"]
 
@@ -59,11 +60,14 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class LearningRecord:
-    """What the projection made of one demonstration.
+    """What became of one demonstration: how far the primitive follows it, how it was projected.
 
     Attributes
     ----------
     demonstration : str
+    end_error, end_rotation_error, path_error, rotation_error : float
+        Of the primitive's motion, from the demonstration, or from what an adapted motion was
+        planned to be: at its end, and at most (m, rad).
     samples, iterations, backing : int
         ``backing`` counts stretches in which the demonstration moves backwards (left so).
     residual : float
@@ -77,26 +81,38 @@ class LearningRecord:
     """
 
     demonstration: str
+    end_error: float
+    end_rotation_error: float
+    path_error: float
+    rotation_error: float
     samples: int
-    iterations: int
-    backing: int
-    residual: float
-    position_change: float
-    rotation_change: float
-    smoothing: float
+    iterations: int = 0
+    backing: int = 0
+    residual: float = 0.0
+    position_change: float = 0.0
+    rotation_change: float = 0.0
+    smoothing: float = 0.0
     left_out: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, demonstration: PoseTrajectory, projected: ProjectedTrajectory) -> LearningRecord:
+    def of(
+        cls,
+        demonstration: PoseTrajectory,
+        projected: ProjectedTrajectory | None,
+        deviation: Deviation,
+    ) -> LearningRecord:
+        """Return the record of a demonstration, projected if there are constraints."""
+        found = cls(demonstration.name, samples=len(demonstration), **asdict(deviation))
+        if projected is None:
+            return found
         moved = projected.trajectory.positions - demonstration.positions
-        return cls(
-            demonstration.name,
-            len(demonstration),
-            projected.iterations,
-            projected.backing,
-            float(np.abs(projected.residuals[1:]).max(initial=0.0)),
-            float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
-            float(np.sqrt(np.mean(np.sum(projected.turns**2, axis=1)))),
-            projected.smoothing,
-            projected.left_out,
+        return replace(
+            found,
+            iterations=projected.iterations,
+            backing=projected.backing,
+            residual=float(np.abs(projected.residuals[1:]).max(initial=0.0)),
+            position_change=float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
+            rotation_change=float(np.sqrt(np.mean(np.sum(projected.turns**2, axis=1)))),
+            smoothing=projected.smoothing,
+            left_out=projected.left_out,
         )

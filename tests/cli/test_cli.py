@@ -66,8 +66,11 @@ def test_rollout_takes_goals_durations_and_rates(noslip, primitive, tmp_path):
         *("rollout", primitive, "--out", motion, "--duration", 4, "--time-step", 0.01, "--json"),
         *("--goal-position", ",".join(map(repr, goal.tolist()))),
     )
-    assert result.code == 0
-    assert json.loads(result.out)["samples"] == 401
+    # The coupling term alone leads a blade to no other goal: it is said, and no success.
+    assert result.code == 1
+    told = json.loads(result.out)
+    assert told["samples"] == 401
+    assert f"ends {told['end_error'] * 1e3:.3g} mm" in result.err and "adapt" in result.err
     read = ns.PoseTrajectory.from_npz(motion)
     expected = dmp.rollout(goal_position=goal, duration=4.0, time_step=0.01)
     np.testing.assert_array_equal(read.positions, expected.positions)
@@ -108,17 +111,15 @@ def test_rollout_takes_a_start_off_the_constraint(noslip, slipping, tmp_path):
     np.testing.assert_array_equal(heights["nothing"], expected.positions[:, 2])
 
 
-def test_learn_warns_of_limits_that_the_demonstration_cannot_keep(noslip, slipping, tmp_path):
+def test_learn_refuses_limits_that_the_demonstration_cannot_keep(noslip, slipping, tmp_path):
     out = tmp_path / "cut.json"
     limit = "box(lower=(None,None,None),upper=(0.05,None,None))"
     result = noslip(
         *("learn", slipping, "--constraint", "blade(edge='x')", "--constraint", limit),
         *("--constraint", "forward-only(minimum=0.05)", "--out", out),
     )
-    left_out = ns.load_primitive(out).record[0].left_out
-    assert left_out
-    for name in left_out:
-        assert name in result.err
+    assert result.code == 1 and not out.exists()
+    assert "error: " in result.err and "box" in result.err
 
 
 def test_rollout_without_out_writes_the_csv_alone_to_standard_output(noslip, primitive):
@@ -301,15 +302,16 @@ def with_constraints(primitive, constraints, path) -> Path:
     return under(ns.load_primitive(primitive), constraints).save(path)
 
 
-@pytest.mark.parametrize(("priority", "code", "kind"), [(0, 1, "hard"), (2, 0, "soft, priority 2")])
-def test_rollout_says_what_gave_way_and_blames_hard_limits_alone(
-    noslip, primitive, tmp_path, priority, code, kind
+@pytest.mark.parametrize(("priority", "kind"), [(0, "hard"), (2, "soft, priority 2")])
+def test_rollout_says_what_gave_way_and_that_the_goal_is_missed(
+    noslip, primitive, tmp_path, priority, kind
 ):
     limits = [ns.SpeedLimit(speed=0.01, priority=priority), ns.constraints.Box()]
     path = with_constraints(primitive, [advance, *limits], tmp_path / "contradictory.json")
     out = tmp_path / "motion.csv"
     result = noslip("rollout", path, "--out", out)
-    assert result.code == code
+    assert result.code == 1
+    assert "from the goal" in result.out
     motion = ns.load_primitive(path).rollout()
     (limit,) = motion.gave_way
     assert limit.violation > 0.019
@@ -318,7 +320,7 @@ def test_rollout_says_what_gave_way_and_blames_hard_limits_alone(
     assert "speed-limit: VIOLATED" in result.out
 
     result = noslip("rollout", path, "--out", out, "--json")
-    assert result.code == code
+    assert result.code == 1
     (told,) = json.loads(result.out)["gave_way"]
     assert told == {
         "name": "speed-limit",
@@ -330,7 +332,7 @@ def test_rollout_says_what_gave_way_and_blames_hard_limits_alone(
     }
     # The motion's own text stays free of it.
     result = noslip("rollout", path)
-    assert result.code == code
+    assert result.code == 1
     assert result.out == motion.csv_text()
     assert "gave way" in result.err
 

@@ -15,7 +15,7 @@ from noslip._values import Value
 from noslip.adapting.ends import asked, placed, require_feasible
 from noslip.boundary import Boundary, End
 from noslip.errors import ConvergenceError, InputError
-from noslip.law.fitting import SAMPLES_PER_BASIS_FUNCTION, fit
+from noslip.law.fitting import MOST_BASIS_FUNCTIONS, SAMPLES_PER_BASIS_FUNCTION, fit
 from noslip.law.law import Law
 from noslip.law.scaling import Scaling, scaled
 from noslip.projection.blend import through
@@ -23,7 +23,10 @@ from noslip.projection.request import ADAPTING, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.rule import Rule
+from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
+from noslip.trajectory import PoseTrajectory
+from noslip.verification import followed_with, verify
 
 MOST_SAMPLES = 2001
 """An adapted motion is as smooth as its primitive; more samples than these add nothing."""
@@ -42,11 +45,14 @@ class Adapted(Value):
     request : Request
         What was projected: the unconstrained motion, moved to the boundaries.
     projected : ProjectedTrajectory
+    motion : Motion
+        Of the law, at its default step: it was seen to come where it was asked to.
     """
 
     law: Law
     request: Request
     projected: ProjectedTrajectory
+    motion: Motion
 
 
 def adapt(
@@ -107,6 +113,8 @@ def adapt(
         If an argument is not what it must be, or no motion under the constraints can end there.
     ConvergenceError
         If the projection does not converge.
+    MissedError
+        If the law's motion misses the goal, a via point or a hard limit.
     """
     tau = law.duration
     if duration is not None:
@@ -141,22 +149,8 @@ def adapt(
             time = request.begin + passed.at * tau
             require_feasible(request.system, f"via at {passed.at:g}", time, passed)
     moved = through(request.reference, request.boundaries)
-    adapted = carried_out(free, replace(request, reference=moved), law.steps)
-    limits = request.system.limits
-    left_out = [
-        name
-        for name, constraint in zip(limits.names, limits.constraints, strict=True)
-        if constraint.priority == 0 and name in adapted.projected.left_out
-    ]
-    if left_out:
-        raise ConvergenceError(
-            f"no motion found that keeps {', '.join(left_out)} between these ends; give it more "
-            "time (duration), other ends, or a priority above 0"
-        )
-    found = replace(adapted.law, duration=tau)
-    if request.leads_in:
-        found = replace(found, start_velocity=np.concatenate(request.twist_at(0)) * tau)
-    return replace(adapted, law=found)
+    request = replace(request, reference=moved)
+    return carried_out(free, rule, request, law.steps, tau, exact_start=True)
 
 
 def samples_of(law: Law, samples: int | None) -> int:
@@ -169,22 +163,53 @@ def samples_of(law: Law, samples: int | None) -> int:
     return samples
 
 
-def carried_out(law: Law, request: Request, steps: int) -> Adapted:
-    """Project a reference that meets its boundaries, and fit a primitive of so many steps."""
+def carried_out(
+    law: Law,
+    rule: Rule,
+    request: Request,
+    steps: int,
+    duration: float,
+    *,
+    exact_start: bool = False,
+) -> Adapted:
+    """Project a reference that meets its boundaries, fit a law of so many steps, and verify it.
+
+    The fit begins with the velocity that leads onto the path, or exactly with what was asked for.
+    """
     projected = project_heeding_what_it_can(request)
+    limits = request.system.limits
+    left_out = [
+        name
+        for name, constraint in zip(limits.names, limits.constraints, strict=True)
+        if constraint.priority == 0 and name in projected.left_out
+    ]
+    if left_out:
+        raise ConvergenceError(
+            f"no motion found that keeps {', '.join(left_out)} between these ends; give it more "
+            "time (duration), other ends, or a priority above 0"
+        )
     trajectory = projected.trajectory
     samples = _samples_for(law.basis.count, steps)
     if len(trajectory) < samples:
         times = np.linspace(trajectory.times[0], trajectory.times[-1], samples)
         trajectory = trajectory.resampled(times=times)
-    fitted = fit(
-        trajectory,
-        basis_functions=law.basis.count,
-        alpha=law.attractor.alpha,
-        beta=law.attractor.beta,
-        alpha_s=law.clock.alpha_s,
-    )
-    return Adapted(replace(fitted, steps=steps, begin=request.begin), request, projected)
+
+    def fitted(trajectories: Sequence[PoseTrajectory], count: int) -> Law:
+        found = fit(
+            trajectories,
+            basis_functions=count,
+            alpha=law.attractor.alpha,
+            beta=law.attractor.beta,
+            alpha_s=law.clock.alpha_s,
+        )
+        return replace(found, duration=duration, steps=steps, begin=request.begin)
+
+    found, _ = followed_with(fitted, [trajectory], law.basis.count, MOST_BASIS_FUNCTIONS)
+    if exact_start and request.leads_in:
+        start = np.concatenate(request.twist_at(0)) * duration
+        found = replace(found, start_velocity=start)
+    asked = [boundary for boundary in request.boundaries if boundary.at > 0]
+    return Adapted(found, request, projected, verify(found, rule, asked))
 
 
 def _samples_for(basis_functions: int, steps: int) -> int:

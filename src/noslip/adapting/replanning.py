@@ -114,8 +114,7 @@ def replan(
         boundaries=(first, last),
         begin=state.time,
     )
-    adapted = carried_out(law, request, steps)
-    return replace(adapted, law=replace(adapted.law, duration=request.reference.duration))
+    return carried_out(law, rule, request, steps, request.reference.duration)
 
 
 def _time_needed(nominal: PoseTrajectory, state: State, done: float, goal: Floats) -> float:

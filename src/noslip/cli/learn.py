@@ -14,7 +14,6 @@ noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parq
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,32 +23,28 @@ import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.constraints.check import check, margin_text
+from noslip.constraints.check import check, margin_text, quantity_text
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.errors import CompromiseWarning, InputError, warn
+from noslip.errors import InputError
 from noslip.learning import learn
 from noslip.merit import figures_of_merit
-from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import LEARNING
 from noslip.rule import BARRIER_RATE, STABILIZATION
-from noslip.trajectory import PoseTrajectory
 
 _MANY = "Many recordings"
 """Heading of these options in the help."""
 _CONSTANTS = "Constants of the law"
 """Heading of these options in the help."""
-FAR_SHARE = 0.02
-"""Share of the path by which a primitive may leave its demonstration without a warning: more is
-seen with the eye."""
-FAR_TURN = 60.0
-"""Degrees (rms) by which the constraint may turn the tool without a warning."""
 
 
 @dataclass(frozen=True)
 class Learning:
     """Options of :func:`noslip.learn`, one each, by the same names."""
 
-    basis_functions: Annotated[int, typer.Option(metavar="N", min=1)] = 100
+    basis_functions: Annotated[
+        str,
+        typer.Option(metavar="N", help="auto: 100, and more where the path needs them."),
+    ] = "auto"
     alpha: Annotated[
         float, typer.Option(metavar="X", help="Of the attractor.", rich_help_panel=_CONSTANTS)
     ] = 25.0
@@ -123,7 +118,11 @@ class Learning:
 
     def keywords(self) -> dict[str, Any]:
         """Return what they are for :func:`noslip.learn`."""
-        return vars(self) | {"metric": options.metric(self.metric)}
+        count: int | str = self.basis_functions
+        if count != "auto":
+            (found,) = options.numbers("--basis-functions", self.basis_functions, (1,))
+            count = int(found) if found == int(found) else count
+        return vars(self) | {"metric": options.metric(self.metric), "basis_functions": count}
 
 
 @options.grouped
@@ -174,7 +173,8 @@ def run(
 
     Each recording is projected onto the constraints (the nearest motion that satisfies them), one
     primitive is fitted to all of them, and the coupling term of the Udwadia-Kalaba method holds the
-    constraints at every step of its motion.  Exits with 1 if a projection does not converge.
+    constraints at every step of its motion.  Exits with 1 if a projection does not converge, or
+    if the motion misses its goal or breaks a hard limit.
 
     With --each every recording becomes a primitive of its own.  Recordings that fail are listed,
     the others finished, and the exit code is 1.
@@ -220,6 +220,9 @@ def run(
         "primitive": str(out),
         "constraints": list(system.names),
         "duration": primitive.duration,
+        "end_error": motion.end_error,
+        "end_rotation_error": motion.end_rotation_error,
+        "path_error": motion.path_error,
         "residual_peak": merits[0]["residual_peak"],
         "least_margins": merits[0]["least_margins"],
         "demonstrations": [
@@ -229,8 +232,6 @@ def run(
     }
     # Only what moves is written: what was there before may still be of use.
     primitive.save(out)
-    for warning in _warnings(primitive, demonstrations, result["demonstrations"]):
-        warn(warning, CompromiseWarning)
     if as_json:
         output.print_json(result)
         return
@@ -253,40 +254,8 @@ def run(
         for limit in check(motion, system.limits).constraints:
             typer.echo(f"{limit.name} of its motion: {margin_text(limit)}")
     here, there = (" ".join(f"{x:.4g}" for x in motion.positions[k]) for k in (0, -1))
-    typer.echo(f"from {here} to {there} m in {motion.duration:.4g} s")
+    typer.echo(
+        f"from {here} to {there} m in {motion.duration:.4g} s; ends "
+        f"{quantity_text(motion.end_error, 'm')} from its goal"
+    )
     typer.echo(f"wrote {out}")
-
-
-def _warnings(
-    primitive: ConstrainedDMP,
-    demonstrations: list[PoseTrajectory],
-    figures: list[dict[str, Any]],
-) -> Iterator[str]:
-    """What a person should look at before trusting the primitive."""
-    smoothing = primitive.history[0].options["rotation_smoothing"]
-    remedy = "low-pass the recording, give the tool's frame, or check the constraint's axes"
-    for record in primitive.record:
-        turned = np.degrees(record.rotation_change)
-        if turned > FAR_TURN:
-            yield (
-                f"{record.demonstration}: the constraint turns the tool by {turned:.0f} degrees "
-                f"(rms); {remedy}"
-            )
-        if record.left_out:
-            yield (
-                f"{record.demonstration}: its projection cannot keep {', '.join(record.left_out)}; "
-                "left to the run time, which may stop short: demonstrate a motion within the limits"
-            )
-        if record.smoothing > 1.5 * smoothing:
-            yield (
-                f"{record.demonstration}: converged only with "
-                f"{record.smoothing / smoothing:.0f} times the smoothing; {remedy}"
-            )
-    if len(demonstrations) == 1:
-        (demonstration,), (figure,) = demonstrations, figures
-        if figure["position_rms"] > FAR_SHARE * demonstration.path_length:
-            yield (
-                f"{demonstration.name}: the primitive leaves it by "
-                f"{figure['position_rms'] * 1e3:.3g} mm (rms) of a path of "
-                f"{demonstration.path_length * 1e3:.3g} mm; {remedy}, or use more --basis-functions"
-            )

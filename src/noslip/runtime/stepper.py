@@ -64,9 +64,9 @@ class Stepper:
             contiguous.
         """
         count = len(table)
-        # Whoever runs many steps twice will do so often.
+        # What was learned is rolled out twice to verify it; whoever runs it twice will do so often.
         self._runs += count > 1
-        if self._runs == 2:
+        if self._runs == 4:
             self.native.begin()
         if (library := self.native.library) is not None:
             library.run(*(a.ctypes.data for a in (state, table, states, outputs)), count)

@@ -1,0 +1,264 @@
+"""What became of the job: a primitive's own motion, held against what was asked of it.
+
+A motion that holds its constraints and misses its goal is a failure.  Whatever makes a primitive
+rolls it out, at its default step and at a fine one, and looks where it ends, what it passes, how
+far it leaves its way and which hard limits it breaks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip.boundary import Boundary
+from noslip.constraints.check import quantity_text
+from noslip.errors import CompromiseWarning, MissedError, warn
+from noslip.law.law import Law
+from noslip.projection.metric import inverse_metric
+from noslip.projection.pointwise import POSITION_ONLY
+from noslip.rule import Rule
+from noslip.runtime.motion import Motion
+from noslip.runtime.rollout import rollout
+from noslip.trajectory import PoseTrajectory
+
+MISSED, MISSED_TURN = 1e-2, np.radians(1.0)
+"""Share of the path, and turn, by which a goal or via point is missed: seen with the eye, and a
+hundred times what any primitive needs that goes where it was asked to."""
+TOLD, TOLD_TURN = 1e-3, np.radians(0.1)
+"""The same from which it is told: a user of tenths of a millimeter would want to know."""
+BROKEN = 1e-6
+"""Violation of a hard limit, in its unit, that is none: of a micrometer, far above rounding."""
+FOLLOWED = 1e-3
+"""Share of the path by which a law may leave what it was fitted to."""
+_FINE, _FINEST = 1e-3, 2000
+"""Step of a control loop (s), and the steps at which a motion is that of any finer step to 1e-6."""
+_LONGER = (2.0, 5.0)
+"""Factors on the duration that are tried for a remedy: beyond, it is not time that lacks."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a motion is from what it was made for, at worst.
+
+    Attributes
+    ----------
+    end_error, end_rotation_error : float
+        At the goal (m, rad).
+    path_error, rotation_error : float
+        Anywhere, at the same fraction of the motion (m, rad).
+    """
+
+    end_error: float
+    end_rotation_error: float
+    path_error: float
+    rotation_error: float
+
+    @classmethod
+    def between(cls, motion: PoseTrajectory, reference: PoseTrajectory) -> Deviation:
+        """Return how far a motion is from a reference."""
+        distances, angles = deviations(motion, reference)
+        return cls(
+            float(distances[-1]), float(angles[-1]), float(distances.max()), float(angles.max())
+        )
+
+
+def deviations(motion: PoseTrajectory, reference: PoseTrajectory) -> tuple[Floats, Floats]:
+    """Distance (m) and angle (rad) of each sample to a reference at the same fraction of it."""
+    fractions = (motion.times - motion.times[0]) / motion.duration
+    at = reference.times[0] + fractions * reference.duration
+    if len(motion) != len(reference) or not np.allclose(at, reference.times, 1e-9):
+        reference = reference.resampled(times=at)
+    distances = np.linalg.norm(motion.positions - reference.positions, axis=1)
+    return distances, (motion.rotations * reference.rotations.inv()).magnitude()
+
+
+def followed_with(
+    fitted: Callable[[Sequence[PoseTrajectory], int], Law],
+    followed: Sequence[PoseTrajectory],
+    fewest: int,
+    most: int,
+) -> tuple[Law, float]:
+    """Return the law of trajectories, of as many basis functions as it takes to follow each.
+
+    Parameters
+    ----------
+    fitted : callable
+        (trajectories, basis functions) -> law.
+    followed : sequence of PoseTrajectory
+        Each is asked to be followed alone: the mean of several is not any of them.
+    fewest, most : int
+        Their number is doubled from the fewest on, until none is left by a thousandth of its path.
+
+    Returns
+    -------
+    (Law, float)
+        Of all of them; and how far one is left, over its path.
+    """
+
+    def alone(one: PoseTrajectory, count: int) -> tuple[Law, float]:
+        law = fitted([one], count)
+        motion = rollout(law, Rule(), time_step=law.duration / (len(one) - 1))
+        off = Deviation.between(motion, one).path_error / max(one.path_length, BROKEN)
+        return law, off
+
+    count = fewest
+    while True:
+        laws, offs = zip(*(alone(one, count) for one in followed), strict=True)
+        if max(offs) <= FOLLOWED or 2 * count > most:
+            return laws[0] if len(laws) == 1 else fitted(followed, count), max(offs)
+        count *= 2
+
+
+def verify(law: Law, rule: Rule, asked: Sequence[Boundary], *, strict: bool = True) -> Motion:
+    """Roll a law out under its rule, and see that it comes where it was asked to.
+
+    Parameters
+    ----------
+    law : Law
+    rule : Rule
+    asked : sequence of Boundary
+        Poses, or parts of them, to pass and to end in.
+    strict : bool
+        Whether to raise; else all is told by warnings.
+
+    Returns
+    -------
+    Motion
+        At the default step.
+
+    Raises
+    ------
+    MissedError
+        If it misses one of them or breaks a hard limit; what else would do is tried, and told.
+
+    Warns
+    -----
+    CompromiseWarning
+        If it comes near, but not there.
+    """
+    motion = rollout(law, rule)
+    fine = max(_FINE, law.duration / _FINEST)
+    motions = [motion]
+    if fine < 0.9 * motion.period:
+        motions.append(rollout(law, rule, time_step=fine))
+    # What fails comes first.
+    wrong = max((w for found in motions for w in _misses(found, rule, asked)), default=None)
+    if wrong is not None:
+        is_failure, text = wrong
+        text += f"; {_remedy(law, rule, asked)}"
+        if is_failure and strict:
+            raise MissedError(text)
+        warn(text, CompromiseWarning)
+    return motion
+
+
+def tell(motion: Motion, rule: Rule) -> None:
+    """Warn if a motion breaks a hard limit or ends elsewhere than at its goal.
+
+    Warns
+    -----
+    CompromiseWarning
+    """
+    wrong = max(_misses(motion, rule, [_goal_of(motion)]), default=None)
+    if wrong is not None:
+        warn(f"{wrong[1]}; adapt to a goal, and a way there is planned", CompromiseWarning)
+
+
+def misses_goal(motion: Motion) -> bool:
+    """Whether a motion fails to come to its goal."""
+    return any(is_failure for is_failure, _ in _missed_poses(motion, [_goal_of(motion)]))
+
+
+def require_hard_limits(law: Law, rule: Rule) -> None:
+    """Refuse a law whose motion breaks a hard limit.
+
+    Raises
+    ------
+    MissedError
+    """
+    for _, text in _broken_limits(rollout(law, rule), rule):
+        raise MissedError(f"{text}; {_remedy(law, rule, ())}")
+
+
+def _goal_of(motion: Motion) -> Boundary:
+    goal = motion.asked.start
+    return Boundary(1.0, goal.goal_position, goal.goal_rotation)
+
+
+def _misses(motion: Motion, rule: Rule, asked: Sequence[Boundary]) -> Iterator[tuple[bool, str]]:
+    """What a motion does not do as asked: whether that is a failure, and in words."""
+    yield from _broken_limits(motion, rule)
+    yield from _missed_poses(motion, asked)
+
+
+def _broken_limits(motion: Motion, rule: Rule) -> Iterator[tuple[bool, str]]:
+    limits = rule.system.limits
+    hard = [c.priority == 0 for c in limits.constraints]
+    rows = zip(
+        limits.row_names, limits.row_units, limits.per_row(hard), motion.margins.T, strict=True
+    )
+    for name, unit, is_hard, margin in rows:
+        # What starts outside is led in; then it counts from when it is in.
+        inside = np.maximum.accumulate(margin >= -BROKEN)
+        worst = float(margin[inside].min(initial=0.0)) if inside.any() else float(margin[-1])
+        if is_hard and worst < -BROKEN:
+            yield True, f"the motion breaks {name} by {quantity_text(-worst, unit)}"
+
+
+def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[bool, str]]:
+    length = motion.path_length
+    for boundary in asked:
+        position, rotation = _pose_at(motion, boundary.at)
+        off = turned = 0.0
+        if boundary.position is not None:
+            off = float(np.linalg.norm(position - boundary.position))
+        if boundary.rotation is not None:
+            turned = float((rotation * boundary.rotation.inv()).magnitude())
+        if off <= TOLD * length + BROKEN and turned <= TOLD_TURN:
+            continue
+        parts = [f"{quantity_text(off, 'm')} ({off / length:.2g} of its path)"] if off else []
+        parts += [f"{np.degrees(turned):.2g} degrees"] if turned > TOLD_TURN else []
+        passes = "ends" if boundary.at == 1 else "passes"
+        target = "its goal" if boundary.at == 1 else f"via {boundary.at:g}"
+        is_failure = off > MISSED * length + BROKEN or turned > MISSED_TURN
+        yield is_failure, f"the motion {passes} {' and '.join(parts)} from {target}"
+
+
+def _pose_at(motion: PoseTrajectory, fraction: float) -> tuple[Floats, Rotation]:
+    """Pose at a fraction of a motion, on the chord between two samples."""
+    time = motion.times[0] + fraction * motion.duration
+    k = int(np.clip(np.searchsorted(motion.times, time, "right") - 1, 0, len(motion) - 2))
+    share = (time - motion.times[k]) / (motion.times[k + 1] - motion.times[k])
+    before, after = motion.positions[k : k + 2]
+    first, second = motion.rotations[k], motion.rotations[k + 1]
+    turn = Rotation.from_rotvec(share * (second * first.inv()).as_rotvec())
+    return before + share * (after - before), turn * first
+
+
+def _remedy(law: Law, rule: Rule, asked: Sequence[Boundary]) -> str:
+    """What makes it do as asked: one after another is tried."""
+
+    def does(rule: Rule, duration: float | None = None) -> bool:
+        return not any(_misses(rollout(law, rule, duration=duration), rule, asked))
+
+    system = rule.system
+    if rule.inverse_metric == POSITION_ONLY and system.size:
+        usual = rollout(law, Rule()).path_length / law.steps
+        if does(replace(rule, inverse_metric=inverse_metric(system, "shared", None, usual))):
+            return "metric 'shared' mends that"
+    for factor in _LONGER:
+        if does(rule, factor * law.duration):
+            return (
+                f"a duration of {factor * law.duration:.3g} s, not {law.duration:.3g}, mends that"
+            )
+    if system.limits.size and does(replace(rule, system=system.equalities)):
+        names = ", ".join(system.limits.names)
+        return f"{names} in its way: loosen that, or choose ends farther from it"
+    return (
+        "no other metric and no longer duration mends that: choose other ends, a path farther "
+        "from the limits, or more basis functions"
+    )
