@@ -24,6 +24,7 @@ from noslip.figures.quantities import (
     force_parts,
     force_sizes,
     index_of,
+    since_start,
 )
 from noslip.figures.records import ConstraintRecord, constraint_records
 from noslip.runtime.motion import HELD, Motion
@@ -84,7 +85,7 @@ def constraint_history(
     for one, row in zip(held, panels, strict=True):
         # The angular forces stand last, and are left out where there are none.
         for ax, plot in zip(row, PANELS.values(), strict=False):
-            plot(ax, motion.clock, one)
+            plot(ax, since_start(motion), one)
     for ax in panels[:-1].flat:
         ax.set_xlabel("")
     for column in panels.T:
@@ -93,7 +94,7 @@ def constraint_history(
     most = max(held, key=lambda one: one.rows)
     if most.rows > 1:
         style.put_legend(figure, most.styles)
-    style.write_title(figure, title or _finding(motion.clock, held))
+    style.write_title(figure, title or _finding(since_start(motion), held))
     return figure
 
 
@@ -126,7 +127,7 @@ def plot_constraint(
     held = constraint_records(motion, constraints)
     one = held[index_of(name, [one.name for one in held], "constraint")]
     index_of(show, list(PANELS), "show")
-    return PANELS[show](ax, motion.clock, one)
+    return PANELS[show](ax, since_start(motion), one)
 
 
 def _plot_values(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Line2D]:

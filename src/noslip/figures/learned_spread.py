@@ -19,6 +19,7 @@ from noslip.figures.quantities import (
     extent,
     index_of,
     length_unit,
+    since_start,
     value_text,
     widest_plane,
 )
@@ -146,7 +147,7 @@ def plot_learned_spread(
         values, deviations = turns(motion), spread.rotation_deviation
         least, color = turn * style.LEAST_TURN, style.PALETTE["green"]
 
-    share = motion.clock / motion.duration
+    share = since_start(motion) / motion.duration
     curve, deviation = scale * values[:, axis], scale * deviations[:, axis]
     middle = np.interp(spread.fractions, share, curve)
     artists: list[Artist] = []
@@ -178,7 +179,7 @@ def plot_ellipses(ax: Axes, dmp: ConstrainedDMP) -> list[Artist]:
         line.set_color(color)
     scale, _ = length_unit([motion])
     at = np.round(ELLIPSES * (len(spread.fractions) - 1)).astype(int)
-    share = motion.clock / motion.duration
+    share = since_start(motion) / motion.duration
     path = scale * motion.positions[:, [a, b]]
     middles = [[np.interp(f, share, axis) for axis in path.T] for f in spread.fractions[at]]
     variances, directions = np.linalg.eigh(spread.positions[at][:, [[a], [b]], [a, b]])

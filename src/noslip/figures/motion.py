@@ -31,6 +31,7 @@ from noslip.figures.quantities import (
     named,
     near_angles,
     scaled_unit,
+    since_start,
     widest_plane,
 )
 from noslip.figures.residuals import ResidualRow, finding, least_margins, residual_rows
@@ -116,7 +117,7 @@ def plot_positions(ax: Axes, motions: Motions, coordinate: str = "x") -> list[Li
     shown = named(motions)
     index = index_of(coordinate, ("x", "y", "z"), "coordinate")
     scale, unit = length_unit(shown.values())
-    curves = {name: (m.clock, scale * m.positions[:, index]) for name, m in shown.items()}
+    curves = {name: (since_start(m), scale * m.positions[:, index]) for name, m in shown.items()}
     least = scale * style.LEAST_SHARE * max(map(extent, shown.values()))
     style.span_at_least(ax, [values for _, values in curves.values()], least)
     style.dress(ax, TIME, f"{coordinate} ({unit})")
@@ -138,7 +139,7 @@ def plot_orientation(
     style.span_at_least(ax, curves.values(), scale * style.LEAST_TURN)
     style.dress(ax, TIME, f"{angle} ({unit})")
     return style.draw_curves(
-        ax, {name: (shown[name].clock, curve) for name, curve in curves.items()}
+        ax, {name: (since_start(shown[name]), curve) for name, curve in curves.items()}
     )
 
 
@@ -165,7 +166,7 @@ def plot_speed(
     scale, unit = scaled_unit(max(size.max() for size in sizes.values()), "m/s")
     if part == "angular":
         scale, unit = (np.degrees(1.0), "°/s") if degrees else (1.0, "rad/s")
-    curves = {name: (shown[name].clock[1:], scale * size) for name, size in sizes.items()}
+    curves = {name: (since_start(shown[name])[1:], scale * size) for name, size in sizes.items()}
     lines = style.draw_curves(ax, curves)
     ax.set_ylim(bottom=0)
     style.dress(ax, TIME, f"{'speed' if part == 'linear' else 'angular speed'} ({unit})")
@@ -247,7 +248,7 @@ def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2
         name: force_sizes(motion.constraint_forces, part) for name, motion in coupled(shown).items()
     }
     lines = style.draw_curves(
-        ax, {name: (shown[name].clock, sizes[name]) for name in sizes}, among=shown
+        ax, {name: (since_start(shown[name]), sizes[name]) for name in sizes}, among=shown
     )
     if len(sizes) > 1:
         style.log_axis(ax, sizes.values(), 1.0)

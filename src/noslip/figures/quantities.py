@@ -114,6 +114,11 @@ def _distance(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.linalg.norm(turns, axis=1))
 
 
+def since_start(motion: PoseTrajectory) -> Floats:
+    """Seconds since a motion began, shape (N,); the clock of a re-planned one began before it."""
+    return np.asarray(motion.times - motion.times[0])
+
+
 def length_unit(motions: Iterable[PoseTrajectory]) -> tuple[float, str]:
     """Return how many of the unit make a meter, and the unit: m, or mm for short paths."""
     return scaled_unit(max(map(extent, motions)))

@@ -21,6 +21,7 @@ from noslip.figures.quantities import (
     extent,
     length_unit,
     near_angles,
+    since_start,
     value_text,
 )
 from noslip.figures.residuals import ResidualRow, least_margins, prominence, residual_rows
@@ -224,7 +225,7 @@ def adjustment(demonstration: PoseTrajectory, trained: PoseTrajectory) -> Floats
 
 
 def _percent(motion: PoseTrajectory) -> Floats:
-    return np.asarray(100 * motion.clock / motion.duration)
+    return np.asarray(100 * since_start(motion) / motion.duration)
 
 
 def _sampled(curves: Sequence[Curve]) -> Floats:

@@ -26,7 +26,7 @@ from noslip.named_columns import NamedColumns, listed
 from noslip.robots.executed import joint_columns
 from noslip.robots.model import required
 from noslip.trajectory import PoseTrajectory
-from noslip.viewer.tool import Part
+from noslip.viewer.tool import Part, add_mesh
 
 if TYPE_CHECKING:
     import viser
@@ -108,19 +108,10 @@ class Arm:
         base = self.rotation.as_quat(scalar_first=True)
         scene.add_frame(node, show_axes=False, position=self.position, wxyz=base)
         positions, quaternions = self.poses(0)
+        placed = zip(self.parts, positions, quaternions, strict=True)
         self._nodes = [
-            scene.add_mesh_simple(
-                f"{node}/{number}",
-                part.vertices,
-                part.faces,
-                color=part.color,
-                position=positions[number],
-                wxyz=quaternions[number],
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-            )
-            for number, part in enumerate(self.parts)
+            add_mesh(scene, f"{node}/{k}", part, part.color, position=position, wxyz=turn)
+            for k, (part, position, turn) in enumerate(placed)
         ]
 
     def show(self, motion: PoseTrajectory, sample: int) -> None:
@@ -190,10 +181,8 @@ class Simulation:
 
     Attributes
     ----------
-    executed : PoseTrajectory
-        Of the tool.
-    commanded : PoseTrajectory
-        Where the commanded joints lead the tool.
+    executed, commanded : PoseTrajectory
+        Of the tool; and where the commanded joints lead it.
     constraints : tuple of Constraint
         Of the primitive.
     arm : Arm
@@ -257,13 +246,13 @@ def _summary(file: Path) -> dict[str, Any]:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise InputError(f"{file}: not JSON: {error}") from error
-    missing = [f for f in FIELDS if not isinstance(summary, dict) or f not in summary]
-    if missing:
+    found = summary if isinstance(summary, dict) else {}
+    if missing := [field for field in FIELDS if field not in found]:
         raise InputError(
             f"{file}: no field {missing[0]}; it is of an older noslip or of another program: "
             "simulate again"
         )
-    return dict(summary)
+    return found
 
 
 def _joints(file: Path, robot: robots.Robot) -> tuple[Floats, Floats]:

@@ -29,13 +29,7 @@ LINES = ("blue", "vermillion", "green", "purple", "orange", "sky")
 
 
 class Charts:
-    """The charts of one motion in a folder of the panel.
-
-    Parameters
-    ----------
-    gui : viser.GuiApi
-        Where the folder is added.
-    """
+    """The charts of one motion in a folder of the panel."""
 
     def __init__(self, gui: Any) -> None:
         self._gui, self._folder = gui, gui.add_folder("Over time")
