@@ -120,10 +120,7 @@ def adapted_family(
     axes = [figure.add_subplot(stack[row]) for row in range(len(panels))]
     for ax, panel in zip(axes, panels, strict=True):
         _draw_sizes(ax, panel, numbers, styles)
-    for ax in axes[:-1]:
-        ax.set_xlabel("")
-        ax.tick_params(labelbottom=False)
-    figure.align_ylabels(axes)
+    style.stack(figure, axes)
 
     nothing = any(0 in panel.values.values() for panel in panels)
     failed = any(name not in motions for name in goals)

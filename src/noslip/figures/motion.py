@@ -94,11 +94,9 @@ def compare_motions(
         stack = [figure.add_subplot(upper[row, column]) for row in range(3)]
         for ax, quantity in zip(stack, quantities, strict=True):
             plot(ax, shown, quantity)
-        for ax in stack[:2]:
-            ax.sharex(stack[2])
-            ax.set_xlabel("")
-            ax.tick_params(labelbottom=False)
-        figure.align_ylabels(stack)
+            if ax is not stack[2]:
+                ax.sharex(stack[2])
+        style.stack(figure, stack)
     plot_path(figure.add_subplot(upper[:, 2]), shown)
 
     for index, draws in enumerate(lines, start=3):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle, islice
 from pathlib import Path
 from textwrap import fill
@@ -186,6 +186,14 @@ def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> No
         axis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
         if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
             formatter.set_useOffset(False)
+
+
+def stack(figure: Figure, panels: Sequence[Axes]) -> None:
+    """Let panels that stand above each other say once, below, what their x axes show."""
+    for ax in panels[:-1]:
+        ax.set_xlabel("")
+        ax.tick_params(labelbottom=False)
+    figure.align_ylabels(panels)
 
 
 def span_at_least(ax: Axes, curves: Iterable[Floats], least: float) -> None:

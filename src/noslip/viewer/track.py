@@ -231,11 +231,10 @@ class Track:
         angle = self.slip_angle(k)
         if self.lateral_axes is not None:
             texts["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
-        units = dict(zip(self.system.names, self.units, strict=True))
         for name, sizes in self.sizes.items():
-            texts[f"{name}: residual"] = quantity_text(float(sizes[k]), units[name])
+            texts[f"{name}: residual"] = quantity_text(float(sizes[k]), self.units[name])
         for name, margins in self.margins.items():
-            texts[f"{name}: margin"] = quantity_text(float(margins[k]), units[name])
+            texts[f"{name}: margin"] = quantity_text(float(margins[k]), self.units[name])
         if self.forces is not None:
             texts["constraint force"] = f"{np.linalg.norm(self.forces[k]):.3g} m/s²"
         return texts
@@ -282,11 +281,10 @@ class Track:
         return float(np.linalg.norm(changes, axis=1).max())
 
     @cached_property
-    def units(self) -> list[str]:
-        """Of each constraint; where its rows differ, that of the first."""
-        return [
-            constraint.unit or UNITS[constraint.level] for constraint in self.system.constraints
-        ]
+    def units(self) -> dict[str, str]:
+        """Of each constraint, by name; where its rows differ, that of the first."""
+        held = zip(self.system.names, self.system.constraints, strict=True)
+        return {name: constraint.unit or UNITS[constraint.level] for name, constraint in held}
 
 
 def _from_first(steps: Floats) -> Floats:
