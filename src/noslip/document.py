@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
@@ -52,6 +53,16 @@ def write_document(path: str | Path, content: dict[str, Any]) -> Path:
     return write_beside(path, (json.dumps(document, indent=1) + "\n").encode())
 
 
+def read_json(path: Path, kind: str) -> Any:
+    """Read what a file of some kind holds, or say why that cannot be."""
+    try:
+        return json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not {kind} (not JSON: {error})") from error
+
+
 def read_document(path: str | Path) -> dict[str, Any]:
     """Read the content of a document.
 
@@ -62,12 +73,7 @@ def read_document(path: str | Path) -> dict[str, Any]:
         since; the message names the file and the field.
     """
     path = Path(path)
-    try:
-        document = json.loads(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a noslip primitive (not JSON: {error})") from error
+    document = read_json(path, "a noslip primitive")
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(f"{path}: not a noslip primitive (no format {FORMAT!r})")
     version = document.get("version")
@@ -128,12 +134,6 @@ def _checksum(content: dict[str, Any]) -> str:
     return "sha256:" + hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def _list_of_parts(value: Any) -> list[dict[str, Any]]:
-    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
-        raise TypeError("expected a list of objects")
-    return value
-
-
 class Reader:
     """Takes fields out of a document; an error names the file and the field."""
 
@@ -151,14 +151,22 @@ class Reader:
     def part(self, data: dict[str, Any], name: str) -> dict[str, Any]:
         return self.field(data, name, dict)
 
-    def positive(self, data: dict[str, Any], name: str) -> float:
-        return self.field(data, name, lambda value: _arguments.positive(name, value))
+    def parts(self, data: dict[str, Any], name: str) -> list[dict[str, Any]]:
+        found = self.field(data, name, lambda value: value)
+        if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
+            raise InputError(f"{self.path}: field {name} is wrong: expected a list of objects")
+        return found
 
-    def finite(self, data: dict[str, Any], name: str) -> float:
-        return self.field(data, name, lambda value: _arguments.finite(name, value))
+    def number(
+        self,
+        data: dict[str, Any],
+        name: str,
+        check: Callable[[str, Any], float] = _arguments.positive,
+    ) -> float:
+        return self.field(data, name, partial(check, name))
 
     def count(self, data: dict[str, Any], name: str) -> int:
-        return self.field(data, name, lambda value: _arguments.count(name, value))
+        return self.field(data, name, partial(_arguments.count, name))
 
     def array(self, data: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> Floats:
         value = self.field(data, name, lambda x: np.array(x, dtype=np.float64))
@@ -171,15 +179,12 @@ class Reader:
             )
         return value
 
-    def parts(self, data: dict[str, Any], name: str) -> list[dict[str, Any]]:
-        return self.field(data, name, _list_of_parts)
-
     def law(self, content: dict[str, Any], name: str) -> Law:
         data = self.part(content, name)
         constants = self.part(data, "attractor")
-        attractor = Attractor(self.positive(constants, "alpha"), self.positive(constants, "beta"))
+        attractor = Attractor(self.number(constants, "alpha"), self.number(constants, "beta"))
         count = self.count(data, "basis_functions")
-        basis = Basis(count, Phase(self.positive(data, "alpha_s")))
+        basis = Basis(count, Phase(self.number(data, "alpha_s")))
         return Law(
             attractor,
             ForcingTerm(basis, self.array(data, "weights", (count, VELOCITY_SIZE))),
@@ -189,27 +194,27 @@ class Reader:
                 self.array(data, "goal_position", (3,)),
                 Winding(self.array(data, "winding", (None, 4))),
             ),
-            self.positive(data, "duration"),
+            self.number(data, "duration"),
             self.count(data, "steps"),
-            self.finite(data, "begin"),
+            self.number(data, "begin", _arguments.finite),
         )
+
+    def system(self, data: dict[str, Any]) -> ConstraintSystem:
+        try:
+            return ConstraintSystem(restore(entry) for entry in data["constraints"])
+        except NoslipError as error:
+            raise InputError(f"{self.path}: field constraints: {error}") from error
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"{self.path}: field constraints is incomplete: {error}") from error
 
     def rule(self, content: dict[str, Any]) -> Rule:
         data = self.part(content, "rule")
-        try:
-            system = ConstraintSystem(restore(entry) for entry in data["constraints"])
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            if isinstance(error, NoslipError):
-                raise InputError(f"{self.path}: field constraints: {error}") from error
-            raise InputError(f"{self.path}: field constraints is incomplete: {error}") from error
         return Rule(
-            system,
+            self.system(data),
             self.field(data, "inverse_metric", _arguments.inverse_metric),
             self.field(data, "push", _push),
-            self.field(
-                data, "stabilization", lambda x: _arguments.not_negative("stabilization", x)
-            ),
-            self.positive(data, "barrier_rate"),
+            self.number(data, "stabilization", _arguments.not_negative),
+            self.number(data, "barrier_rate"),
         )
 
     def spread(self, content: dict[str, Any]) -> Spread | None:

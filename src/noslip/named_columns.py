@@ -6,7 +6,7 @@ import csv
 import io
 import reprlib
 from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -185,9 +185,9 @@ def plural(noun: str, names: list[str]) -> str:
     return f"{noun}{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 
-def listed(names: Iterable[str]) -> str:
-    """List what a file holds, but not all of hundreds."""
-    every = [shown(name) for name in names if name]
+def listed(names: Iterable[str], quote: Callable[[str], str] | None = None) -> str:
+    """List what a file holds, quoted unless told otherwise, but not all of hundreds."""
+    every = [(quote or shown)(name) for name in names if name]
     return ", ".join([*every[:20], "..."] if len(every) > 20 else every) or "none"
 
 

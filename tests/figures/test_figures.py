@@ -999,8 +999,8 @@ def test_numbers_are_short(value, text):
 
 
 def test_units_follow_the_size():
-    assert quantities.length(0.00121) == "1.21 mm"
-    assert quantities.length(0.25) == "0.25 m"
+    assert quantities.value_text(0.00121, "m") == "1.21 mm"
+    assert quantities.value_text(0.25, "m") == "0.25 m"
 
 
 def saved(figure, path):

@@ -75,6 +75,4 @@ def simulate(cut_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Callab
 @pytest.fixture(scope="session")
 def arm_folder(simulate: Callable[..., Path]) -> Path:
     """An arm that is heavier than its controller believes: it sags beside its path."""
-    from noslip.cli.simulate import Dynamics
-
-    return simulate(dynamics=Dynamics.IMPEDANCE, model_error=0.1)
+    return simulate(dynamics="impedance", model_error=0.1)

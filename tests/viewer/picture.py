@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from test_viewer_browser import ARGUMENTS, CHROMIUM, Tab, fill
 
 import noslip as ns
-from noslip.cli.simulate import Dynamics
 from noslip.cli.simulate import run as simulate
 from noslip.viewer import Page, read_simulation
 
@@ -51,7 +50,7 @@ if given.arm:
             primitive,
             out=arm,
             placement="0.5,0,0.2,0.5",
-            dynamics=Dynamics.IMPEDANCE,
+            dynamics="impedance",
             noise=True,
             model_error=0.05,
         )

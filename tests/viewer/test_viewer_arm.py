@@ -72,20 +72,16 @@ def test_the_arm_is_shown_as_it_executed_not_as_it_was_told(simulation, arm_fold
 
 
 def test_without_dynamics_it_is_shown_as_told(simulate):
-    from noslip.cli.simulate import Dynamics
-
-    folder = simulate(dynamics=Dynamics.NONE)
+    folder = simulate(dynamics="none")
     assert not (folder / "executed.csv").exists()
     shown = read_simulation(folder)
     assert shown.executed.positions == pytest.approx(shown.commanded.positions, abs=1e-9)
 
 
 def test_a_model_of_ones_own_is_found_again(simulate, tmp_path):
-    from noslip.cli.simulate import Dynamics
-
     model = tmp_path / "arm.xml"
     model.write_text(Path(robots.__file__).with_name("panda.xml").read_text())
-    folder = simulate(model=model, tool="tool", dynamics=Dynamics.NONE)
+    folder = simulate(model=model, tool="tool", dynamics="none")
     arm = read_simulation(folder).arm
     assert arm.robot.name == "arm.xml"
     assert len(arm.parts) == len(robots.panda(table=None).model.geom_type)

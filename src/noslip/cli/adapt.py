@@ -12,20 +12,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._files import write_beside
 from noslip._pose_checks import Source
 from noslip._pose_csv import POSITION, QUATERNION
 from noslip._typing import Floats
-from noslip.boundary import Boundary, End, twist
+from noslip.boundary import Boundary, twist
 from noslip.cli import options, output
 from noslip.cli.outcome import Outcome, csv_text, sentences, sentences_together
 from noslip.cli.plot import FORMATS
@@ -50,7 +49,7 @@ _COLUMNS = (POSITION, QUATERNION, ("duration",))
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
 """The same, for people."""
 
-Point = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Meters.", show_default=False)]
+Point = Annotated[str | None, options.optional("X,Y,Z", "Meters.")]
 """An option that is a position."""
 Velocity = Annotated[
     str | None,
@@ -61,46 +60,8 @@ Velocity = Annotated[
 """An option that is a twist."""
 Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
 """An option that is a rotation."""
-
-
-_Row = tuple[Boundary, float | None]
-"""Of a file of goals: goal and duration (s)."""
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """What a primitive is to be adapted to; what is free or None stays its own."""
-
-    goal: Boundary
-    start: Boundary
-    via: tuple[Boundary, ...]
-    duration: float | None
-    end: End
-    others: Mapping[str, Any]
-
-    def adapted(self, dmp: ConstrainedDMP) -> ConstrainedDMP:
-        return dmp.adapt(
-            goal_position=self.goal.position,
-            goal_rotation=self.goal.rotation,
-            goal_velocity=_velocity(self.goal),
-            start_position=self.start.position,
-            start_rotation=self.start.rotation,
-            start_velocity=_velocity(self.start),
-            duration=self.duration,
-            via=self.via,
-            end=self.end,
-            **self.others,
-        )
-
-    def goal_of(self, dmp: ConstrainedDMP) -> Boundary:
-        """Where a motion should end: what was asked for, else the primitive's own goal."""
-        own = self.goal.pose_or(dmp.goal_position, dmp.goal_rotation)
-        return Boundary(1.0, *own).part(self.end)
-
-
-def _velocity(boundary: Boundary) -> Floats | None:
-    linear, angular = boundary.linear_velocity, boundary.angular_velocity
-    return None if linear is None or angular is None else np.concatenate([linear, angular])
+Options = dict[str, Any]
+"""Of :meth:`noslip.ConstrainedDMP.adapt`; what is None stays the primitive's own."""
 
 
 def run(
@@ -113,11 +74,10 @@ def run(
     ],
     goals: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help=f"CSV with a goal a row, its columns any of {_KNOWN}.  The other options hold for "
-            "all rows.",
-            show_default=False,
+        options.optional(
+            "FILE",
+            f"CSV with a goal a row, its columns any of {_KNOWN}.  The other options hold for all "
+            "rows.",
         ),
     ] = None,
     goal_position: Point = None,
@@ -126,15 +86,12 @@ def run(
     start_position: Point = None,
     start_rotation: Turn = None,
     start_velocity: Velocity = None,
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds.", show_default=False)
-    ] = None,
+    duration: Annotated[float | None, options.optional("S", "Seconds.")] = None,
     via: Annotated[
         list[str],
-        typer.Option(
-            metavar="AT:[X,Y,Z][,QW,QX,QY,QZ]",
-            help="To pass at a fraction of the duration, 0 < AT < 1; repeatable.",
-            show_default=False,
+        options.optional(
+            "AT:[X,Y,Z][,QW,QX,QY,QZ]",
+            "To pass at a fraction of the duration, 0 < AT < 1; repeatable.",
         ),
     ] = [],  # noqa: B006 - typer's way to say none
     scaling: Annotated[
@@ -148,20 +105,13 @@ def run(
     end: options.Kept = "pose",
     samples: Annotated[
         int | None,
-        typer.Option(
-            metavar="N",
-            help="Of the projection; by default one a step, up to 2001.",
-            show_default=False,
-        ),
+        options.optional("N", "Of the projection; by default one a step, up to 2001."),
     ] = None,
     position_weight: options.PositionWeight = ADAPTING.position,
     position_smoothing: options.PositionSmoothing = ADAPTING.position_smoothing,
     rotation_smoothing: options.RotationSmoothing = ADAPTING.rotation_smoothing,
     figure: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Figure to write: .png, .svg or .pdf.", show_default=False
-        ),
+        Path | None, options.optional("FILE", "Figure to write: .png, .svg or .pdf.")
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -178,31 +128,23 @@ def run(
         raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
     if duration is not None:
         duration = _arguments.positive("--duration", duration, "seconds")
-    asked = _Asked(
-        goal=Boundary(
-            1.0,
-            options.vector("--goal-position", goal_position),
-            options.rotation("--goal-rotation", goal_rotation),
-            *_twist("--goal-velocity", goal_velocity),
-        ),
-        start=Boundary(
-            0.0,
-            options.vector("--start-position", start_position),
-            options.rotation("--start-rotation", start_rotation),
-            *_twist("--start-velocity", start_velocity),
-        ),
-        via=tuple(_via(text) for text in via),
-        duration=duration,
-        end=end,
-        others={
-            "scaling": scaling,
-            "start": start,
-            "samples": samples,
-            "position_weight": position_weight,
-            "position_smoothing": position_smoothing,
-            "rotation_smoothing": rotation_smoothing,
-        },
-    )
+    asked: Options = {
+        "goal_position": options.vector("--goal-position", goal_position),
+        "goal_rotation": options.rotation("--goal-rotation", goal_rotation),
+        "goal_velocity": _twist("--goal-velocity", goal_velocity),
+        "start_position": options.vector("--start-position", start_position),
+        "start_rotation": options.rotation("--start-rotation", start_rotation),
+        "start_velocity": _twist("--start-velocity", start_velocity),
+        "via": tuple(map(_via, via)),
+        "duration": duration,
+        "scaling": scaling,
+        "start": start,
+        "end": end,
+        "samples": samples,
+        "position_weight": position_weight,
+        "position_smoothing": position_smoothing,
+        "rotation_smoothing": rotation_smoothing,
+    }
     dmp = load_primitive(primitive)
     family = _Family(dmp)
     if goals is None:
@@ -214,14 +156,18 @@ def run(
     else:
         if out.exists() and not out.is_dir():
             raise InputError(f"--out: {out} is a file; with --goals give a folder")
-        rows = {name: _merged(goals, asked, row) for name, row in _read_goals(goals).items()}
+        rows = _read_goals(goals)
+        for name in next(iter(rows.values())):
+            if asked[name] is not None:
+                option = f"--{name.replace('_', '-')}"
+                raise InputError(f"{option}: {goals} has columns for it too; leave one of them out")
         targets = {name: out / f"{name}.json" for name in rows}
         for name, target in targets.items():
             if target.resolve() == primitive.resolve():
                 raise InputError(f"--out: goal {name!r} would replace {primitive}; rename either")
         with output.progress("adapting", len(rows)) as progress:
             for done, (name, row) in enumerate(rows.items(), start=1):
-                family.try_to_add(name, row, targets[name])
+                family.try_to_add(name, asked | row, targets[name])
                 progress(done, len(rows))
         summary = write_beside(out / SUMMARY, csv_text(family.outcomes).encode())
         failed = sum(outcome.failed for outcome in family.outcomes)
@@ -234,9 +180,8 @@ def run(
         lines = sentences_together(family.outcomes)
         lines.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
     if figure is not None and family.motions:
-        save_figure(
-            adapted_family(family.original, family.motions, family.goals, dmp.system), figure
-        )
+        drawn = adapted_family(family.original, family.motions, family.goals, dmp.system)
+        save_figure(drawn, figure)
         result["figure"] = str(figure)
         lines.append(f"wrote {figure}")
     elif figure is not None:
@@ -261,12 +206,12 @@ class _Family:
         self.goals: dict[str, Boundary] = {}
         self.outcomes: list[Outcome] = []
 
-    def add(self, name: str, asked: _Asked, target: Path) -> None:
+    def add(self, name: str, asked: Options, target: Path) -> None:
         """Adapt to one goal, write the primitive, and note what its motion achieves."""
-        self.goals[name] = asked.goal_of(self.dmp)
-        adapted = asked.adapted(self.dmp)
+        self.goals[name] = _goal(self.dmp, asked)
+        adapted = self.dmp.adapt(**asked)
         motion = adapted.rollout()
-        self.goals[name] = asked.goal_of(adapted)
+        self.goals[name] = _goal(adapted, asked)
         off, turned = end_errors(motion, self.goals[name])
         merit = figures_of_merit(motion, self.original, self.dmp.system)
         hard = [c for c in self.dmp.constraints if c.priority == 0]
@@ -294,7 +239,7 @@ class _Family:
             )
         )
 
-    def try_to_add(self, name: str, asked: _Asked, target: Path) -> None:
+    def try_to_add(self, name: str, asked: Options, target: Path) -> None:
         """Do the same; note a failure, which must not stop the other goals."""
         try:
             self.add(name, asked, target)
@@ -307,13 +252,19 @@ class _Family:
 # ---------------------------------------------------------------- what goes in
 
 
-def _twist(option: str, text: str | None) -> tuple[Floats, Floats] | tuple[None, None]:
+def _goal(dmp: ConstrainedDMP, asked: Options) -> Boundary:
+    """Where a motion should end: what was asked for, else the primitive's own goal."""
+    given = Boundary(1.0, asked["goal_position"], asked["goal_rotation"])
+    return Boundary(1.0, *given.pose_or(dmp.goal_position, dmp.goal_rotation)).part(asked["end"])
+
+
+def _twist(option: str, text: str | None) -> Floats | None:
     if text is None:
-        return None, None
+        return None
     values = options.numbers(option, text, (1, 3, 6))
     if not np.isfinite(values).all():
         raise InputError(f"{option}: expected finite numbers (m/s, rad/s), got {text!r}")
-    return twist(option, values)
+    return np.concatenate(twist(option, values))
 
 
 def _via(text: str) -> Boundary:
@@ -327,33 +278,13 @@ def _via(text: str) -> Boundary:
         ) from None
     count = len(options.numbers("--via", pose, (3, 4, 7)))
     cells = pose.split(",")
-    moved, turned = cells[: count - 4] if count > 3 else cells, cells[-4:] if count > 3 else []
-    position = options.vector("--via", ",".join(moved)) if moved else None
-    rotation = options.rotation("--via", ",".join(turned)) if turned else None
+    moved, turned = (cells, []) if count == 3 else (cells[:-4], cells[-4:])
+    position = options.vector("--via", ",".join(moved) or None)
+    rotation = options.rotation("--via", ",".join(turned) or None)
     return Boundary.via((fraction, position, rotation))
 
 
-def _merged(goals: Path, asked: _Asked, row: _Row) -> _Asked:
-    """Return what the options ask of every row with what a row asks."""
-    goal, duration = row
-    for name, of_row, of_all in (
-        ("--goal-position", goal.position, asked.goal.position),
-        ("--goal-rotation", goal.rotation, asked.goal.rotation),
-        ("--duration", duration, asked.duration),
-    ):
-        if of_row is not None and of_all is not None:
-            raise InputError(f"{name}: {goals} has columns for it too; leave one of them out")
-    both = Boundary(
-        1.0,
-        asked.goal.position if goal.position is None else goal.position,
-        goal.rotation or asked.goal.rotation,
-        asked.goal.linear_velocity,
-        asked.goal.angular_velocity,
-    )
-    return replace(asked, goal=both, duration=asked.duration if duration is None else duration)
-
-
-def _read_goals(path: Path) -> dict[str, _Row]:
+def _read_goals(path: Path) -> dict[str, Options]:
     """Read the goal and the duration that each row of a CSV asks for, by its name."""
     table = NamedColumns.open(path)
     columns = _goal_columns(table.where, table.names)
@@ -363,26 +294,23 @@ def _read_goals(path: Path) -> dict[str, _Row]:
         raise InputError(f"{table.where}: a header and no goals; add a row for each")
     source = Source(path, "", f"columns {', '.join(QUATERNION)}", lines)
     source.check_finite({f"column {name}": values for name, values in of.items()})
-    positions: Sequence[Floats | None] = [None] * len(lines)
-    rotations: Sequence[Rotation | None] = [None] * len(lines)
-    durations: Sequence[float | None] = [None] * len(lines)
+    asked: Options = {}
     if "x" in of:
-        positions = list(np.column_stack([of[name] for name in POSITION]))
+        asked["goal_position"] = np.column_stack([of[name] for name in POSITION])
     if "qw" in of:
-        rotations = list(source.rotations(np.column_stack([of[name] for name in QUATERNION])))
+        quaternions = np.column_stack([of[name] for name in QUATERNION])
+        asked["goal_rotation"] = source.rotations(quaternions)
     if "duration" in of:
-        durations = of["duration"].tolist()
-        if (of["duration"] <= 0).any():
-            index = int(np.argmax(of["duration"] <= 0))
-            found = of["duration"][index]
-            raise source.error(index, "column duration", f"found {found:g}; seconds above 0")
+        asked["duration"] = of["duration"].tolist()
+        for index, found in enumerate(asked["duration"]):
+            if found <= 0:
+                raise source.error(index, "column duration", f"found {found:g}; seconds above 0")
     labels = [f"goal_{index:03}" for index in range(1, len(lines) + 1)]
     if labelled:
         labels = _labels(path, dict(zip(lines, texts["name"], strict=True)))
-    asked = zip(positions, rotations, durations, strict=True)
     return {
-        label: (Boundary(1.0, position, rotation), duration)
-        for label, (position, rotation, duration) in zip(labels, asked, strict=True)
+        label: {name: values[index] for name, values in asked.items()}
+        for index, label in enumerate(labels)
     }
 
 

@@ -13,11 +13,10 @@ noslip segment session.csv --at times --times 3:9.5 --times 14:21 --out cuts/
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -39,19 +38,12 @@ _CUTS = "Where to cut"
 """Heading of these options in the help."""
 
 
-class At(enum.StrEnum):
-    """What tells the pieces of a recording."""
-
-    RESTS = "rests"
-    CONTACT = "contact"
-    TIMES = "times"
+At = Literal["rests", "contact", "times"]
+"""What tells the pieces of a recording."""
 
 
-class Side(enum.StrEnum):
-    """On which side of the thresholds contact is."""
-
-    ABOVE = "above"
-    BELOW = "below"
+Side = Literal["above", "below"]
+"""On which side of the thresholds contact is."""
 
 
 @options.grouped
@@ -65,7 +57,7 @@ def run(
     ],
     at: Annotated[
         At, typer.Option(help="Cut where the tool rests, by contact, or at given times.")
-    ] = At.RESTS,
+    ] = "rests",
     contact_column: Annotated[
         str | None,
         options.optional(
@@ -144,15 +136,12 @@ def run(
     if len(prepared) != 1:
         raise InputError(f"{recording}: {len(prepared)} recordings; segment one at a time")
     (whole,) = prepared
-    cuts: dict[str, Any] = {
-        "minimum_duration": minimum_duration,
-        "minimum_rest": minimum_rest,
-    }
+    cuts: dict[str, Any] = {"minimum_duration": minimum_duration, "minimum_rest": minimum_rest}
     if thresholds is not None:
         cuts["thresholds"] = tuple(options.numbers("--thresholds", thresholds, (2,)))
     if contact_column is not None:
         cuts["contact"] = _column_at(whole, contact_column, given.sample_rate)
-        cuts["in_contact"] = str(in_contact or Side.ABOVE)
+        cuts["in_contact"] = in_contact or "above"
     elif height is not None:
         cuts["contact"] = _height(whole, height)
         cuts["in_contact"] = "below"
@@ -161,7 +150,8 @@ def run(
     segments = segment(whole, **cuts)
 
     judged = outliers(segments.pieces) if len(segments.pieces) >= FEWEST else None
-    far = {int(i): judged.reason(int(i)) for i in _outlying(judged)} if judged else {}
+    outlying = np.flatnonzero(judged.outlying).tolist() if judged else []
+    far = {i: judged.reason(i) for i in outlying} if judged else {}
     for index, reason in far.items():
         fate = "dropped" if drop_outliers else "kept, see --drop-outliers"
         piece = segments.pieces[index]
@@ -195,14 +185,11 @@ def _require_consistent(
 ) -> None:
     """Refuse options that belong to another way of cutting."""
     given = {"--contact-column": column, "--height": height, "--times": times or None}
-    wanted = {
-        At.RESTS: set[str](),
-        At.CONTACT: {"--contact-column", "--height"},
-        At.TIMES: {"--times"},
-    }[at]
+    options_of = {"contact": {"--contact-column", "--height"}, "times": {"--times"}}
+    wanted = options_of.get(at, set())
     named = {option for option, value in given.items() if value is not None}
     if stray := sorted(named - wanted):
-        kind = At.TIMES if stray[0] == "--times" else At.CONTACT
+        kind = "times" if stray[0] == "--times" else "contact"
         raise InputError(f"{stray[0]} says nothing about --at {at}; give --at {kind}")
     if wanted and len(named) != 1:
         raise InputError(f"--at {at} needs {' or '.join(sorted(wanted))}")
@@ -236,16 +223,11 @@ def _start_and_end(text: str) -> tuple[float | None, float | None]:
     return bounds[0], bounds[1]
 
 
-def _outlying(judged: Outliers) -> list[int]:
-    return [int(i) for i in np.flatnonzero(judged.outlying)]
-
-
 def _write(segments: Segments, out: Path, relative: bool) -> list[Path]:
     """Write the pieces; refuse to leave those of another run among them."""
     stem = Path(segments.recording.name).stem
     files = [out / f"{stem}_{i:02}.csv" for i in range(1, len(segments.pieces) + 1)]
-    pattern = f"{stem}_" + "[0-9]" * 2 + ".csv"
-    stale = sorted(set(out.glob(pattern)) - set(files)) if out.is_dir() else []
+    stale = sorted(set(out.glob(f"{stem}_[0-9][0-9].csv")) - set(files)) if out.is_dir() else []
     if stale:
         raise InputError(
             f"--out: {stale[0]} is left from an earlier run, and this one has "
@@ -290,21 +272,16 @@ def _result(
 
 
 def _table(segments: Segments, files: list[Path]) -> Table:
-    table = Table(
-        title=f"{segments.recording.name}: {_count(segments)}",
-        title_justify="left",
-        title_style="bold",
-    )
+    title = f"{segments.recording.name}: {_count(segments)}"
+    table = Table(title=title, title_justify="left", title_style="bold")
     for heading in ("", "from (s)", "to (s)", "lasts (s)", "path (mm)"):
         table.add_column(heading, justify="right")
     table.add_column("")
-    numbered = iter(zip(segments.pieces, files, strict=True))
-    count = 0
+    numbered = enumerate(zip(segments.pieces, files, strict=True), start=1)
     for interval in segments.intervals:
         span = f"{interval.start:.2f}", f"{interval.end:.2f}", f"{interval.duration:.2f}"
         if interval.reason is None:
-            piece, file = next(numbered)
-            count += 1
+            count, (piece, file) = next(numbered)
             table.add_row(str(count), *span, f"{piece.path_length * 1e3:.1f}", file.name)
         elif interval.reason not in BETWEEN:
             table.add_row("", *span, "", interval.reason, style="dim")

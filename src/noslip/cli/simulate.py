@@ -13,14 +13,11 @@ noslip simulate excision.json --model my_arm.xml --tool scalpel_tip --video --ou
 
 from __future__ import annotations
 
-import enum
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -32,23 +29,12 @@ from noslip.constraints.catalog import specification
 from noslip.errors import InputError, MissingDependencyError
 from noslip.figures import executed_slip, joint_limits, save_figure
 from noslip.recordings import load_demonstrations, write_bag
+from noslip.robots.placement import Level
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
-
-class Dynamics(enum.StrEnum):
-    """How the arm is controlled."""
-
-    TORQUE = "torque"
-    IMPEDANCE = "impedance"
-    NONE = "none"
-
-
-class Level(enum.StrEnum):
-    """What is upright."""
-
-    RECORDED = "recorded"
-    TOOL = "tool"
+Dynamics = Literal["torque", "impedance", "none"]
+"""How the arm is controlled."""
 
 
 def run(
@@ -71,7 +57,7 @@ def run(
     ] = None,
     dynamics: Annotated[
         Dynamics, typer.Option(help="Controller of the simulated arm; none: kinematics alone.")
-    ] = Dynamics.TORQUE,
+    ] = "torque",
     noise: Annotated[bool, typer.Option("--noise", help="Noise of the joints' sensors.")] = False,
     delay: Annotated[float, typer.Option(metavar="S", help="Of the measurements.")] = 0.0,
     model_error: Annotated[
@@ -91,7 +77,7 @@ def run(
             help="recorded: the primitive's z axis is vertical.  tool: it is turned first such "
             "that the tool is upright on average."
         ),
-    ] = Level.RECORDED,
+    ] = "recorded",
     duration: Annotated[
         float | None,
         options.optional("S", "Of the motion, without the ramps; by default the primitive's."),
@@ -134,29 +120,23 @@ def run(
     arm = robots.named(robot, model=model, tool=tool)
     motion = dmp.rollout(duration=duration, time_step=robots.TIME_STEP)
     placed = _placement(placement, motion, level)
-    with _stage("tracking" if placed else "searching a placement, tracking"):
+    with output.progress("tracking" if placed else "searching a placement, tracking", 1):
         tracked = robots.track(
-            arm,
-            motion,
-            dmp.system,
-            placement=placed,
-            level=level.value,
-            ramp=ramp,
-            seed=seed,
+            arm, motion, dmp.system, placement=placed, level=level, ramp=ramp, seed=seed
         )
     execution = None
-    if dynamics is not Dynamics.NONE:
-        with _stage("dynamics"):
+    if dynamics != "none":
+        with output.progress("dynamics", 1):
             execution = robots.execute(
                 tracked,
-                control="impedance" if dynamics is Dynamics.IMPEDANCE else "torque",
+                control=dynamics,
                 noise=float(noise),
                 delay=delay,
                 model_error=model_error,
                 seed=seed,
             )
     # By these, the arm and what it held are found again: noslip view shows them.
-    middle, yaw = tracked.placement.numbers(motion, level.value)
+    middle, yaw = tracked.placement.numbers(motion, level)
     found = robots.summary(tracked, execution) | {
         "placed": [*middle.tolist(), yaw],
         "model": None if model is None else str(model.resolve()),
@@ -166,7 +146,7 @@ def run(
     if recording is not None:
         [person] = load_demonstrations(str(recording))
         found["recording_slip_distance"] = robots.slip_distance(person, dmp.system).tolist()
-    with _stage("writing"):
+    with output.progress("writing", 1):
         written = _write(tracked, execution, out, video, bag, found)
     if as_json:
         output.print_json(found | {"written": [str(path) for path in written]})
@@ -180,7 +160,7 @@ def _placement(text: str, motion: PoseTrajectory, level: Level) -> robots.Placem
     if text == "auto":
         return None
     x, y, z, yaw = options.numbers("--placement", text, (4,))
-    return robots.Placement.of(motion, [x, y, z], yaw=yaw, level=level.value)
+    return robots.Placement.of(motion, [x, y, z], yaw=yaw, level=level)
 
 
 def _write(
@@ -193,9 +173,11 @@ def _write(
 ) -> list[Path]:
     """Write all results of a run, whatever their format; return their paths."""
     done = execution or tracked
-    written = [
-        tracked.to_csv(out / "joints.csv"),
-        *([_executed(execution).to_csv(out / "executed.csv")] if execution else []),
+    written = [tracked.to_csv(out / "joints.csv")]
+    if execution is not None:
+        joints = {n: getattr(execution, n) for n in ("joint_positions", "joint_velocities")}
+        written.append(replace(tracked, **joints).to_csv(out / "executed.csv"))
+    written += [
         done.executed.to_csv(out / "tool.csv"),
         *save_figure(joint_limits(tracked), out / "joints.png"),
         *save_figure(executed_slip(tracked, execution), out / "slip.png"),
@@ -222,15 +204,6 @@ def _write(
     return written
 
 
-def _executed(execution: robots.Execution) -> robots.TrackedMotion:
-    """What was tracked, with the joints that the dynamics left of it."""
-    return replace(
-        execution.tracked,
-        joint_positions=execution.joint_positions,
-        joint_velocities=execution.joint_velocities,
-    )
-
-
 def _refuse(bag: Path) -> None:
     """Say that a bag cannot be written before the arm is simulated, not after."""
     bare = bag.suffix.lower() == ".mcap"
@@ -240,13 +213,6 @@ def _refuse(bag: Path) -> None:
         raise InputError(f"--bag: {bag} exists already; remove it or give another name")
     if find_spec("rosbags") is None:
         raise MissingDependencyError("--bag needs rosbags: pip install 'noslip[bags]'")
-
-
-@contextmanager
-def _stage(what: str) -> Iterator[None]:
-    """Show what is worked on, and for how long, on a terminal."""
-    with output.progress(what, 1):
-        yield
 
 
 def _print_summary(found: dict[str, Any]) -> None:

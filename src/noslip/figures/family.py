@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from noslip._typing import Floats
 from noslip.boundary import Boundary
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.edge import Edge, axis_index
+from noslip.edge import Edge, axis_vectors
 from noslip.errors import InputError
+from noslip.figures import style
 from noslip.figures.quantities import Constraints, Motions, named, scaled_unit, value_text
 from noslip.figures.residuals import residual_rows, violations
 from noslip.figures.snapshots import equally_far_apart
-from noslip.figures.style import (
-    PALETTE,
-    SMALL_FONT_SIZE,
-    TWO_COLUMNS,
-    dress,
-    line_styles,
-    new_figure,
-    number,
-    put_legend,
-    short_name,
-    write_title,
-)
 from noslip.trajectory import PoseTrajectory
 
 MOST_NAMED = 8
@@ -54,18 +41,20 @@ foreshortened one misleads."""
 VISIBLE_SHARE, VISIBLE_TURN = 1e-3, 0.1
 """Displacement of a goal (of the path's length) and its turn (degrees) that are worth telling."""
 
-ORIGINAL: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 3.2, "zorder": 1.5}
+ORIGINAL: dict[str, Any] = {"color": style.PALETTE["gray"], "linewidth": 3.2, "zorder": 1.5}
 """Gray, wide and below the others, which go the same way at first."""
-ON_TOP: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 1.5, "zorder": 2.8}
+ON_TOP: dict[str, Any] = {"color": style.PALETTE["black"], "linewidth": 1.5, "zorder": 2.8}
 """The original among so many others that would hide it."""
-MANY: dict[str, Any] = {"color": PALETTE["sky"], "linestyle": "-", "linewidth": 0.6}
+MANY: dict[str, Any] = {"color": style.PALETTE["sky"], "linestyle": "-", "linewidth": 0.6}
 """Thin, so that many can cross."""
-WANTED: dict[str, Any] = {"color": PALETTE["black"], "mfc": "none", "mew": 0.7, "marker": "s"}
+WANTED: dict[str, Any] = {"color": style.PALETTE["black"], "mfc": "none", "mew": 0.7, "marker": "s"}
 """A goal: an open mark, through which the end of a motion is seen."""
-FAILED: dict[str, Any] = {"color": PALETTE["vermillion"], "marker": "x", "mew": 1.3, "ms": 5}
+FAILED: dict[str, Any] = {"color": style.PALETTE["vermillion"], "marker": "x", "mew": 1.3, "ms": 5}
 """A goal that no motion was found for."""
-NOTHING: dict[str, Any] = {"color": PALETTE["black"], "marker": "v", "mfc": "white", "ms": 4}
+NOTHING: dict[str, Any] = {"color": style.PALETTE["black"], "marker": "v", "mfc": "white", "ms": 4}
 """A size of zero, which a logarithmic axis cannot show."""
+HATS = {"x": "x̂", "y": "ŷ", "z": "ẑ"}
+"""What axes of the tool are called."""
 ENDS = "ends off by"
 """Heading of the panels of ends."""
 FOOT = 0.05
@@ -114,8 +103,11 @@ def adapted_family(
     system = as_system(constraints)
     panels = _measured(motions, goals, system)
 
-    views = _views([original, *motions.values()], goals)
-    figure = new_figure(TWO_COLUMNS, max(2.9, 0.7 + 1.25 * len(panels)) + 0.7 * (len(views) - 1))
+    wanted = [goal.position[None] for goal in goals.values() if goal.position is not None]
+    views = _views([original, *motions.values()], wanted)
+    figure = style.new_figure(
+        style.TWO_COLUMNS, max(2.9, 0.7 + 1.25 * len(panels)) + 0.7 * (len(views) - 1)
+    )
     grid = figure.add_gridspec(1, 2, width_ratios=(1.35, 1))
     paths = grid[0].subgridspec(len(views), 1, height_ratios=(2, 1)[: len(views)])
     ticks = []
@@ -123,20 +115,17 @@ def adapted_family(
         ax = figure.add_subplot(paths[row])
         ticks.append(_draw_paths(ax, view, original, motions, goals, styles, system))
         if not row:
-            ax.set_title("paths (○ start, ■ end)", fontsize=SMALL_FONT_SIZE)
+            ax.set_title("paths (○ start, ■ end)", fontsize=style.SMALL_FONT_SIZE)
     stack = grid[1].subgridspec(max(1, len(panels)), 1)
     axes = [figure.add_subplot(stack[row]) for row in range(len(panels))]
     for ax, panel in zip(axes, panels, strict=True):
         _draw_sizes(ax, panel, numbers, styles)
-    for ax in axes[:-1]:
-        ax.set_xlabel("")
-        ax.tick_params(labelbottom=False)
-    figure.align_ylabels(axes)
+    style.stack(figure, axes)
 
-    nothing = any((values == 0).any() for values in (p.in_order(motions) for p in panels))
-    failed = [name for name in goals if name not in motions]
-    put_legend(figure, _handles(styles, ticks, failed=bool(failed), nothing=nothing))
-    write_title(figure, title or _finding(original, motions, goals, panels))
+    nothing = any(0 in panel.values.values() for panel in panels)
+    failed = any(name not in motions for name in goals)
+    style.put_legend(figure, _handles(styles, ticks, failed=failed, nothing=nothing))
+    style.write_title(figure, title or _finding(original, motions, goals, panels))
     return figure
 
 
@@ -161,13 +150,12 @@ class _Sizes:
     unit: str
     values: dict[str, float]
 
-    def in_order(self, motions: Mapping[str, PoseTrajectory]) -> Floats:
-        return np.array([self.values[name] for name in motions if name in self.values])
-
     @property
     def text(self) -> str:
         """The largest of all with its unit."""
-        return f"{number(self.most)}°" if self.unit == "°" else value_text(self.most, self.unit)
+        return (
+            f"{style.number(self.most)}°" if self.unit == "°" else value_text(self.most, self.unit)
+        )
 
     @property
     def most(self) -> float:
@@ -216,9 +204,9 @@ def _finding(
     up_to = " up to" if len(goals) > 1 else ""
     where = []
     if share >= VISIBLE_SHARE:
-        where.append(f"{number(100 * share)} % of the path away")
+        where.append(f"{style.number(100 * share)} % of the path away")
     if turn >= VISIBLE_TURN:
-        where.append(f"turned by {number(turn)}°")
+        where.append(f"turned by {style.number(turn)}°")
     if where:
         text += f"{up_to} {' and '.join(where)}"
     ends = [panel.text for panel in panels if panel.name == ENDS]
@@ -234,21 +222,16 @@ def _styles(motions: Mapping[str, PoseTrajectory]) -> dict[str, dict[str, Any]]:
     if len(motions) > MOST_NAMED:
         return dict.fromkeys(motions, MANY)
     # By number: some names, such as "regular", have styles of their own.
-    colors = line_styles(str(index) for index in range(len(motions)))
+    colors = style.line_styles(str(index) for index in range(len(motions)))
     return dict(zip(motions, colors.values(), strict=True))
 
 
-def _views(
-    family: Sequence[PoseTrajectory], goals: Mapping[str, Boundary]
-) -> list[tuple[int, int]]:
+def _views(family: Sequence[PoseTrajectory], goals: Iterable[Floats]) -> list[tuple[int, int]]:
     """World axes of each view of the paths: that of the furthest reach, and one from the side."""
-    points = [motion.positions for motion in family]
-    points += [goal.position[None] for goal in goals.values() if goal.position is not None]
-    reach = np.ptp(np.concatenate(points), axis=0)
-    least = 2 if reach[2] <= reach[:2].min() else int(np.argmin(reach[:2]))
-    a, b = (axis for axis in range(3) if axis != least)
-    beside = reach[least] > SIDE_VIEW * reach.max()
-    return [(a, b), (a, least)] if beside else [(a, b)]
+    reach = np.ptp(np.concatenate([*(motion.positions for motion in family), *goals]), axis=0)
+    a, b = sorted(np.argsort(-reach, kind="stable")[:2].tolist())
+    least = 3 - a - b
+    return [(a, b), (a, least)] if reach[least] > SIDE_VIEW * reach.max() else [(a, b)]
 
 
 def _draw_paths(
@@ -270,22 +253,22 @@ def _draw_paths(
     count = max(FEWEST_TICKS, MOST_TICKS + 1 - len(motions)) if few else 1
     axis, tick = _tool_axis(system, family, columns)
 
-    ax.plot(*(scale * original.positions[:, columns].T), **before)
-    starts, ends = (
-        scale * np.array([motion.positions[at, columns] for motion in family]) for at in (0, -1)
-    )
-    for name, motion in motions.items():
-        ax.plot(*(scale * motion.positions[:, columns].T), **styles[name], label=short_name(name))
+    looks = [before, *styles.values()]
+    paths = [scale * motion.positions[:, columns] for motion in family]
+    for name, path, look in zip(["", *motions], paths, looks, strict=True):
+        ax.plot(*path.T, **look, label=style.short_name(name))
     size = 4.5 if few else 1.9
-    for motion, style, start, end in zip(
-        family, [before, *styles.values()], starts, ends, strict=True
-    ):
-        color = style["color"]
+    for motion, path, look in zip(family, paths, looks, strict=True):
+        color = look["color"]
         if motion is not original:
-            ticks = _ticks(motion, axis, count, TICK * reach)[:, :, columns]
-            ax.add_collection(LineCollection(list(scale * ticks), colors=color, linewidths=0.8))
-        ax.plot(*end, "s", color=color, ms=0.75 * size, zorder=3)
-        ax.plot(*start, "o", color=color, mfc="white", ms=size, zorder=3.2)
+            # Fewer of a motion that rests; the last one lies at its end.
+            where = equally_far_apart(motion, count + 1)[1:]
+            along = TICK * reach * axis_vectors(motion.rotations[where], axis)
+            middle = motion.positions[where]
+            ticks = scale * np.stack([middle - along, middle + along], axis=1)[:, :, columns]
+            ax.add_collection(LineCollection(list(ticks), colors=color, linewidths=0.8))
+        ax.plot(*path[-1], "s", color=color, ms=0.75 * size, zorder=3)
+        ax.plot(*path[0], "o", color=color, mfc="white", ms=size, zorder=3.2)
     for name, goal in goals.items():
         if goal.position is None:
             continue
@@ -296,32 +279,20 @@ def _draw_paths(
             ax.plot(*place, **FAILED, zorder=4)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
-    dress(ax, *(f"{'xyz'[column]} ({unit})" for column in columns))
+    style.dress(ax, *(f"{'xyz'[column]} ({unit})" for column in columns))
     return tick
 
 
 def _tool_axis(
     system: ConstraintSystem, family: Sequence[PoseTrajectory], columns: Sequence[int]
-) -> tuple[int, str]:
+) -> tuple[str, str]:
     """Body axis that ticks show, and what it is: the lateral one, unless it points at the eye."""
     tool = system.edged.edge if system.edged and system.edged.edge else Edge()
-    lateral, edge = axis_index(tool.lateral or "y")[0], axis_index(tool.travel)[0]
-    matrices = np.concatenate([motion.rotations.as_matrix() for motion in family])
-    seen = np.median(np.linalg.norm(matrices[:, columns, lateral], axis=1))
-    axis = lateral if seen >= SEEN else edge
-    role = "lateral axis" if axis == lateral else "edge"
-    return axis, f"{('x̂', 'ŷ', 'ẑ')[axis]}, the tool's {role}"
-
-
-def _ticks(motion: PoseTrajectory, axis: int, count: int, half: float) -> Floats:
-    """Return segments along a body axis, the last at the motion's end, shape (count, 2, 3), meters.
-
-    Fewer of a motion that rests.
-    """
-    where = equally_far_apart(motion, count + 1)[1:]
-    along = half * motion.rotations[where].as_matrix()[:, :, axis]
-    middle = motion.positions[where]
-    return np.stack([middle - along, middle + along], axis=1)
+    lateral, edge = (axis.removeprefix("-") for axis in (tool.lateral or "y", tool.travel))
+    across = np.concatenate([axis_vectors(motion.rotations, lateral) for motion in family])
+    seen = np.median(np.linalg.norm(across[:, columns], axis=1)) >= SEEN
+    axis, role = (lateral, "lateral axis") if seen else (edge, "edge")
+    return axis, f"{HATS[axis]}, the tool's {role}"
 
 
 def _draw_sizes(
@@ -350,29 +321,24 @@ def _draw_sizes(
         elif panel.values.get(name) == 0:
             ax.plot(place, FOOT, linestyle="none", transform=foot, **NOTHING)
         elif name in panel.values:
-            color = styles[name]["color"] if styles[name] is not MANY else PALETTE["blue"]
+            color = styles[name]["color"] if styles[name] is not MANY else style.PALETTE["blue"]
             ax.plot(place, scale * panel.values[name], "o", color=color, ms=size, mew=0)
     room = max(0.5, 0.02 * len(numbers))
     ax.set_xlim(1 - room, len(numbers) + room)
     ax.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
-    dress(ax, "goal (number)", f"{panel.name} ({unit})")
+    style.dress(ax, "goal (number)", f"{panel.name} ({unit})")
 
 
 def _handles(
     styles: Mapping[str, dict[str, Any]], ticks: Sequence[str], *, failed: bool, nothing: bool
-) -> dict[str, Artist]:
-    many = len(styles) > MOST_NAMED
-    before = ON_TOP if many else ORIGINAL
-    marks: dict[str, Artist] = {"original primitive": Line2D([], [], **before)}
-    if many:
-        marks[f"adapted ({len(styles)})"] = Line2D([], [], **MANY)
-    else:
-        marks |= {name: Line2D([], [], **style) for name, style in styles.items()}
-    marks["wanted goal"] = Line2D([], [], linestyle="none", ms=7, **WANTED)
-    for tick in ticks:
-        marks[tick] = Line2D([], [], linestyle="none", color="black", marker="|", ms=7)
+) -> dict[str, dict[str, Any]]:
+    many, mark = len(styles) > MOST_NAMED, {"linestyle": "none"}
+    handles = {"original primitive": ON_TOP if many else ORIGINAL}
+    handles |= {f"adapted ({len(styles)})": MANY} if many else styles
+    handles["wanted goal"] = mark | {"ms": 7} | WANTED
+    handles |= dict.fromkeys(ticks, mark | {"color": "black", "marker": "|", "ms": 7})
     if failed:
-        marks["failed"] = Line2D([], [], linestyle="none", **FAILED)
+        handles["failed"] = mark | FAILED
     if nothing:
-        marks["exactly 0"] = Line2D([], [], linestyle="none", **NOTHING)
-    return marks
+        handles["exactly 0"] = mark | NOTHING
+    return handles

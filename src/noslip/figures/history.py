@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from textwrap import fill
 from typing import Any
 
@@ -13,6 +14,7 @@ from matplotlib.lines import Line2D
 
 from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.figures import style
 from noslip.figures.motion import TIME
 from noslip.figures.quantities import (
     FORCE_UNITS,
@@ -22,22 +24,9 @@ from noslip.figures.quantities import (
     force_parts,
     force_sizes,
     index_of,
+    since_start,
 )
 from noslip.figures.records import ConstraintRecord, constraint_records
-from noslip.figures.style import (
-    PALETTE,
-    SMALL_FONT_SIZE,
-    TWO_COLUMNS,
-    dress,
-    log_axis,
-    new_figure,
-    number,
-    put_legend,
-    shade_forbidden,
-    short_name,
-    span_at_least,
-    write_title,
-)
 from noslip.runtime.motion import HELD, Motion
 
 LONGEST_TITLE = 24
@@ -89,16 +78,14 @@ def constraint_history(
     held = constraint_records(motion, constraints)
     if not held:
         raise InputError(f"{motion.name}: no constraint took part in it")
-    times = motion.times - motion.times[0]
     parts = force_parts(one.forces for one in held)
 
-    figure = new_figure(TWO_COLUMNS, 1.15 + 1.05 * len(held))
+    figure = style.new_figure(style.TWO_COLUMNS, 1.15 + 1.05 * len(held))
     panels = figure.subplots(len(held), 2 + len(parts), sharex=True, squeeze=False)
-    for one, (values, multipliers, *forces) in zip(held, panels, strict=True):
-        _plot_values(values, times, one)
-        _plot_multipliers(multipliers, times, one)
-        for ax, part in zip(forces, parts, strict=True):
-            _plot_force(ax, times, one, part)
+    for one, row in zip(held, panels, strict=True):
+        # The angular forces stand last, and are left out where there are none.
+        for ax, plot in zip(row, PANELS.values(), strict=False):
+            plot(ax, since_start(motion), one)
     for ax in panels[:-1].flat:
         ax.set_xlabel("")
     for column in panels.T:
@@ -106,8 +93,8 @@ def constraint_history(
 
     most = max(held, key=lambda one: one.rows)
     if most.rows > 1:
-        put_legend(figure, {k: Line2D([], [], **style) for k, style in most.styles.items()})
-    write_title(figure, title or _finding(times, held))
+        style.put_legend(figure, most.styles)
+    style.write_title(figure, title or _finding(since_start(motion), held))
     return figure
 
 
@@ -139,12 +126,8 @@ def plot_constraint(
     """
     held = constraint_records(motion, constraints)
     one = held[index_of(name, [one.name for one in held], "constraint")]
-    times = motion.times - motion.times[0]
-    panels = ("residual", "multiplier", *FORCE_NAMES.values())
-    kind = index_of(show, panels, "show")
-    if kind < 2:
-        return (_plot_values, _plot_multipliers)[kind](ax, times, one)
-    return _plot_force(ax, times, one, list(FORCE_NAMES)[kind - 2])
+    index_of(show, list(PANELS), "show")
+    return PANELS[show](ax, since_start(motion), one)
 
 
 def _plot_values(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Line2D]:
@@ -156,15 +139,15 @@ def _plot_values(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Line2D]
         quantity, shown = f"|{quantity}|", np.abs(shown)
     lines = _plot_rows(ax, times, shown, one)
     if too_small:
-        log_axis(ax, shown.T, scale * one.span)
+        style.log_axis(ax, shown.T, scale * one.span)
     elif one.is_limit:
-        shade_forbidden(ax, shown.T, MARGIN_SHARE * scale * one.span)
+        style.shade_forbidden(ax, shown.T, MARGIN_SHARE * scale * one.span)
     else:
-        span_at_least(ax, shown.T, 2 * scale * one.span)
+        style.span_at_least(ax, shown.T, 2 * scale * one.span)
     _label(ax, quantity, unit if one.unit else "own unit")
     name = one.name if len(one.name) <= LONGEST_TITLE else f"{one.name[: LONGEST_TITLE - 1]}…"
-    heading = f"{short_name(name)}: {one.extreme_text}"
-    ax.set_title(heading, loc="left", fontsize=SMALL_FONT_SIZE, fontweight="bold")
+    heading = f"{style.short_name(name)}: {one.extreme_text}"
+    ax.set_title(heading, loc="left", fontsize=style.SMALL_FONT_SIZE, fontweight="bold")
     return lines
 
 
@@ -178,21 +161,21 @@ def _plot_multipliers(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Li
 def _plot_force(ax: Axes, times: Floats, one: ConstraintRecord, part: Part) -> list[Line2D]:
     """Size of the acceleration that all rows together added, with its peak above."""
     size = force_sizes(one.forces, part)
-    style: dict[str, Any] = {"color": PALETTE["vermillion"], "linewidth": 1.1}
-    lines = ax.plot(times, size, "-", label=short_name(one.name), **style)
+    look: dict[str, Any] = {"color": style.PALETTE["vermillion"], "linewidth": 1.1}
+    lines = ax.plot(times, size, "-", label=style.short_name(one.name), **look)
     _span_something(ax, size)
     _label(ax, FORCE_NAMES[part], FORCE_UNITS[part])
     heading = "no force"
     if size.any():
-        heading = f"≤ {number(size.max())}, at {number(times[np.argmax(size)])} s"
-    ax.set_title(heading, loc="left", fontsize=SMALL_FONT_SIZE)
+        heading = f"≤ {style.number(size.max())}, at {style.number(times[np.argmax(size)])} s"
+    ax.set_title(heading, loc="left", fontsize=style.SMALL_FONT_SIZE)
     return lines
 
 
 def _plot_rows(ax: Axes, times: Floats, columns: Floats, one: ConstraintRecord) -> list[Line2D]:
     lines: list[Line2D] = []
-    for (label, style), column in zip(one.styles.items(), columns.T, strict=True):
-        lines += ax.plot(times, column, label=short_name(label), **style)
+    for (label, look), column in zip(one.styles.items(), columns.T, strict=True):
+        lines += ax.plot(times, column, label=style.short_name(label), **look)
     return lines
 
 
@@ -204,9 +187,16 @@ def _span_something(ax: Axes, values: Floats) -> None:
 
 
 def _label(ax: Axes, quantity: str, unit: str) -> None:
-    dress(ax, TIME, "")
-    ax.set_ylabel(fill(f"{quantity} ({unit})", 18), fontsize=SMALL_FONT_SIZE)
+    style.dress(ax, TIME, "")
+    ax.set_ylabel(fill(f"{quantity} ({unit})", 18), fontsize=style.SMALL_FONT_SIZE)
 
+
+PANELS: dict[str, Callable[[Axes, Floats, ConstraintRecord], list[Line2D]]] = {
+    "residual": _plot_values,
+    "multiplier": _plot_multipliers,
+    **{name: partial(_plot_force, part=part) for part, name in FORCE_NAMES.items()},
+}
+"""A row of the figure, from left to right."""
 
 # ---------------------------------------------------------------- the finding
 
@@ -223,7 +213,7 @@ def _finding(times: Floats, held: Sequence[ConstraintRecord]) -> str:
 
 def _about_equalities(equalities: Sequence[ConstraintRecord]) -> str:
     worst = max(equalities, key=lambda one: one.peak / one.span)
-    name, peak = short_name(worst.name), worst.peak_text
+    name, peak = style.short_name(worst.name), worst.peak_text
     if not worst.holds:
         return f"{name} is violated by up to {peak}"
     if len(equalities) == 1:
@@ -236,18 +226,20 @@ def _about_margins(times: Floats, limits: Sequence[ConstraintRecord]) -> str:
     broken = sorted((one for one in limits if not one.holds), key=lambda one: -one.peak / one.span)
     if broken:
         parts = [
-            f"{short_name(one.name)} gave way by up to {one.peak_text} at "
-            f"{number(times[np.argmax(one.violation)])} s"
+            f"{style.short_name(one.name)} gave way by up to {one.peak_text} at "
+            f"{style.number(times[np.argmax(one.violation)])} s"
             for one in broken[:2]
         ]
         if len(broken) > len(parts):
             parts.append(f"{len(broken) - len(parts)} more")
         return " and ".join(parts)
     least = min(limits, key=lambda one: one.margin / one.span)
-    left, name = least.values.min(axis=1), short_name(least.name)
+    left, name = least.values.min(axis=1), style.short_name(least.name)
     if least.margin <= HELD:
-        return f"{name} is reached at {number(times[np.argmax(left <= HELD)])} s, and kept"
-    return f"least margin: {least.margin_text} from {name} at {number(times[np.argmin(left)])} s"
+        return f"{name} is reached at {style.number(times[np.argmax(left <= HELD)])} s, and kept"
+    return (
+        f"least margin: {least.margin_text} from {name} at {style.number(times[np.argmin(left)])} s"
+    )
 
 
 def _about_pushes(times: Floats, limits: Sequence[ConstraintRecord]) -> str:
@@ -263,7 +255,8 @@ def _about_pushes(times: Floats, limits: Sequence[ConstraintRecord]) -> str:
     first, last = times[size > PUSHING * size.max()][[0, -1]]
     verb = "pushes" if part == "linear" else "turns"
     others = sum(bool(one.forces.any()) for one in limits) > 1
+    most, since, until = map(style.number, (size.max(), first, last))
     return (
-        f"{short_name(pushing[part].name)} {verb}{' hardest' if others else ''}, up to "
-        f"{number(size.max())} {FORCE_UNITS[part]}, from {number(first)} to {number(last)} s"
+        f"{style.short_name(pushing[part].name)} {verb}{' hardest' if others else ''}, up to "
+        f"{most} {FORCE_UNITS[part]}, from {since} to {until} s"
     )

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from noslip._typing import Floats
 from noslip.errors import InputError
-from noslip.figures.motion import Plane, plot_path
-from noslip.figures.quantities import angle_unit, extent, index_of, length_unit, value_text
-from noslip.figures.spread import PROGRESS
-from noslip.figures.style import (
-    LEAST_SHARE,
-    LEAST_TURN,
-    PALETTE,
-    SMALL_FONT_SIZE,
-    TWO_COLUMNS,
-    dress,
-    new_figure,
-    number,
-    put_legend,
-    span_at_least,
-    write_title,
+from noslip.figures import style
+from noslip.figures.motion import plot_path
+from noslip.figures.quantities import (
+    angle_unit,
+    extent,
+    index_of,
+    length_unit,
+    since_start,
+    value_text,
+    widest_plane,
 )
+from noslip.figures.spread import PROGRESS
 from noslip.primitive import ConstrainedDMP
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
@@ -54,7 +49,11 @@ BANDS: dict[int, dict[str, Any]] = {
 """Style by number of standard deviations, the outer one first."""
 MOTION: dict[str, Any] = {"linewidth": 1.2}
 """Of the motion itself."""
-LEAST: dict[str, Any] = {"color": PALETTE["vermillion"], "linewidth": 1.0, "linestyle": (0, (3, 2))}
+LEAST: dict[str, Any] = {
+    "color": style.PALETTE["vermillion"],
+    "linewidth": 1.0,
+    "linestyle": (0, (3, 2)),
+}
 """Of the instant at which the demonstrations agree least."""
 
 
@@ -83,10 +82,9 @@ def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
     motion = dmp.rollout()
 
     # A wide path lies below the panels, three in a row; a high one beside them, three in a column.
-    plane = _plane(motion)
-    reach = np.ptp(motion.positions, axis=0)[list(plane)]
+    reach = np.ptp(motion.positions, axis=0)[list(widest_plane([motion]))]
     wide = bool(reach[0] >= 1.8 * reach[1])
-    figure = new_figure(TWO_COLUMNS, 4.8 if wide else 4.4)
+    figure = style.new_figure(style.TWO_COLUMNS, 4.8 if wide else 4.4)
     ratios = {"height_ratios" if wide else "width_ratios": (1, 1, 1.25)}
     grid = figure.add_gridspec(3, 3, **ratios)
     for kind, quantities in enumerate([QUANTITIES[:3], QUANTITIES[3:]]):
@@ -103,14 +101,14 @@ def learned_spread(dmp: ConstrainedDMP, *, title: str | None = None) -> Figure:
         figure.align_ylabels(panels)
     plot_ellipses(figure.add_subplot(grid[2, :] if wide else grid[:, 2]), dmp)
 
-    handles: dict[str, Artist] = {"primitive": Line2D([], [], color="black", **MOTION)}
-    for count, style in sorted(BANDS.items()):
+    handles: dict[str, Any] = {"primitive": MOTION | {"color": "black"}}
+    for count, look in sorted(BANDS.items()):
         name = f"{count} standard deviation{'s' if count > 1 else ''}"
-        handles[name] = Patch(facecolor="black", **style)
+        handles[name] = Patch(facecolor="black", **look)
     if any(_worst(spread)):
-        handles["agree least"] = Line2D([], [], **LEAST)
-    put_legend(figure, handles)
-    write_title(figure, title or _finding(spread))
+        handles["agree least"] = LEAST
+    style.put_legend(figure, handles)
+    style.write_title(figure, title or _finding(spread))
     return figure
 
 
@@ -142,24 +140,24 @@ def plot_learned_spread(
     if kind == 0:
         scale, unit = length_unit([motion])
         values, deviations = motion.positions, spread.position_deviation
-        least, color = scale * LEAST_SHARE * extent(motion), PALETTE["blue"]
+        least, color = scale * style.LEAST_SHARE * extent(motion), style.PALETTE["blue"]
     else:
         turn, unit = angle_unit(degrees)
         scale = turn * float(np.degrees(1.0))
         values, deviations = turns(motion), spread.rotation_deviation
-        least, color = turn * LEAST_TURN, PALETTE["green"]
+        least, color = turn * style.LEAST_TURN, style.PALETTE["green"]
 
-    share = (motion.times - motion.times[0]) / motion.duration
+    share = since_start(motion) / motion.duration
     curve, deviation = scale * values[:, axis], scale * deviations[:, axis]
     middle = np.interp(spread.fractions, share, curve)
     artists: list[Artist] = []
-    for count, style in BANDS.items():
+    for count, look in BANDS.items():
         edges = middle - count * deviation, middle + count * deviation
-        artists.append(ax.fill_between(100 * spread.fractions, *edges, color=color, **style))
+        artists.append(ax.fill_between(100 * spread.fractions, *edges, color=color, **look))
     artists += ax.plot(100 * share, curve, color=color, **MOTION)
     ax.set_xlim(0, 100)
-    span_at_least(ax, [curve, middle - 2 * deviation, middle + 2 * deviation], least)
-    dress(ax, PROGRESS, f"{quantity} ({unit})")
+    style.span_at_least(ax, [curve, middle - 2 * deviation, middle + 2 * deviation], least)
+    style.dress(ax, PROGRESS, f"{quantity} ({unit})")
     return artists
 
 
@@ -175,13 +173,13 @@ def plot_ellipses(ax: Axes, dmp: ConstrainedDMP) -> list[Artist]:
         The path's line, then the ellipses.
     """
     spread, motion = _spread_of(dmp), dmp.rollout()
-    color, (a, b) = PALETTE["blue"], _plane(motion)
-    artists: list[Artist] = [*plot_path(ax, motion, plane=cast(Plane, "XYZ"[a] + "XYZ"[b]))]
+    color, (a, b) = style.PALETTE["blue"], widest_plane([motion])
+    artists: list[Artist] = [*plot_path(ax, motion)]
     for line in ax.lines:
         line.set_color(color)
     scale, _ = length_unit([motion])
     at = np.round(ELLIPSES * (len(spread.fractions) - 1)).astype(int)
-    share = (motion.times - motion.times[0]) / motion.duration
+    share = since_start(motion) / motion.duration
     path = scale * motion.positions[:, [a, b]]
     middles = [[np.interp(f, share, axis) for axis in path.T] for f in spread.fractions[at]]
     variances, directions = np.linalg.eigh(spread.positions[at][:, [[a], [b]], [a, b]])
@@ -195,7 +193,7 @@ def plot_ellipses(ax: Axes, dmp: ConstrainedDMP) -> list[Artist]:
         ax.plot(*middle, ".", color=color, ms=3)
     enlarged = f" (× {factor:.0f})" if factor > 1 else ""
     caption = f"2 standard deviations{enlarged}, each 10 %"
-    ax.set_title(f"{ax.get_title()}\n{caption}", fontsize=SMALL_FONT_SIZE)
+    ax.set_title(f"{ax.get_title()}\n{caption}", fontsize=style.SMALL_FONT_SIZE)
     return artists
 
 
@@ -220,12 +218,6 @@ def _spread_of(dmp: ConstrainedDMP) -> Spread:
     return dmp.spread
 
 
-def _plane(motion: PoseTrajectory) -> tuple[int, int]:
-    """World axes of the plane in which a motion reaches furthest, in order."""
-    a, b = sorted(np.argsort(-np.ptp(motion.positions, axis=0), kind="stable")[:2])
-    return int(a), int(b)
-
-
 def enlargement(largest: float, reach: float) -> float:
     """Return by how much, 1, 2, 5, 10 and so on, to enlarge a size until it is seen on a path."""
     if largest <= reach * AGREED or largest >= SEEN * reach:
@@ -247,14 +239,14 @@ def _worst(spread: Spread) -> list[tuple[int, float, float] | None]:
 
 def _finding(spread: Spread) -> str:
     """Say where the demonstrations agree least, and by how much."""
-    moved, turned = _worst(spread)
     parts = []
-    if moved is not None:
-        axis, at, size = moved
-        parts.append((f"along {'xyz'[axis]} at {100 * at:.0f} %", value_text(size, "m")))
-    if turned is not None:
-        axis, at, size = turned
-        parts.append((f"about {'xyz'[axis]} at {100 * at:.0f} %", f"{number(np.degrees(size))}°"))
+    for kind, worst in zip(("along", "about"), _worst(spread), strict=True):
+        if worst is not None:
+            axis, at, size = worst
+            text = (
+                value_text(size, "m") if kind == "along" else f"{style.number(np.degrees(size))}°"
+            )
+            parts.append((f"{kind} {'xyz'[axis]} at {100 * at:.0f} %", text))
     who = f"{spread.demonstrations} demonstrations"
     if not parts:
         return f"{who} agree, starts and goals aside"

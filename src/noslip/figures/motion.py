@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.figures import style
 from noslip.figures.quantities import (
     ANGLES,
     FORCE_UNITS,
@@ -29,26 +29,12 @@ from noslip.figures.quantities import (
     index_of,
     length_unit,
     named,
-    roll_pitch_yaw,
+    near_angles,
     scaled_unit,
+    since_start,
+    widest_plane,
 )
 from noslip.figures.residuals import ResidualRow, finding, least_margins, residual_rows
-from noslip.figures.style import (
-    LEAST_SHARE,
-    LEAST_TURN,
-    TWO_COLUMNS,
-    capitalized,
-    dress,
-    line_styles,
-    log_axis,
-    name_lines,
-    new_figure,
-    number,
-    shade_forbidden,
-    short_name,
-    span_at_least,
-    write_title,
-)
 from noslip.trajectory import PoseTrajectory
 
 Plane = Literal["XY", "XZ", "YZ"]
@@ -97,7 +83,7 @@ def compare_motions(
 
     lines = _constraint_panels(shown, rows, forces)
     lower = len(lines)
-    figure = new_figure(TWO_COLUMNS, 4.1 + 1.55 * lower)
+    figure = style.new_figure(style.TWO_COLUMNS, 4.1 + 1.55 * lower)
     heights = [1.0] * 3 + [1.35] * lower
     grid = figure.add_gridspec(3 + lower, 1, height_ratios=heights)
     upper = grid[:3].subgridspec(3, 3, width_ratios=(1, 1, 1.25))
@@ -108,11 +94,9 @@ def compare_motions(
         stack = [figure.add_subplot(upper[row, column]) for row in range(3)]
         for ax, quantity in zip(stack, quantities, strict=True):
             plot(ax, shown, quantity)
-        for ax in stack[:2]:
-            ax.sharex(stack[2])
-            ax.set_xlabel("")
-            ax.tick_params(labelbottom=False)
-        figure.align_ylabels(stack)
+            if ax is not stack[2]:
+                ax.sharex(stack[2])
+        style.stack(figure, stack)
     plot_path(figure.add_subplot(upper[:, 2]), shown)
 
     for index, draws in enumerate(lines, start=3):
@@ -121,8 +105,8 @@ def compare_motions(
             draw(figure.add_subplot(panels[column]))
 
     if len(shown) > 1:
-        name_lines(figure, shown)
-    write_title(figure, title or (finding(rows) if rows else _overview(shown)))
+        style.name_lines(figure, shown)
+    style.write_title(figure, title or (finding(rows) if rows else _overview(shown)))
     return figure
 
 
@@ -131,11 +115,11 @@ def plot_positions(ax: Axes, motions: Motions, coordinate: str = "x") -> list[Li
     shown = named(motions)
     index = index_of(coordinate, ("x", "y", "z"), "coordinate")
     scale, unit = length_unit(shown.values())
-    curves = {name: scale * motion.positions[:, index] for name, motion in shown.items()}
-    lines = _over_time(ax, shown, curves)
-    span_at_least(ax, curves.values(), scale * LEAST_SHARE * max(map(extent, shown.values())))
-    dress(ax, TIME, f"{coordinate} ({unit})")
-    return lines
+    curves = {name: (since_start(m), scale * m.positions[:, index]) for name, m in shown.items()}
+    least = scale * style.LEAST_SHARE * max(map(extent, shown.values()))
+    style.span_at_least(ax, [values for _, values in curves.values()], least)
+    style.dress(ax, TIME, f"{coordinate} ({unit})")
+    return style.draw_curves(ax, curves)
 
 
 def plot_orientation(
@@ -148,16 +132,13 @@ def plot_orientation(
     shown = named(motions)
     index = index_of(angle, ANGLES, "angle")
     scale, unit = angle_unit(degrees)
-    curves: dict[str, Floats] = {}
-    near = None
-    for name, motion in shown.items():
-        angles = roll_pitch_yaw(motion.rotations, near)
-        near = angles[0] if near is None else near
-        curves[name] = scale * angles[:, index]
-    lines = _over_time(ax, shown, curves)
-    span_at_least(ax, curves.values(), scale * LEAST_TURN)
-    dress(ax, TIME, f"{angle} ({unit})")
-    return lines
+    angles = near_angles(shown.values())
+    curves = {name: scale * own[:, index] for name, own in zip(shown, angles, strict=True)}
+    style.span_at_least(ax, curves.values(), scale * style.LEAST_TURN)
+    style.dress(ax, TIME, f"{angle} ({unit})")
+    return style.draw_curves(
+        ax, {name: (since_start(shown[name]), curve) for name, curve in curves.items()}
+    )
 
 
 def plot_speed(
@@ -183,13 +164,10 @@ def plot_speed(
     scale, unit = scaled_unit(max(size.max() for size in sizes.values()), "m/s")
     if part == "angular":
         scale, unit = (np.degrees(1.0), "°/s") if degrees else (1.0, "rad/s")
-    styles = line_styles(shown)
-    lines: list[Line2D] = []
-    for name, size in sizes.items():
-        ends = shown[name].times[1:] - shown[name].times[0]
-        lines += ax.plot(ends, scale * size, label=short_name(name), **styles[name])
+    curves = {name: (since_start(shown[name])[1:], scale * size) for name, size in sizes.items()}
+    lines = style.draw_curves(ax, curves)
     ax.set_ylim(bottom=0)
-    dress(ax, TIME, f"{'speed' if part == 'linear' else 'angular speed'} ({unit})")
+    style.dress(ax, TIME, f"{'speed' if part == 'linear' else 'angular speed'} ({unit})")
     return lines
 
 
@@ -200,22 +178,20 @@ def plot_path(ax: Axes, motions: Motions, *, plane: Plane | None = None) -> list
     then the coordinate along which they reach least is left out.
     """
     shown = named(motions)
-    chosen = plane or _largest_plane(shown)
-    a, b = index_of(chosen[0], "XYZ", "plane"), index_of(chosen[1], "XYZ", "plane")
+    chosen = plane or "".join("XYZ"[axis] for axis in widest_plane(shown.values()))
+    axes = [index_of(letter, "XYZ", "plane") for letter in chosen]
     scale, unit = length_unit(shown.values())
-    styles = line_styles(shown)
-    lines = []
-    for name, motion in shown.items():
-        across, up = scale * motion.positions[:, a], scale * motion.positions[:, b]
-        lines += ax.plot(across, up, label=short_name(name), **styles[name])
-        color, layer = styles[name]["color"], styles[name].get("zorder", 2) + 0.5
-        ax.plot(across[:1], up[:1], "o", color=color, mfc="white", ms=5, zorder=layer)
-        ax.plot(across[-1:], up[-1:], "s", color=color, ms=3.5, zorder=layer)
+    paths = {name: scale * motion.positions[:, axes].T for name, motion in shown.items()}
+    lines = style.draw_curves(ax, {name: (across, up) for name, (across, up) in paths.items()})
+    for line, path in zip(lines, paths.values(), strict=True):
+        mark: Any = {"color": line.get_color(), "zorder": line.get_zorder() + 0.5}
+        ax.plot(*path[:, :1], "o", mfc="white", ms=5, **mark)
+        ax.plot(*path[:, -1:], "s", ms=3.5, **mark)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
     seen = "path from above" if chosen == "XY" else f"path in the {chosen} plane"
     labels = [f"{axis.lower()} ({unit})" for axis in chosen]
-    dress(ax, *labels, title=f"{seen} (○ start, ■ end)")
+    style.dress(ax, *labels, title=f"{seen} (○ start, ■ end)")
     return lines
 
 
@@ -237,21 +213,18 @@ def plot_residuals(
 
 def draw_residuals(ax: Axes, residual: ResidualRow, scale: Scale) -> list[Line2D]:
     """Draw residuals already computed; see :func:`plot_residuals`."""
-    styles = line_styles(residual.values)
     sizes = {name: residual.sizes(name) for name in residual.values}
-    lines: list[Line2D] = []
-    for name, values in (sizes if scale == "log" else residual.values).items():
-        style = styles[name] | {"label": short_name(name)}
-        lines += ax.plot(residual.times[name], values, **style)
+    shown = sizes if scale == "log" else residual.values
+    lines = style.draw_curves(ax, {name: (residual.times[name], shown[name]) for name in shown})
     if scale == "log":
-        log_axis(ax, sizes.values(), residual.span)
-        dress(ax, TIME, residual.size_label)
+        style.log_axis(ax, sizes.values(), residual.span)
+        style.dress(ax, TIME, residual.size_label)
         return lines
     if residual.is_limit:
-        shade_forbidden(ax, residual.values.values(), MARGIN_SHARE * residual.span)
+        style.shade_forbidden(ax, shown.values(), MARGIN_SHARE * residual.span)
     else:
-        span_at_least(ax, residual.values.values(), 2 * residual.span)
-    dress(ax, TIME, residual.label)
+        style.span_at_least(ax, shown.values(), 2 * residual.span)
+    style.dress(ax, TIME, residual.label)
     return lines
 
 
@@ -269,19 +242,17 @@ def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2
     """
     shown = named(motions)
     index_of(part, PARTS, "part")
-    styles = line_styles(shown)
-    lines: list[Line2D] = []
     sizes = {
         name: force_sizes(motion.constraint_forces, part) for name, motion in coupled(shown).items()
     }
-    for name, size in sizes.items():
-        time = shown[name].times - shown[name].times[0]
-        lines += ax.plot(time, size, label=short_name(name), **styles[name])
+    lines = style.draw_curves(
+        ax, {name: (since_start(shown[name]), sizes[name]) for name in sizes}, among=shown
+    )
     if len(sizes) > 1:
-        log_axis(ax, sizes.values(), 1.0)
+        style.log_axis(ax, sizes.values(), 1.0)
     else:
         ax.set_ylim(bottom=0)
-    dress(ax, TIME, f"constraint's {part} acceleration ({FORCE_UNITS[part]})")
+    style.dress(ax, TIME, f"constraint's {part} acceleration ({FORCE_UNITS[part]})")
     return lines
 
 
@@ -313,27 +284,8 @@ def _constraint_panels(
     return lines + [rest[i : i + 2] for i in range(0, len(rest), 2)]
 
 
-def _over_time(
-    ax: Axes, motions: Mapping[str, PoseTrajectory], curves: Mapping[str, Floats]
-) -> list[Line2D]:
-    styles = line_styles(motions)
-    lines: list[Line2D] = []
-    for name, motion in motions.items():
-        style = styles[name] | {"label": short_name(name)}
-        lines += ax.plot(motion.times - motion.times[0], curves[name], **style)
-    return lines
-
-
-def _largest_plane(motions: Mapping[str, PoseTrajectory]) -> Plane:
-    reach = np.max([np.ptp(motion.positions, axis=0) for motion in motions.values()], axis=0)
-    x, y, z = reach
-    if z <= min(x, y):
-        return "XY"
-    return "XZ" if y <= x else "YZ"
-
-
 def _overview(motions: Mapping[str, PoseTrajectory]) -> str:
     name, motion = next(iter(motions.items()))
-    text = f"path of {number(motion.path_length)} m in {number(motion.duration)} s"
+    text = f"path of {style.number(motion.path_length)} m in {style.number(motion.duration)} s"
     others = f", and {len(motions) - 1} more" if len(motions) > 1 else ""
-    return f"{capitalized(short_name(name))}: {text}{others}"
+    return f"{style.capitalized(style.short_name(name))}: {text}{others}"

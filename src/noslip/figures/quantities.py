@@ -14,7 +14,7 @@ from noslip.constraints.check import MILLIMETERS_BELOW, step_accelerations, with
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.figures.style import number, short_name
+from noslip.figures.style import number
 from noslip.runtime.motion import Motion
 from noslip.trajectory import PoseTrajectory
 
@@ -97,6 +97,14 @@ def roll_pitch_yaw(rotations: Rotation, near: ArrayLike | None = None) -> Floats
     return np.asarray(np.degrees(continued), dtype=np.float64)
 
 
+def near_angles(motions: Iterable[PoseTrajectory]) -> list[Floats]:
+    """Roll, pitch and yaw of motions (degrees); all begin as near as they can to the first one."""
+    found: list[Floats] = []
+    for motion in motions:
+        found.append(roll_pitch_yaw(motion.rotations, found[0][0] if found else None))
+    return found
+
+
 def _flipped(angles: Floats) -> Floats:
     return np.column_stack([angles[:, 0] + np.pi, np.pi - angles[:, 1], angles[:, 2] + np.pi])
 
@@ -106,14 +114,14 @@ def _distance(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.linalg.norm(turns, axis=1))
 
 
+def since_start(motion: PoseTrajectory) -> Floats:
+    """Seconds since a motion began, shape (N,); the clock of a re-planned one began before it."""
+    return np.asarray(motion.times - motion.times[0])
+
+
 def length_unit(motions: Iterable[PoseTrajectory]) -> tuple[float, str]:
     """Return how many of the unit make a meter, and the unit: m, or mm for short paths."""
     return scaled_unit(max(map(extent, motions)))
-
-
-def length(meters: float) -> str:
-    """Return a length with its unit."""
-    return value_text(meters, "m")
 
 
 def extent(motion: PoseTrajectory) -> float:
@@ -121,9 +129,11 @@ def extent(motion: PoseTrajectory) -> float:
     return float(np.ptp(motion.positions, axis=0).max())
 
 
-def top_speed(motion: PoseTrajectory) -> float:
-    """Largest speed of a step (m/s)."""
-    return _longest(motion.step_velocities()[0])
+def widest_plane(motions: Iterable[PoseTrajectory]) -> tuple[int, int]:
+    """World axes, in order, of the plane in which motions reach furthest; of equals the first."""
+    reach = np.max([np.ptp(motion.positions, axis=0) for motion in motions], axis=0)
+    a, b = sorted(np.argsort(-reach, kind="stable")[:2].tolist())
+    return a, b
 
 
 def angle_unit(degrees: bool) -> tuple[float, str]:
@@ -151,27 +161,19 @@ def value_text(value: float, unit: str) -> str:
     return with_unit(number(scale * value), shown)
 
 
-def label(name: str, unit: str) -> str:
-    """Return an axis' label: a quantity and its unit."""
-    return f"{short_name(name)} ({unit})"
-
-
 def least_span(unit: str, motions: Iterable[PoseTrajectory]) -> float:
     """Return what an axis of residuals in a unit shows at least, to either side.
 
     A share of the largest length, speed or acceleration of the motions; of 1 for other units.
     """
-    motions = list(motions)
     scales: dict[str, Callable[[PoseTrajectory], float]] = {
         "m": extent,
-        "m/s": top_speed,
+        "m/s": lambda motion: _longest(motion.step_velocities()[0]),
         "rad/s": lambda motion: _longest(motion.step_velocities()[1]),
         "m/s²": lambda motion: _longest(step_accelerations(motion)[0]),
         "rad/s²": lambda motion: _longest(step_accelerations(motion)[1]),
     }
-    if unit not in scales:
-        return VISIBLE
-    return VISIBLE * max(map(scales[unit], motions)) or 1.0
+    return VISIBLE * (max(map(scales[unit], motions)) if unit in scales else 1.0) or 1.0
 
 
 def _longest(vectors: Floats) -> float:

@@ -25,10 +25,8 @@ class ConstraintRecord:
 
     Attributes
     ----------
-    name : str
-    is_limit : bool
-    unit : str or None
-        Of its residuals or margins; None if it is not known.
+    name, is_limit, unit : str, bool, str or None
+        The unit of its residuals or margins is None if it is not known.
     values, multipliers : array, shape (N, rows)
         Residuals or margins in that unit.
     forces : array, shape (N, 6)

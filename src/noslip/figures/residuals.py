@@ -11,14 +11,7 @@ import numpy as np
 from noslip._typing import Floats
 from noslip.constraints.check import step_residuals, with_unit
 from noslip.constraints.system import as_system
-from noslip.figures.quantities import (
-    NEGLIGIBLE,
-    Constraints,
-    label,
-    least_span,
-    scaled_unit,
-    value_text,
-)
+from noslip.figures.quantities import NEGLIGIBLE, Constraints, least_span, scaled_unit, value_text
 from noslip.figures.style import capitalized, number, short_name
 from noslip.runtime.motion import HELD
 from noslip.trajectory import PoseTrajectory
@@ -30,24 +23,16 @@ class ResidualRow:
 
     Attributes
     ----------
-    name : str
-        "lateral velocity" for a blade; otherwise what the constraint is called.
-    source : str
-        What the constraint is called that the row belongs to.
-    own_unit : str
-        Of the constraint.
-    unit : str
-        Of the values.
-    scale : float
-        How many of the latter make one of the former.
-    is_slip : bool
-        Whether it is the lateral velocity of the tool.
-    is_limit : bool
-        Whether the values are the margin of a limit, which must not be negative.
-    times : dict of arrays, shape (N - 1,)
-        Seconds from the start of the motion of that name to the end of each step.
-    values : dict of arrays, shape (N - 1,)
-        Signed residual, or margin, of each step; :func:`noslip.check` reports the same.
+    name, source : str
+        "lateral velocity" for a blade, otherwise what the row is called; and its constraint.
+    own_unit, unit, scale : str, str, float
+        Of the constraint; of the values; and how many of the latter make one of the former.
+    is_slip, is_limit : bool
+        Whether it is the lateral velocity of the tool; whether the values are the margin of a
+        limit, which must not be negative.
+    times, values : dict of arrays, shape (N - 1,)
+        By motion: seconds from its start to the end of each step; signed residual, or margin, of
+        each step, as :func:`noslip.check` reports it.
     span : float
         What the axis shows at least, to either side.
     """
@@ -66,12 +51,14 @@ class ResidualRow:
     @property
     def label(self) -> str:
         """For an axis."""
-        return label(f"margin of {self.name}" if self.is_limit else self.name, self.unit)
+        what = f"margin of {self.name}" if self.is_limit else self.name
+        return f"{short_name(what)} ({self.unit})"
 
     @property
     def size_label(self) -> str:
         """For an axis of :meth:`sizes`."""
-        return label(f"violation of {self.name}" if self.is_limit else f"|{self.name}|", self.unit)
+        what = f"violation of {self.name}" if self.is_limit else f"|{self.name}|"
+        return f"{short_name(what)} ({self.unit})"
 
     def sizes(self, name: str) -> Floats:
         """How large the violations of a motion are, shape (N - 1,)."""
@@ -113,9 +100,10 @@ class ResidualRow:
     @property
     def verb(self) -> str:
         """What goes before :meth:`peak_text`."""
-        if all(self.hides(name) for name in self.peaks):
-            return "slips" if self.is_slip else f"keeps “{short_name(self.name)}” to"
-        return "slips" if self.is_slip else f"violates “{short_name(self.name)}” by"
+        name = short_name(self.name)
+        if self.is_slip:
+            return "slips"
+        return f"keeps “{name}” to" if all(map(self.hides, self.peaks)) else f"violates “{name}” by"
 
     def peak_text(self, name: str) -> str:
         """Say how large a motion's residual gets, as in "up to 3.48 m/s"."""
@@ -217,15 +205,14 @@ def prominence(row: ResidualRow) -> tuple[float, float]:
 
 
 def _finding(row: ResidualRow) -> str:
+    def says(name: str, what: str | None = None) -> str:
+        return row.margin_text(name, what) if row.is_limit else row.peak_text(name)
+
+    verb = "" if row.is_limit else f"{row.verb} "
     first, *others = row.values
     if len(others) > 3:
         peak = max(row.values, key=lambda name: (row.peaks[name], -row.margins[name]))
-        what = row.margin_text(peak) if row.is_limit else f"{row.verb} {row.peak_text(peak)}"
-        return f"{len(others) + 1} motions: the worst, {short_name(peak)}, {what}"
+        return f"{len(others) + 1} motions: the worst, {short_name(peak)}, {verb}{says(peak)}"
     last = others[-1] if others else first
-    who = capitalized(short_name(last))
-    if row.is_limit:
-        text = f"{who} {row.margin_text(last)}"
-        return f"{text}, {short_name(first)} {row.margin_text(first, 'it')}" if others else text
-    text = f"{who} {row.verb} {row.peak_text(last)}"
-    return f"{text}, {short_name(first)} {row.peak_text(first)}" if others else text
+    text = f"{capitalized(short_name(last))} {verb}{says(last)}"
+    return f"{text}, {short_name(first)} {says(first, 'it')}" if others else text

@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
-from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
+from noslip.figures import style
 from noslip.figures.quantities import length_unit, scaled_unit, value_text
-from noslip.figures.style import (
-    PALETTE,
-    SMALL_FONT_SIZE,
-    TWO_COLUMNS,
-    dress,
-    new_figure,
-    number,
-    put_legend,
-    short_name,
-    write_title,
-)
-from noslip.trajectory import PoseTrajectory
 
-COLORS = tuple(color for name, color in PALETTE.items() if name not in ("gray", "black"))
+COLORS = tuple(color for name, color in style.PALETTE.items() if name not in ("gray", "black"))
 """Of the pieces in turn; gray is what was cut out, and black looks gray as a shade."""
 BETWEEN = ("rest", "no contact", "not asked for")
 """Reasons that the legend alone names: there are as many pauses as pieces."""
@@ -44,16 +30,11 @@ ROOM = 0.16
 
 PAUSE: dict[str, Any] = {"facecolor": "0.94", "linewidth": 0}
 """Behind what is no piece: paler than any color."""
-DROPPED: dict[str, Any] = {
-    "facecolor": "0.85",
-    "edgecolor": "0.65",
-    "hatch": "////",
-    "linewidth": 0,
-}
+DROPPED: dict[str, Any] = PAUSE | {"facecolor": "0.85", "edgecolor": "0.65", "hatch": "////"}
 """Behind a piece that was dropped: hatched, so that it differs from a pause in print."""
-PATH_OUT: dict[str, Any] = {"color": PALETTE["gray"], "linewidth": 0.6, "zorder": 1.5}
+PATH_OUT: dict[str, Any] = {"color": style.PALETTE["gray"], "linewidth": 0.6, "zorder": 1.5}
 """Of the path outside of pieces: thin, below theirs."""
-_THRESHOLD: dict[str, Any] = {"color": PALETTE["black"], "linewidth": 0.9}
+_THRESHOLD: dict[str, Any] = {"color": style.PALETTE["black"], "linewidth": 0.9}
 """Black, and told apart by their dashes."""
 UPPER, LOWER = _THRESHOLD | {"linestyle": (0, (5, 2))}, _THRESHOLD | {"linestyle": (0, (1, 1.8))}
 """Of the threshold at which a piece begins, and of that at which it ends."""
@@ -74,39 +55,41 @@ def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
     title : str, optional
         By default the finding: how many pieces, how long, and how many were dropped.
     """
-    figure = new_figure(TWO_COLUMNS, 3.1)
+    figure = style.new_figure(style.TWO_COLUMNS, 3.1)
     over_time, above = figure.subplots(1, 2, width_ratios=(2.1, 1))
-    handles = _draw_cuts(over_time, segments)
-    handles |= _draw_paths(above, segments)
+    handles = _draw_cuts(over_time, segments) | _draw_paths(above, segments)
     if handles:
-        put_legend(figure, handles)
-    write_title(figure, title or _finding(segments))
+        style.put_legend(figure, handles)
+    style.write_title(figure, title or _finding(segments))
     return figure
 
 
-def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist]:
-    times = segments.recording.times
+def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any]]:
+    times, values = segments.recording.times, segments.signal
     by_contact = segments.quantity == "contact"
-    values = segments.signal
     if values is None:
         values = _averaged_speeds(segments.recording)
     scale, unit = (1.0, "") if by_contact else scaled_unit(float(values.max()), "m/s")
     values = scale * values
     ax.plot(times, values, color="0.25", linewidth=0.8)
-    handles: dict[str, Artist] = {}
+    handles: dict[str, Artist | dict[str, Any]] = {}
     if segments.thresholds is not None:
         low, high = (scale * level for level in segments.thresholds)
-        for level, what, style in ((high, "upper", UPPER), (low, "lower", LOWER)):
-            ax.axhline(level, **style)
-            shown = number(level) if by_contact else value_text(level / scale, "m/s")
+        for level, what, look in ((high, "upper", UPPER), (low, "lower", LOWER)):
+            ax.axhline(level, **look)
+            shown = style.number(level) if by_contact else value_text(level / scale, "m/s")
             name = f"{what} threshold, {shown}"
-            handles[name] = Line2D([], [], **style)
+            handles[name] = look
     if by_contact:
         low, high = float(values.min()), float(values.max())
         span = (high - low) or 1.0
         ax.set_ylim(low - 0.05 * span, high + (0.05 + ROOM) * span)
     else:
-        _log_speed(ax, values, None if segments.thresholds is None else low)
+        # From below the noise at rest, with room for the numbers.
+        top = float(values.max())
+        bottom = FLOOR * low if segments.thresholds is not None and low else 1e-3 * top
+        ax.set_yscale("log")
+        ax.set_ylim(bottom, top * (top / bottom) ** ROOM)
     ax.set_xlim(times[0], times[-1])
 
     kept = 0
@@ -127,20 +110,12 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist]:
             if len(dropped) <= MOST_REASONS:
                 why, _, _ = interval.reason.partition(":")
                 _write(ax, interval, why, y=0.05, color="0.1", rotation=90)
-    dress(ax, "time (s)", "contact signal" if by_contact else f"speed ({unit})")
+    style.dress(ax, "time (s)", "contact signal" if by_contact else f"speed ({unit})")
     ax.grid(False)
     return handles
 
 
-def _log_speed(ax: Axes, values: Floats, low: float | None) -> None:
-    """A logarithmic axis from below the noise at rest, with room for the numbers."""
-    top = float(values.max())
-    bottom = FLOOR * low if low else 1e-3 * top
-    ax.set_yscale("log")
-    ax.set_ylim(bottom, top * (top / bottom) ** ROOM)
-
-
-def _write(ax: Axes, interval: Interval, text: str, *, y: float, **style: Any) -> None:
+def _write(ax: Axes, interval: Interval, text: str, *, y: float, **look: Any) -> None:
     """Write into the middle of an interval; heights are shares of the axis."""
     ax.text(
         (interval.start + interval.end) / 2,
@@ -149,60 +124,51 @@ def _write(ax: Axes, interval: Interval, text: str, *, y: float, **style: Any) -
         transform=ax.get_xaxis_transform(),
         ha="center",
         va="top" if y > 0.5 else "bottom",
-        fontsize=SMALL_FONT_SIZE - (1.5 if "rotation" in style else 0),
+        fontsize=style.SMALL_FONT_SIZE - (1.5 if "rotation" in look else 0),
         path_effects=[withStroke(linewidth=1.8, foreground="white")],
         in_layout=False,
-        **style,
+        **look,
     )
 
 
-def _draw_paths(ax: Axes, segments: Segments) -> dict[str, Artist]:
+def _draw_paths(ax: Axes, segments: Segments) -> dict[str, dict[str, Any]]:
     scale, unit = length_unit([segments.recording])
     seen = scale * segments.recording.positions[:, :2]
     times = segments.recording.times
-    for part in _parts_out(segments.intervals):
-        inside = (times >= part.start) & (times <= part.end)
-        ax.plot(*seen[inside].T, **PATH_OUT)
+    for part in segments.intervals:
+        if part.reason is not None:
+            ax.plot(*seen[(times >= part.start) & (times <= part.end)].T, **PATH_OUT)
     for index, piece in enumerate(segments.pieces):
         color = COLORS[index % len(COLORS)]
         path = scale * piece.positions[:, :2]
         ax.plot(*path.T, color=color, linewidth=1.1)
         # Numbers lie apart along the paths, which often lie on one another.
-        at = path[_along(piece, (index + 1) / (len(segments.pieces) + 1))]
-        ax.text(
-            float(at[0]),
-            float(at[1]),
+        traveled = np.cumsum(np.linalg.norm(np.diff(piece.positions, axis=0), axis=1))
+        share = (index + 1) / (len(segments.pieces) + 1)
+        ax.annotate(
             str(index + 1),
+            path[np.searchsorted(traveled, share * traveled[-1])],
             color=color,
-            fontsize=SMALL_FONT_SIZE,
+            fontsize=style.SMALL_FONT_SIZE,
             fontweight="bold",
             ha="center",
             va="center",
             path_effects=[withStroke(linewidth=2, foreground="white")],
         )
     ax.set_aspect("equal", adjustable="datalim")
-    dress(ax, f"x ({unit})", f"y ({unit})", title="from above")
-    return {"path cut out": Line2D([], [], **PATH_OUT)} if len(segments.intervals) > 1 else {}
-
-
-def _parts_out(intervals: Sequence[Interval]) -> list[Interval]:
-    return [interval for interval in intervals if interval.reason is not None]
-
-
-def _along(piece: PoseTrajectory, share: float) -> int:
-    traveled = np.cumsum(np.linalg.norm(np.diff(piece.positions, axis=0), axis=1))
-    return int(np.searchsorted(traveled, share * traveled[-1]))
+    style.dress(ax, f"x ({unit})", f"y ({unit})", title="from above")
+    return {"path cut out": PATH_OUT} if len(segments.intervals) > 1 else {}
 
 
 def _finding(segments: Segments) -> str:
     count = len(segments.pieces)
-    name = short_name(segments.recording.name)
+    name = style.short_name(segments.recording.name)
     if segments.quantity == "speed" and segments.thresholds is None:
         return f"{name}: no rest stands out, one piece"
     durations = [piece.duration for piece in segments.pieces]
-    dropped = sum(i.reason not in BETWEEN for i in _parts_out(segments.intervals))
+    dropped = sum(i.reason not in (None, *BETWEEN) for i in segments.intervals)
     text = f"{name}: {count} piece{'s' if count != 1 else ''}"
     if durations:
-        low, high = number(min(durations)), number(max(durations))
+        low, high = style.number(min(durations)), style.number(max(durations))
         text += f" of {low} s" if low == high else f" of {low} to {high} s"
     return text + (f", {dropped} more cut out" if dropped else "")

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
@@ -25,43 +24,24 @@ from noslip.constraints.blade import Blade
 from noslip.constraints.edge_motion import edge_steps
 from noslip.edge import axis_vectors
 from noslip.errors import InputError
-from noslip.figures.quantities import Motions, extent, length, length_unit, named
+from noslip.figures import style
+from noslip.figures.quantities import Motions, extent, length_unit, named, value_text
 from noslip.figures.residuals import finding, residual_rows
-from noslip.figures.style import (
-    PALETTE,
-    SMALL_FONT_SIZE,
-    TWO_COLUMNS,
-    capitalized,
-    new_figure,
-    put_legend,
-    short_name,
-    write_title,
-)
 from noslip.trajectory import PoseTrajectory
 
-PATH: dict[str, Any] = {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.3}
+PATH: dict[str, Any] = {"color": style.PALETTE["blue"], "linestyle": "-", "linewidth": 1.3}
 """Of the path that was taken."""
-DESIRED: dict[str, Any] = {"color": PALETTE["black"], "linestyle": ":", "linewidth": 1.2}
+DESIRED: dict[str, Any] = {"color": style.PALETTE["black"], "linestyle": ":", "linewidth": 1.2}
 """Of the path that was asked for: dotted, above the one that was taken."""
-AXIS: dict[str, Any] = {"color": PALETTE["green"], "linestyle": "-", "linewidth": 1.1}
+AXIS: dict[str, Any] = {"color": style.PALETTE["green"], "linestyle": "-", "linewidth": 1.1}
 """Of the blade's travel axis: green, as velocities are in the viewer."""
-SLIP_COLORS = LinearSegmentedColormap.from_list("slip", ["#DCE6EE", PALETTE["vermillion"]])
+SLIP_COLORS = LinearSegmentedColormap.from_list("slip", ["#DCE6EE", style.PALETTE["vermillion"]])
 """From none to all of the speed sideways: pale, so that a blade that does not slip stays in the
 background."""
 
 SCALPEL: Floats = np.array(
-    [
-        (0.00, 0.00),
-        (-0.05, -0.05),
-        (-0.14, -0.10),
-        (-0.27, -0.12),
-        (-0.40, -0.12),
-        (-0.45, -0.06),
-        (-1.00, -0.06),
-        (-1.00, 0.06),
-        (-0.40, 0.06),
-        (-0.30, 0.03),
-    ]
+    [(0.00, 0.00), (-0.05, -0.05), (-0.14, -0.10), (-0.27, -0.12), (-0.40, -0.12)]
+    + [(-0.45, -0.06), (-1.00, -0.06), (-1.00, 0.06), (-0.40, 0.06), (-0.30, 0.03)]
 )
 """Outline of a blade and its handle in the body's x-z plane, the tip at the origin, length 1."""
 BLADE_LENGTH = 0.33
@@ -114,30 +94,38 @@ def blade_snapshots(
     size = BLADE_LENGTH * max(map(extent, shown.values())) or BLADE_LENGTH
     slips = residual_rows(shown, Blade())
 
-    figure = new_figure(TWO_COLUMNS, TWO_COLUMNS, layout=None)
+    figure = style.new_figure(style.TWO_COLUMNS, style.TWO_COLUMNS, layout=None)
     panels: list[Any] = [figure.add_subplot(projection="3d") for _ in shown]
     for letter, ax, (name, motion) in zip(cycle(ascii_uppercase), panels, shown.items()):
         plot_blades(ax, motion, blades=blades, size=size, scale=scale)
         lines = []
         if len(shown) > 1:
-            lines += [f"{letter}   {capitalized(short_name(name))}"]
+            lines += [f"{letter}   {style.capitalized(style.short_name(name))}"]
             lines += [f"{slips[0].verb} {slips[0].peak_text(name)}"]
         if desired is not None:
             ax.plot(*(scale * desired.positions.T), zorder=3, **DESIRED)
-            lines += _deviation(motion, desired)
-        ax.set_title("\n".join(lines), fontsize=SMALL_FONT_SIZE, y=1)
+            off = distance_to_path(motion.positions, desired.positions)
+            missed = float(np.linalg.norm(motion.positions[-1] - desired.positions[-1]))
+            lines += (
+                [
+                    f"leaves the path by up to {value_text(off, 'm')}",
+                    f"ends {value_text(missed, 'm')} from its end",
+                ]
+                if off or missed
+                else ["on the desired path"]
+            )
+        ax.set_title("\n".join(lines), fontsize=style.SMALL_FONT_SIZE, y=1)
     _frame(panels, unit)
     beside = _arrange(figure, panels)
 
     bar = figure.colorbar(ScalarMappable(Normalize(0, 100), SLIP_COLORS), cax=beside)
-    bar.set_label("share of the speed along ŷ (%)", fontsize=SMALL_FONT_SIZE)
-    bar.ax.tick_params(labelsize=SMALL_FONT_SIZE)
+    bar.set_label("share of the speed along ŷ (%)", fontsize=style.SMALL_FONT_SIZE)
+    bar.ax.tick_params(labelsize=style.SMALL_FONT_SIZE)
     styles = {"path": PATH, "ŷ, the blade's lateral axis": AXIS}
     if desired is not None:
         styles["desired path"] = DESIRED
-    handles = {name: Line2D([], [], **style) for name, style in styles.items()}
-    put_legend(figure, handles)
-    write_title(figure, title or finding(slips))
+    style.put_legend(figure, styles)
+    style.write_title(figure, title or finding(slips))
     return figure
 
 
@@ -233,14 +221,6 @@ def distance_to_path(points: Floats, path: Floats) -> float:
     return float(distances.max())
 
 
-def _deviation(motion: PoseTrajectory, desired: PoseTrajectory) -> list[str]:
-    off = distance_to_path(motion.positions, desired.positions)
-    missed = float(np.linalg.norm(motion.positions[-1] - desired.positions[-1]))
-    if off == missed == 0:
-        return ["on the desired path"]
-    return [f"leaves the path by up to {length(off)}", f"ends {length(missed)} from its end"]
-
-
 def _frame(panels: list[Any], unit: str) -> None:
     """Give all panels the same limits and view."""
     limits = np.array([_limits(ax) for ax in panels])
@@ -250,7 +230,7 @@ def _frame(panels: list[Any], unit: str) -> None:
         ax.set_proj_type("ortho")
         ax.view_init(*VIEW)
         ax.patch.set_visible(False)
-        ax.tick_params(labelsize=SMALL_FONT_SIZE - 1, pad=-1.5)
+        ax.tick_params(labelsize=style.SMALL_FONT_SIZE - 1, pad=-1.5)
         for index, name in enumerate("xyz"):
             ax.set(**{f"{name}lim": (low[index], high[index]), f"{name}label": f"{name} ({unit})"})
             axis = getattr(ax, f"{name}axis")
@@ -272,7 +252,7 @@ def _arrange(figure: Figure, panels: list[Any]) -> Axes:
 
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
-    side = (TWO_COLUMNS - BAR_ROOM) / max(columns, 2)
+    side = (style.TWO_COLUMNS - BAR_ROOM) / max(columns, 2)
     inches = (side - LABEL_ROOM) * min(1 / wide, 1 / high)
     pitch = HEADING_ROOM + inches * high + LABEL_ROOM
     width, height = columns * side + BAR_ROOM, TITLE_ROOM + rows * pitch + LEGEND_ROOM
@@ -313,7 +293,7 @@ def _label(ax: Any) -> None:
             ax.transData.inverted().transform(_on_page(ax, edge).mean(axis=0)),
             xytext=offset,
             textcoords="offset points",
-            fontsize=SMALL_FONT_SIZE,
+            fontsize=style.SMALL_FONT_SIZE,
             rotation=angle,
             ha="center",
             va="center",

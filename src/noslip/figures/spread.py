@@ -9,40 +9,22 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.figures import style
 from noslip.figures.quantities import (
     ANGLES,
     MARGIN_SHARE,
     Constraints,
     extent,
-    length,
     length_unit,
-    roll_pitch_yaw,
+    near_angles,
+    since_start,
     value_text,
 )
 from noslip.figures.residuals import ResidualRow, least_margins, prominence, residual_rows
-from noslip.figures.style import (
-    LEAST_SHARE,
-    LEAST_TURN,
-    PALETTE,
-    SMALL_FONT_SIZE,
-    TWO_COLUMNS,
-    capitalized,
-    dress,
-    log_axis,
-    new_figure,
-    number,
-    put_legend,
-    shade_forbidden,
-    short_name,
-    span_at_least,
-    trial_styles,
-    write_title,
-)
 from noslip.law.fitting import as_demonstrations
 from noslip.trajectory import PoseTrajectory
 
@@ -92,20 +74,18 @@ def demonstration_spread(
     """
     motions = {str(i): motion for i, motion in enumerate(as_demonstrations(trajectories))}
     rows = least_margins(residual_rows(motions, constraints))
-    figure = new_figure(TWO_COLUMNS, 3.3 + 1.7 * len(rows))
+    figure = style.new_figure(style.TWO_COLUMNS, 3.3 + 1.7 * len(rows))
     grid = figure.add_gridspec(2 + len(rows), 1)
 
     scale, unit = length_unit(motions.values())
-    least = scale * LEAST_SHARE * max(map(extent, motions.values()))
+    least = scale * style.LEAST_SHARE * max(map(extent, motions.values()))
     positions = [scale * motion.positions for motion in motions.values()]
-    angles: list[Floats] = []
-    for motion in motions.values():
-        angles.append(roll_pitch_yaw(motion.rotations, angles[0][0] if angles else None))
-    progress = [_percent(motion.times, motion) for motion in motions.values()]
+    angles = near_angles(motions.values())
+    progress = [_percent(motion) for motion in motions.values()]
     for row, (values, names, axis_unit, span, color) in enumerate(
         [
-            (positions, "xyz", unit, least, PALETTE["blue"]),
-            (angles, ANGLES, "°", LEAST_TURN, PALETTE["green"]),
+            (positions, "xyz", unit, least, style.PALETTE["blue"]),
+            (angles, ANGLES, "°", style.LEAST_TURN, style.PALETTE["green"]),
         ]
     ):
         panels = grid[row].subgridspec(1, 3)
@@ -113,7 +93,7 @@ def demonstration_spread(
             ax = figure.add_subplot(panels[column])
             curves = [(p, v[:, column]) for p, v in zip(progress, values, strict=True)]
             plot_spread(ax, curves, color=color, least=span)
-            dress(ax, PROGRESS, f"{name} ({axis_unit})")
+            style.dress(ax, PROGRESS, f"{name} ({axis_unit})")
 
     for row, residual in enumerate(rows, start=2):
         unseen = residual.hidden and all(map(residual.hides, motions))
@@ -121,19 +101,19 @@ def demonstration_spread(
         curves = _residual_curves(residual, motions)
         ax = figure.add_subplot(panels[0])
         least = (MARGIN_SHARE if residual.is_limit else 2) * residual.span
-        plot_spread(ax, curves, color=PALETTE["vermillion"], least=least)
+        plot_spread(ax, curves, color=style.PALETTE["vermillion"], least=least)
         if residual.is_limit:
-            shade_forbidden(ax, [np.array(ax.get_ylim())], 0.0)
-        dress(ax, PROGRESS, residual.label)
+            style.shade_forbidden(ax, [np.array(ax.get_ylim())], 0.0)
+        style.dress(ax, PROGRESS, residual.label)
         if unseen:
             _plot_sizes(figure.add_subplot(panels[1]), residual, curves)
 
-    handles: dict[str, Artist] = {"each motion": Line2D([], [], color="black", **EACH)}
+    handles: dict[str, Any] = {"each motion": EACH | {"color": "black"}}
     if len(motions) > 1:
-        handles["mean"] = Line2D([], [], color="black", **MEAN)
+        handles["mean"] = MEAN | {"color": "black"}
         handles["± 1 standard deviation"] = Patch(facecolor="black", edgecolor="none", **BAND)
-    put_legend(figure, handles)
-    write_title(figure, title or _spread_finding(rows, motions))
+    style.put_legend(figure, handles)
+    style.write_title(figure, title or _spread_finding(rows, motions))
     return figure
 
 
@@ -169,7 +149,7 @@ def plot_spread(
         artists.append(ax.fill_between(GRID, low, high, color=color, linewidth=0, **BAND))
         shown += [low, high]
     ax.set_xlim(0, 100)
-    span_at_least(ax, shown, least)
+    style.span_at_least(ax, shown, least)
     return artists
 
 
@@ -205,30 +185,29 @@ def orientation_adjustments(
         )
     names = _trial_names(before)
     changes = [adjustment(*pair) for pair in zip(before, after, strict=True)]
-    progress = [_percent(motion.times, motion) for motion in after]
+    progress = list(map(_percent, after))
     peaks = np.array([np.abs(change).max(axis=0) for change in changes])
 
-    figure = new_figure(TWO_COLUMNS, 2.9)
+    figure = style.new_figure(style.TWO_COLUMNS, 2.9)
     panels = figure.subplots(1, 3, sharey=True)
-    styles = trial_styles(len(names))
+    styles = style.trial_styles(len(names))
     for column, (ax, angle) in enumerate(zip(panels, ANGLES, strict=True)):
         curves = [change[:, column] for change in changes]
-        for share, curve, style in zip(progress, curves, styles, strict=True):
-            ax.plot(share, curve, **style)
-        ax.axhline(0, color=PALETTE["gray"], linewidth=0.6, zorder=1)
+        for share, curve, look in zip(progress, curves, styles, strict=True):
+            ax.plot(share, curve, **look)
+        ax.axhline(0, color=style.PALETTE["gray"], linewidth=0.6, zorder=1)
         ax.set_xlim(0, 100)
-        dress(ax, PROGRESS, f"adjustment of {angle} (°)")
+        style.dress(ax, PROGRESS, f"adjustment of {angle} (°)")
         largest = int(np.argmax(peaks[:, column]))
         if peaks[largest, column] >= VISIBLE_TURN:
             _point_out(ax, progress[largest], curves[largest], names[largest])
     low, high = min(c.min() for c in changes), max(c.max() for c in changes)
-    room = max(0.25 * (high - low), LEAST_TURN / 2)
+    room = max(0.25 * (high - low), style.LEAST_TURN / 2)
     panels[0].set_ylim(low - room, high + room)
 
     if len(names) > 1:
-        handles = zip(names, styles, strict=True)
-        put_legend(figure, {name: Line2D([], [], **style) for name, style in handles})
-    write_title(figure, title or _adjustment_finding(peaks, names))
+        style.put_legend(figure, dict(zip(names, styles, strict=True)))
+    style.write_title(figure, title or _adjustment_finding(peaks, names))
     return figure
 
 
@@ -237,17 +216,16 @@ def adjustment(demonstration: PoseTrajectory, trained: PoseTrajectory) -> Floats
 
     Both are compared at the same share of their durations.
     """
-    before = roll_pitch_yaw(demonstration.rotations)
-    after = roll_pitch_yaw(trained.rotations, before[0])
-    own, at = _percent(demonstration.times, demonstration), _percent(trained.times, trained)
+    before, after = near_angles([demonstration, trained])
+    own, at = _percent(demonstration), _percent(trained)
     return np.asarray(after - np.column_stack([np.interp(at, own, angle) for angle in before.T]))
 
 
 # ---------------------------------------------------------------- inside
 
 
-def _percent(times: Floats, motion: PoseTrajectory) -> Floats:
-    return np.asarray(100 * (times - motion.times[0]) / motion.duration)
+def _percent(motion: PoseTrajectory) -> Floats:
+    return np.asarray(100 * since_start(motion) / motion.duration)
 
 
 def _sampled(curves: Sequence[Curve]) -> Floats:
@@ -255,48 +233,38 @@ def _sampled(curves: Sequence[Curve]) -> Floats:
 
 
 def _residual_curves(residual: ResidualRow, motions: Mapping[str, PoseTrajectory]) -> list[Curve]:
-    return [
-        (_percent(motion.times[1:], motion), residual.values[name])
-        for name, motion in motions.items()
-    ]
+    return [(_percent(motion)[1:], residual.values[name]) for name, motion in motions.items()]
 
 
 def _plot_sizes(ax: Axes, residual: ResidualRow, curves: Sequence[Curve]) -> None:
     """Draw residuals that look like zero on a logarithmic axis, and say how large they get."""
     sizes = [np.abs(values) for _, values in curves]
     for (progress, _), size in zip(curves, sizes, strict=True):
-        ax.plot(progress, size, color=PALETTE["vermillion"], **EACH)
-    log_axis(ax, sizes, residual.span)
+        ax.plot(progress, size, color=style.PALETTE["vermillion"], **EACH)
+    style.log_axis(ax, sizes, residual.span)
     ax.set_xlim(0, 100)
-    peak = max(residual.peaks.values())
-    ax.text(
-        0.5,
-        0.9,
-        f"largest of all: {number(peak)} {residual.unit}",
-        transform=ax.transAxes,
-        ha="center",
-        va="top",
-        fontsize=SMALL_FONT_SIZE,
-    )
-    dress(ax, PROGRESS, residual.size_label)
+    text = f"largest of all: {style.number(max(residual.peaks.values()))} {residual.unit}"
+    middle: Any = {"ha": "center", "va": "top", "transform": ax.transAxes}
+    ax.text(0.5, 0.9, text, fontsize=style.SMALL_FONT_SIZE, **middle)
+    style.dress(ax, PROGRESS, residual.size_label)
 
 
 def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTrajectory]) -> str:
     count = f"{len(motions)} motion{'s' if len(motions) > 1 else ''}"
     if not rows:
         paths = [motion.path_length for motion in motions.values()]
-        return f"{count}: paths of {length(min(paths))} to {length(max(paths))}"
+        return f"{count}: paths of {value_text(min(paths), 'm')} to {value_text(max(paths), 'm')}"
     worst = max(rows, key=prominence)
     if worst.is_limit:
-        return f"{capitalized(worst.name)} of {count}: {_limit_finding(worst)}"
-    peak = f"{number(max(worst.peaks.values()))} {worst.unit}"
+        return f"{style.capitalized(worst.name)} of {count}: {_limit_finding(worst)}"
+    peak = f"{style.number(max(worst.peaks.values()))} {worst.unit}"
     if all(map(worst.hides, motions)):
-        return f"{capitalized(worst.name)} of {count}: at most {peak}"
+        return f"{style.capitalized(worst.name)} of {count}: at most {peak}"
     mean = _sampled(_residual_curves(worst, motions)).mean(axis=0)
     at = int(np.argmax(np.abs(mean)))
-    signed = f"{'+' if mean[at] > 0 else '−'}{number(abs(mean[at]))} {worst.unit}"
+    signed = f"{'+' if mean[at] > 0 else '−'}{style.number(abs(mean[at]))} {worst.unit}"
     return (
-        f"{capitalized(worst.name)} of {count}: mean up to {signed} "
+        f"{style.capitalized(worst.name)} of {count}: mean up to {signed} "
         f"(at {GRID[at]:.0f} % of the time), largest {peak}"
     )
 
@@ -314,11 +282,13 @@ def _adjustment_finding(peaks: Floats, names: Sequence[str]) -> str:
     most = int(np.argmax(typical))
     trial = int(np.argmax(peaks[:, most]))
     if peaks.max() < VISIBLE_TURN:
-        return f"No angle is adjusted by more than {number(peaks.max())}°"
+        return f"No angle is adjusted by more than {style.number(peaks.max())}°"
     text = f"{ANGLES[most].capitalize()} is adjusted most: "
     if len(names) > 1:
-        text += f"typically by {number(typical[most])}°, "
-    return text + f"at most by {number(peaks[trial, most])}° ({short_name(names[trial])})"
+        text += f"typically by {style.number(typical[most])}°, "
+    return (
+        text + f"at most by {style.number(peaks[trial, most])}° ({style.short_name(names[trial])})"
+    )
 
 
 def _trial_names(trials: Sequence[PoseTrajectory]) -> list[str]:
@@ -334,12 +304,12 @@ def _point_out(ax: Axes, progress: Floats, curve: Floats, name: str) -> None:
     at = int(np.argmax(np.abs(curve)))
     above = curve[at] >= 0
     ax.annotate(
-        f"{short_name(name)}: {curve[at]:+.1f}°".replace("-", "−"),
+        f"{style.short_name(name)}: {curve[at]:+.1f}°".replace("-", "−"),
         (progress[at], curve[at]),
         xytext=(0.5, 0.97 if above else 0.03),
         textcoords="axes fraction",
         ha="center",
         va="top" if above else "bottom",
-        fontsize=SMALL_FONT_SIZE,
+        fontsize=style.SMALL_FONT_SIZE,
         arrowprops={"arrowstyle": "-", "linewidth": 0.6, "color": "0.3"},
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Mapping
-from itertools import cycle
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle, islice
 from pathlib import Path
 from textwrap import fill
 from threading import Lock
@@ -99,14 +99,10 @@ def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 def trial_styles(count: int) -> list[dict[str, Any]]:
     """Return one thin line's style a trial: a color each, then the same colors dashed."""
-    colors = list(PALETTE.values())
+    looks = ((color, dashes) for dashes in cycle(_DASHES) for color in PALETTE.values())
     return [
-        {
-            "color": colors[i % len(colors)],
-            "linestyle": _DASHES[i // len(colors) % len(_DASHES)],
-            "linewidth": 1.1,
-        }
-        for i in range(count)
+        {"color": color, "linestyle": dashes, "linewidth": 1.1}
+        for color, dashes in islice(looks, count)
     ]
 
 
@@ -145,18 +141,17 @@ def write_title(figure: Figure, title: str) -> None:
 
 def name_lines(figure: Figure, names: Iterable[str]) -> None:
     """Put the legend of the motions' lines below a figure, in as many columns as fit."""
-    styles = line_styles(names)
-    put_legend(figure, {name: Line2D([], [], **style) for name, style in styles.items()})
+    put_legend(figure, line_styles(names))
 
 
-def put_legend(figure: Figure, handles: Mapping[str, Artist]) -> None:
-    """Put a legend below a figure, in as many columns as fit."""
+def put_legend(figure: Figure, handles: Mapping[str, Artist | dict[str, Any]]) -> None:
+    """Put a legend of artists, or of lines by their styles, below a figure."""
     labels = [short_name(name) for name in handles]
     # An entry is its handle, as wide as 8 characters, its label and the space between columns.
     characters = figure.get_figwidth() * 72 / (0.52 * SMALL_FONT_SIZE)
     columns = int(characters / (max(map(len, labels)) + 14))
     figure.legend(
-        list(handles.values()),
+        [Line2D([], [], **h) if isinstance(h, dict) else h for h in handles.values()],
         labels,
         loc="outside lower center" if figure.get_layout_engine() else "lower center",
         ncols=max(1, min(columns, len(labels))),
@@ -166,6 +161,18 @@ def put_legend(figure: Figure, handles: Mapping[str, Artist]) -> None:
     )
 
 
+def draw_curves(
+    ax: Axes, curves: Mapping[str, tuple[Floats, Floats]], among: Iterable[str] = ()
+) -> list[Line2D]:
+    """Draw a line a motion, in the style that it has among all that a figure shows."""
+    styles = line_styles(among or curves)
+    return [
+        line
+        for name, curve in curves.items()
+        for line in ax.plot(*curve, label=short_name(name), **styles[name])
+    ]
+
+
 def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> None:
     """Give axes their labels, readable sizes and a faint grid."""
     ax.set_xlabel(xlabel, fontsize=SMALL_FONT_SIZE)
@@ -173,13 +180,20 @@ def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> No
     if title is not None:
         ax.set_title(title, fontsize=SMALL_FONT_SIZE)
     ax.tick_params(labelsize=SMALL_FONT_SIZE)
-    ax.xaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
-    ax.yaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
     ax.grid(True, color="0.9", linewidth=0.6)
     ax.set_axisbelow(True)
     for axis in (ax.xaxis, ax.yaxis):
+        axis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
         if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
             formatter.set_useOffset(False)
+
+
+def stack(figure: Figure, panels: Sequence[Axes]) -> None:
+    """Let panels that stand above each other say once, below, what their x axes show."""
+    for ax in panels[:-1]:
+        ax.set_xlabel("")
+        ax.tick_params(labelbottom=False)
+    figure.align_ylabels(panels)
 
 
 def span_at_least(ax: Axes, curves: Iterable[Floats], least: float) -> None:
@@ -192,16 +206,7 @@ def span_at_least(ax: Axes, curves: Iterable[Floats], least: float) -> None:
 
 
 def shade_forbidden(ax: Axes, curves: Iterable[Floats], least: float) -> None:
-    """Gray and hatch where a margin would be negative; zero is always in sight.
-
-    Parameters
-    ----------
-    ax : Axes
-    curves : iterable of arrays
-        Margins, in the axis' unit.
-    least : float
-        What the axis spans at least.
-    """
+    """Gray and hatch where margins, in the axis' unit, are negative; zero is always in sight."""
     curves = list(curves)
     low, high = min(0.0, *(c.min() for c in curves)), max(0.0, *(c.max() for c in curves))
     span = max(high - low, least)
@@ -261,12 +266,9 @@ def save_figure(figure: Figure, path: str | Path) -> list[Path]:
     InputError
         If a file cannot be written.
     """
-    target = Path(path)
-    if target.suffix in _METADATA:
-        return [write_beside(target, rendered(figure, target.suffix))]
-    return [
-        write_beside(f"{target}{suffix}", rendered(figure, suffix)) for suffix in (".png", ".svg")
-    ]
+    own = Path(path).suffix
+    files = {path: own} if own in _METADATA else {f"{path}{s}": s for s in (".png", ".svg")}
+    return [write_beside(file, rendered(figure, suffix)) for file, suffix in files.items()]
 
 
 _METADATA: dict[str, dict[str, Any]] = {
@@ -285,11 +287,6 @@ as TrueType, because publishers refuse Type 3, its default."""
 def rendered(figure: Figure, suffix: str) -> bytes:
     """Return a figure as the content of a .png, .svg or .pdf file."""
     buffer = io.BytesIO()
-    with _SAVING:
-        before = {name: mpl.rcParams[name] for name in _SETTINGS}
-        mpl.rcParams.update(_SETTINGS)
-        try:
-            figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=_METADATA[suffix])
-        finally:
-            mpl.rcParams.update(before)
+    with _SAVING, mpl.rc_context(_SETTINGS):
+        figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=_METADATA[suffix])
     return buffer.getvalue()

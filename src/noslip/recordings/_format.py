@@ -15,25 +15,19 @@ class Format:
 
     Attributes
     ----------
-    name : str
-        With its article, for messages.
-    read : callable
-        ``read(path, **options)`` returns a list of trajectories.
-    options : tuple of str
-        Of :func:`noslip.load_demonstrations`, those that ``read`` takes.
-    suffixes : tuple of str
-        Of the files that are read, in lower case.
-    named_only : tuple of str
-        Suffixes that are read of a file that is named, but not looked for in folders, where most
-        files with them are something else.
-    folders : str
-        What recordings that are folders are called, if there are such.
+    name, folders : str
+        With its article, for messages; what recordings that are folders are called, if any.
+    read, options : callable, tuple of str
+        ``read(path, **options)`` returns a list of trajectories; those options of
+        :func:`noslip.load_demonstrations` that it takes.
+    suffixes, named_only : tuple of str
+        Of the files that are read, in lower case; those that are read of a file that is named, but
+        not looked for in folders, where most files with them are something else.
     is_folder : callable
         Whether a folder is one.
-    write : callable or None
-        ``write(trajectory, path, **options)`` returns the path; None where it is only read.
-    write_options : tuple of str
-        Of :func:`noslip.recordings.write_recording`, those that ``write`` takes.
+    write, write_options : callable or None, tuple of str
+        ``write(trajectory, path, **options)`` returns the path, None where it is only read; those
+        options of :func:`noslip.recordings.write_recording` that it takes.
     written : tuple of str
         Suffixes that are written; an empty one is a folder.
     extra : str

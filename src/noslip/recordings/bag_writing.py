@@ -82,9 +82,8 @@ def write_bag(
     if joint_positions is not None:
         joints = checked_joints(target, joint_names, joint_times, joint_positions, joint_velocities)
         messages += _joint_messages(target, types, joint_names, *joints, joint_topic)
-    plugin = (
-        rosbag2.StoragePlugin.MCAP if bare or storage == "mcap" else (rosbag2.StoragePlugin.SQLITE3)
-    )
+    plugins = rosbag2.StoragePlugin
+    plugin = plugins.MCAP if bare or storage == "mcap" else plugins.SQLITE3
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as beside:
@@ -111,20 +110,19 @@ def write_bag(
 def _pose_messages(
     target: Path, types: Any, poses: PoseTrajectory, frame: str, topic: str
 ) -> list[tuple[int, str, Any]]:
-    pose = types.types["geometry_msgs/msg/Pose"]
-    point = types.types["geometry_msgs/msg/Point"]
-    quaternion = types.types["geometry_msgs/msg/Quaternion"]
-    stamped = types.types["geometry_msgs/msg/PoseStamped"]
+    pose, point, quaternion, stamped = (
+        types.types[f"geometry_msgs/msg/{name}"]
+        for name in ("Pose", "Point", "Quaternion", "PoseStamped")
+    )
     scalar_last = np.roll(poses.quaternions, -1, axis=1).tolist()
+    rows = zip(_stamps(target, poses.times), poses.positions.tolist(), scalar_last, strict=True)
     return [
         (
             stamp,
             topic,
             stamped(_header(types, stamp, frame), pose(point(*place), quaternion(*turn))),
         )
-        for stamp, place, turn in zip(
-            _stamps(target, poses.times), poses.positions.tolist(), scalar_last, strict=True
-        )
+        for stamp, place, turn in rows
     ]
 
 

@@ -130,7 +130,7 @@ def read_bag(
         if not series:
             raise RecordingError(f"{where}: no poses in it; record something first")
         if _pose_type(reader, name) in TF:
-            static = _static_topic(name)
+            static = f"{name}_static"
             links: dict[Key, Link] = {}
             if _pose_type(reader, static) in TF:
                 fixed = _read(reader, static)
@@ -162,7 +162,11 @@ def _opened(path: Path) -> Iterator[Any]:
 
 def _chosen_topic(path: Path, reader: Any, topic: str | None) -> str:
     found: dict[str, str | None] = {name: _pose_type(reader, name) for name in reader.topics}
-    holding = [name for name, kind in found.items() if kind and not _is_static(name, kind)]
+    holding = [
+        name
+        for name, kind in found.items()
+        if kind and not (kind in TF and name.endswith("_static"))
+    ]
     if topic is None and len(holding) == 1:
         return holding[0]
     choices = ", ".join(
@@ -200,14 +204,6 @@ def _pose_type(reader: Any, topic: str) -> str | None:
     return next((kind for kind in _types(reader, topic) if kind in TYPES), None)
 
 
-def _static_topic(topic: str) -> str:
-    return f"{topic}_static"
-
-
-def _is_static(name: str, kind: str) -> bool:
-    return kind in TF and name.endswith("_static")
-
-
 def _short(kind: str) -> str:
     return kind.replace("/msg/", "/")
 
@@ -233,32 +229,31 @@ def _read(reader: Any, topic: str) -> dict[Key, Series]:
 def _poses(message: Any, kind: str | None) -> Iterator[Stamped]:
     match kind:
         case "geometry_msgs/msg/PoseStamped":
-            yield _stamped(message.header, "", message.pose)
+            yield _pose(message.header, "", message.pose)
         case "nav_msgs/msg/Odometry":
-            yield _stamped(message.header, message.child_frame_id, message.pose.pose)
+            yield _pose(message.header, message.child_frame_id, message.pose.pose)
         case "nav_msgs/msg/Path":
             for pose in message.poses:
-                (_, stamp, *rest) = _stamped(pose.header, "", pose.pose)
-                yield (_frame(message.header.frame_id), ""), stamp, rest[0], rest[1]
+                _, *of_pose = _pose(pose.header, "", pose.pose)
+                yield (_frame(message.header.frame_id), ""), *of_pose
         case "geometry_msgs/msg/TransformStamped":
             yield _transform(message)
         case _:
             yield from map(_transform, message.transforms)
 
 
-def _stamped(header: Any, child_frame: str, pose: Any) -> Stamped:
-    key = (_frame(header.frame_id), _frame(child_frame))
-    return key, _stamp(header), pose.position, pose.orientation
+def _stamped(header: Any, child_frame: str, position: Any, orientation: Any) -> Stamped:
+    stamp = int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+    return (_frame(header.frame_id), _frame(child_frame)), stamp, position, orientation
 
 
 def _transform(message: Any) -> Stamped:
-    key = (_frame(message.header.frame_id), _frame(message.child_frame_id))
-    transform = message.transform
-    return key, _stamp(message.header), transform.translation, transform.rotation
+    moved = message.transform
+    return _stamped(message.header, message.child_frame_id, moved.translation, moved.rotation)
 
 
-def _stamp(header: Any) -> int:
-    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+def _pose(header: Any, child_frame: str, pose: Any) -> Stamped:
+    return _stamped(header, child_frame, pose.position, pose.orientation)
 
 
 def _frame(name: str) -> str:

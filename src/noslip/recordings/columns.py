@@ -13,7 +13,7 @@ from noslip._pose_checks import Source
 from noslip._pose_csv import POSE, TIME, check_rate
 from noslip._typing import Floats
 from noslip.errors import RecordingError
-from noslip.named_columns import NamedColumns
+from noslip.named_columns import NamedColumns, listed
 
 _OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")
 """A comma that separates columns, not places in one."""
@@ -165,5 +165,4 @@ def _inside(part: str, column: Column) -> range:
 
 
 def _described(available: Mapping[str, Column]) -> str:
-    shown = [column.described(name) for name, column in available.items()]
-    return ", ".join([*shown[:20], "..."] if len(shown) > 20 else shown) or "none"
+    return listed([column.described(name) for name, column in available.items()], str)

@@ -91,14 +91,10 @@ def _episode(
                 f"{file}: column {key} holds {of[key].shape[1]} numbers, fewer than {INFO} says"
             )
     pose = stacked(places, of.__getitem__)
-    times = _times(of["timestamp"][:, 0], of["frame_index"][:, 0], fps)
+    stamps, even = of["timestamp"][:, 0], of["frame_index"][:, 0] / fps
+    times = even if np.all(np.abs(stamps - even) <= STAMP_TOLERANCE) else stamps
     fields = Source(name, "timestamp", "quaternion").fields(times, pose[:, :3], pose[:, 3:])
     return PoseTrajectory(**fields, name=name)
-
-
-def _times(stamps: Floats, frames: Floats, fps: float) -> Floats:
-    even = frames / fps
-    return even if np.all(np.abs(stamps - even) <= STAMP_TOLERANCE) else stamps
 
 
 def _info(path: Path) -> dict[str, Any]:
@@ -109,12 +105,7 @@ def _info(path: Path) -> dict[str, Any]:
         if isinstance(error, InputError):
             raise
         raise RecordingError(f"{file}: not JSON ({error})") from None
-    needed: dict[str, Any] = {
-        "codebase_version": str,
-        "fps": (int, float),
-        "data_path": str,
-        "features": dict,
-    }
+    needed = {"codebase_version": str, "fps": int | float, "data_path": str, "features": dict}
     for key, kind in needed.items():
         if not isinstance(info, dict) or not isinstance(info.get(key), kind):
             raise RecordingError(f"{file}: {key} is missing; LeRobot 2.x or 3.0 is needed")

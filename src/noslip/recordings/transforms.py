@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from noslip._pose_checks import MINIMUM_SAMPLES, Source
 from noslip._typing import Floats
 from noslip.errors import RecordingError
+from noslip.named_columns import listed
 
 Key = tuple[str, str]
 """Frame and child frame; the latter is empty where a message names none."""
@@ -91,7 +91,7 @@ def resolve(
     """
     parents = _parents(where, links)
     root, tip = _ends(where, links, parents, frame, child_frame)
-    way = _way(where, links, root, tip)
+    way = _way(where, links, parents, root, tip)
     poses = {key: links[key].poses(key) for key, _ in way}
     moving = {key: poses[key][0] for key, _ in way if not links[key].static}
     if not moving:
@@ -148,13 +148,7 @@ def _ends(
             )
         child_frame = next(iter(links))[1]
     tip = child_frame.lstrip("/")
-    if frame is None:
-        root, seen = tip, {tip}
-        while root in parents and parents[root] not in seen:
-            root = parents[root]
-            seen.add(root)
-    else:
-        root = frame.lstrip("/")
+    root = _lineage(tip, parents)[-1] if frame is None else frame.lstrip("/")
     known = {name for link in links for name in link}
     for name in (tip, root):
         if name not in known:
@@ -166,31 +160,27 @@ def _ends(
     return root, tip
 
 
-def _way(where: str, links: Collection[Key], root: str, tip: str) -> list[tuple[Key, bool]]:
+def _lineage(frame: str, parents: Mapping[str, str]) -> list[str]:
+    """Return a frame, its parent and so on; a loop ends where it closes."""
+    line = [frame]
+    while line[-1] in parents and parents[line[-1]] not in line:
+        line.append(parents[line[-1]])
+    return line
+
+
+def _way(
+    where: str, links: Collection[Key], parents: Mapping[str, str], root: str, tip: str
+) -> list[tuple[Key, bool]]:
     """Return the links from one frame to another, and whether each is passed from its parent."""
-    steps: dict[str, list[tuple[str, Key, bool]]] = {}
-    for parent, child in links:
-        steps.setdefault(parent, []).append((child, (parent, child), True))
-        steps.setdefault(child, []).append((parent, (parent, child), False))
-    came: dict[str, tuple[str, Key, bool] | None] = {root: None}
-    waiting = deque([root])
-    while waiting:
-        here = waiting.popleft()
-        for there, key, forwards in steps.get(here, []):
-            if there not in came:
-                came[there] = (here, key, forwards)
-                waiting.append(there)
-    if tip not in came:
+    up, down = _lineage(root, parents), _lineage(tip, parents)
+    common = next((name for name in down if name in up), None)
+    if common is None:
         raise RecordingError(
             f"{where}: no links connect {root} and {tip}; it holds {links_text(links)}; perhaps a "
             "static transform was not recorded"
         )
-    way: list[tuple[Key, bool]] = []
-    here = tip
-    while (step := came[here]) is not None:
-        here = step[0]
-        way.append(step[1:])
-    return way[::-1]
+    way = [((parents[name], name), False) for name in up[: up.index(common)]]
+    return way + [((parents[name], name), True) for name in down[: down.index(common)][::-1]]
 
 
 def _at(
@@ -198,9 +188,7 @@ def _at(
 ) -> tuple[Floats, Rotation]:
     """Return a link's poses at other times, by linear interpolation."""
     if len(stamps) == 1:
-        return np.repeat(positions, len(times), axis=0), Rotation.from_quat(
-            np.repeat(rotations.as_quat(), len(times), axis=0)
-        )
+        return np.repeat(positions, len(times), axis=0), rotations[np.zeros(len(times), dtype=int)]
     path = np.column_stack([np.interp(times, stamps, axis) for axis in positions.T])
     return path, Slerp(stamps, rotations)(times)
 
@@ -208,4 +196,4 @@ def _at(
 def links_text(keys: Collection[Key]) -> str:
     """Return pairs of frames as text, but not all of hundreds."""
     shown = [" -> ".join(name or "''" for name in (key if key[1] else key[:1])) for key in keys]
-    return ", ".join([*sorted(shown)[:20], "..."] if len(shown) > 20 else sorted(shown))
+    return listed(sorted(shown), str)

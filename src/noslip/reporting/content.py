@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from noslip.constraints.check import check
-from noslip.figures.quantities import length
+from noslip.figures.quantities import value_text
 from noslip.figures.residuals import finding, residual_rows
 from noslip.figures.style import number
 from noslip.primitive import ConstrainedDMP
@@ -97,7 +97,7 @@ def report(
 def _title(motions: Mapping[str, PoseTrajectory], dmp: ConstrainedDMP) -> str:
     motion = motions["optimized"]
     if not dmp.constraints:
-        path, duration = length(motion.path_length), number(motion.duration)
+        path, duration = value_text(motion.path_length, "m"), number(motion.duration)
         return f"A path of {path} in {duration} s, learned without constraints"
     first = next(iter(motions))
     rows = residual_rows({first: motions[first], "learned motion": motion}, dmp.system)
@@ -146,8 +146,8 @@ def _mismatches(dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory]) -
         off = float(np.linalg.norm(own - theirs))
         if off > APART * dmp.regular.rollout().path_length:
             yield (
-                f"the primitive {what} {length(off)} from where the recordings do; give the "
-                "options with which they were prepared (or it was adapted since)"
+                f"the primitive {what} {value_text(off, 'm')} from where the recordings do; give "
+                "the options with which they were prepared (or it was adapted since)"
             )
 
 

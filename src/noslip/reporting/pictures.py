@@ -33,57 +33,48 @@ def pictures(
     motion: Motion,
     progress: Callable[[int, int], None] | None,
 ) -> Iterable[Picture]:
-    held = dmp.constraints
+    held, count = dmp.constraints, len(demonstrations)
     first = next(iter(motions))
     pair = {first: motions[first], "optimized": motion}
-    draws: list[tuple[str, Callable[[], Figure]]] = [
+    draws: list[tuple[bool, str, Callable[[], Figure]]] = [
         (
+            True,
             "Where the motions go, how they turn, and how well the constraints hold.",
             lambda: compare_motions(motions, held),
         ),
-        ("How fast the tool moves and turns.", lambda: _speeds(motions)),
+        (True, "How fast the tool moves and turns.", lambda: _speeds(motions)),
+        (
+            bool(held),
+            "Of each constraint: residual or margin, multiplier, and the acceleration it adds.",
+            lambda: constraint_history(motion, held),
+        ),
+        (
+            # The snapshots' blade has its edge along x and its side along y.
+            Blade() in held,
+            "The blade along the path, colored by the share of its speed that goes sideways.",
+            lambda: blade_snapshots(pair),
+        ),
+        (
+            count > 1,
+            "The recordings, their mean and one standard deviation.",
+            lambda: demonstration_spread(demonstrations, held),
+        ),
+        (
+            count > 0,
+            "How far the learned motion is turned from each recording.",
+            lambda: orientation_adjustments(demonstrations, [motion] * count),
+        ),
+        (
+            dmp.spread is not None,
+            "How far the recordings lie apart along the motion, starts and goals aside.",
+            lambda: learned_spread(dmp),
+        ),
     ]
-    if held:
-        draws.append(
-            (
-                "Of each constraint: residual or margin, multiplier, and the acceleration it adds.",
-                lambda: constraint_history(motion, held),
-            )
-        )
-    # The snapshots' blade has its edge along x and its side along y.
-    if Blade() in held:
-        draws.append(
-            (
-                "The blade along the path, colored by the share of its speed that goes sideways.",
-                lambda: blade_snapshots(pair),
-            )
-        )
-    if len(demonstrations) > 1:
-        draws.append(
-            (
-                "The recordings, their mean and one standard deviation.",
-                lambda: demonstration_spread(demonstrations, held),
-            )
-        )
-    if demonstrations:
-        learned = [motion] * len(demonstrations)
-        draws.append(
-            (
-                "How far the learned motion is turned from each recording.",
-                lambda: orientation_adjustments(demonstrations, learned),
-            )
-        )
-    if dmp.spread is not None:
-        draws.append(
-            (
-                "How far the recordings lie apart along the motion, starts and goals aside.",
-                lambda: learned_spread(dmp),
-            )
-        )
-    for done, (caption, draw) in enumerate(draws, start=1):
+    wanted = [(caption, draw) for applies, caption, draw in draws if applies]
+    for done, (caption, draw) in enumerate(wanted, start=1):
         yield Picture(caption, draw())
         if progress is not None:
-            progress(done, len(draws))
+            progress(done, len(wanted))
 
 
 def _speeds(motions: Mapping[str, PoseTrajectory]) -> Figure:

@@ -37,57 +37,47 @@ def files_table(files: Iterable[str]) -> Table:
 
 def recordings_tables(
     dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory], motion: Motion
-) -> list[Table]:
-    tables = []
-    if demonstrations:
-        rows: list[tuple[Cell, ...]] = []
-        for given in demonstrations:
-            merits = figures_of_merit(motion, given, dmp.system)
-            rows.append(
-                (
-                    given.name,
-                    count(len(given)),
-                    cell(given.duration, "s"),
-                    cell(given.path_length, "m"),
-                    cell(merits.position_rms, "m"),
-                    cell(merits.end_error, "m"),
-                    cell(merits.rotation_rms, "rad"),
-                )
+) -> Iterable[Table]:
+    given = [(d, figures_of_merit(motion, d, dmp.system)) for d in demonstrations]
+    prepared = Table(
+        "Recordings, as prepared",
+        ("recording", "samples", "duration", "path", "motion off", "at its end", "turned"),
+        tuple(
+            (
+                demonstration.name,
+                count(len(demonstration)),
+                cell(demonstration.duration, "s"),
+                cell(demonstration.path_length, "m"),
+                cell(merits.position_rms, "m"),
+                cell(merits.end_error, "m"),
+                cell(merits.rotation_rms, "rad"),
             )
-        tables.append(
-            Table(
-                "Recordings, as prepared",
-                ("recording", "samples", "duration", "path", "motion off", "at its end", "turned"),
-                tuple(rows),
-                "Motion off: distance of the learned motion from the recording at the same share "
-                "of their times, rms; turned: angle between the two, rms.",
+            for demonstration, merits in given
+        ),
+        "Motion off: distance of the learned motion from the recording at the same share of their "
+        "times, rms; turned: angle between the two, rms.",
+    )
+    names = short_names([record.demonstration for record in dmp.record])
+    changed = Table(
+        "What learning changed",
+        ("recording", "samples", "iterations", "residual", "moved", "turned", "left out"),
+        tuple(
+            (
+                name,
+                count(record.samples),
+                count(record.iterations),
+                plain(record.residual),
+                cell(record.position_change, "m"),
+                cell(record.rotation_change, "rad"),
+                printable(", ".join(record.left_out)) or "nothing",
             )
-        )
-    if dmp.record:
-        tables.append(
-            Table(
-                "What learning changed",
-                ("recording", "samples", "iterations", "residual", "moved", "turned", "left out"),
-                tuple(
-                    (
-                        name,
-                        count(record.samples),
-                        count(record.iterations),
-                        plain(record.residual),
-                        cell(record.position_change, "m"),
-                        cell(record.rotation_change, "rad"),
-                        printable(", ".join(record.left_out)) or "nothing",
-                    )
-                    for name, record in zip(
-                        short_names([r.demonstration for r in dmp.record]), dmp.record, strict=True
-                    )
-                ),
-                "Each recording is projected onto the constraints before the primitive is fitted.  "
-                "Residual: the largest afterwards, in the constraints' units (SI); moved and "
-                "turned: by the projection, rms; left out: limits that hold at run time alone.",
-            )
-        )
-    return tables
+            for name, record in zip(names, dmp.record, strict=True)
+        ),
+        "Each recording is projected onto the constraints before the primitive is fitted.  "
+        "Residual: the largest afterwards, in the constraints' units (SI); moved and turned: by "
+        "the projection, rms; left out: limits that hold at run time alone.",
+    )
+    return [table for table in (prepared, changed) if table.rows]
 
 
 def constraints_tables(

@@ -15,7 +15,6 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
@@ -140,7 +139,11 @@ def execute(
     if control not in get_args(Control):
         raise InputError(f"control must be 'torque' or 'impedance', got {control!r}")
     noise = _arguments.not_negative("noise", noise)
-    late = round(_delay(delay) / CONTROL_PERIOD)
+    if _arguments.not_negative("delay", delay) > LONGEST_DELAY:
+        raise InputError(
+            f"delay must be {LONGEST_DELAY:g} s or less for a loop to be stable, got {delay:g}"
+        )
+    late = round(delay / CONTROL_PERIOD)
     if not -0.5 <= _arguments.finite("model_error", model_error) <= 1.0:
         raise InputError(f"model_error must lie between -0.5 and 1, got {model_error:g}")
     h = np.diff(tracked.times)
@@ -154,13 +157,9 @@ def execute(
         loop = _Loop(tracked, control, late, model_error)
         measured: deque[tuple[Floats, Floats]] = deque(maxlen=late + 1)
         for k in range(len(h)):
-            n = tracked.robot.size
-            measured.append(
-                (
-                    loop.data.qpos + noise * POSITION_NOISE * random.normal(size=n),
-                    loop.data.qvel + noise * VELOCITY_NOISE * random.normal(size=n),
-                )
-            )
+            off, rate_off = noise * random.normal(size=(2, tracked.robot.size))
+            seen = loop.data.qpos + POSITION_NOISE * off, loop.data.qvel + VELOCITY_NOISE * rate_off
+            measured.append(seen)
             loop.step(k, *measured[0])
             if warned or loop.lost(k + 1):
                 reason = f": {warned[0]}" if warned else ""
@@ -169,15 +168,6 @@ def execute(
                     "delay or noise, or control='torque', it may not"
                 )
     return loop.result()
-
-
-def _delay(delay: float) -> float:
-    delay = _arguments.not_negative("delay", delay)
-    if delay > LONGEST_DELAY:
-        raise InputError(
-            f"delay must be {LONGEST_DELAY:g} s or less for a loop to be stable, got {delay:g}"
-        )
-    return delay
 
 
 class _Loop:
@@ -247,27 +237,23 @@ class _Loop:
 
     def result(self) -> Execution:
         tracked = self.tracked
-        positions, rotations = tracked.robot.forward(self.positions)
         limits = tracked.robot.torque_limits
         # Pairs that are near, not touching: the simulation itself looks for contacts alone.
         near = InverseKinematics(tracked.robot)
         return Execution(
             tracked=tracked,
             control=self.control,
-            executed=_motion(tracked, positions, rotations, self.control),
+            executed=PoseTrajectory(
+                tracked.times,
+                *tracked.robot.forward(self.positions),
+                name=f"{tracked.robot.name}, {self.control} control",
+            ),
             joint_positions=self.positions,
             joint_velocities=self.velocities,
             torques=self.torques,
             distance=min(near.distance_at(q) for q in self.positions[::DISTANCES]),
             saturated=float(np.mean(np.any(np.abs(self.torques) >= limits, axis=1))),
         )
-
-
-def _motion(
-    tracked: TrackedMotion, positions: Floats, rotations: Rotation, control: str
-) -> PoseTrajectory:
-    name = f"{tracked.robot.name}, {control} control"
-    return PoseTrajectory(tracked.times, positions, rotations, name=name)
 
 
 def summary(tracked: TrackedMotion, execution: Execution | None = None) -> dict[str, Any]:
@@ -301,11 +287,6 @@ def summary(tracked: TrackedMotion, execution: Execution | None = None) -> dict[
 
 def _figures(errors: ToolErrors, residuals: Floats, names: list[str]) -> dict[str, Any]:
     peaks = np.abs(residuals).max(axis=0, initial=0.0)
-    return {
-        "position_error": float(errors.position.max()),
-        "along_error": float(np.abs(errors.along).max()),
-        "lateral_error": float(np.abs(errors.lateral).max()),
-        "depth_error": float(np.abs(errors.depth).max()),
-        "rotation_error": float(errors.rotation.max()),
-        "slip": dict(zip(names, peaks.tolist(), strict=True)),
-    }
+    kinds = ("position", "along", "lateral", "depth", "rotation")
+    found = {f"{kind}_error": float(np.abs(getattr(errors, kind)).max()) for kind in kinds}
+    return found | {"slip": dict(zip(names, peaks.tolist(), strict=True))}

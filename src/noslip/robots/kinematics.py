@@ -140,10 +140,8 @@ class Solved:
     error : array, shape (6,)
         From the tool to its target: m, rad; base frame.
     residual : array, shape (m,)
-    distance : float
-        Between the nearest pair of bodies (m), ``NEAR`` at most.
-    pair : tuple of str
-        The pair.
+    distance, pair : float, two of str
+        Between the nearest pair of bodies (m), ``NEAR`` at most; and the pair.
     waited : float
         Share of the step that the target's clock waited.
     """
@@ -299,22 +297,12 @@ class InverseKinematics:
     ) -> Solved | None:
         """Lead the tool towards a target pose; None if the rows cannot hold within the bounds.
 
-        Parameters
-        ----------
-        q, velocities : array, shape (n,)
-            Of the joints, before the step.
-        before, target : position and quaternion
-            Of the tool before the step, and where it is to come (base frame).
-        time : float
-            At the end of the step, since the motion began (s).
-        h : float
-            Length of the step (s).
-        bounded : bool
-            Whether bounds and distances take part; without them, what the path would ask for.
-        pace : array, shape (6,), optional
-            Velocity of the target (m/s, rad/s) over the step, if its clock may wait.
-        settling : bool
-            Whether free joints come to rest instead of returning to their posture.
+        The joints' positions and velocities q, of shape (n,), and the tool's pose are those before
+        a step of length h (s) that ends at a time (s) since the motion began; poses are position
+        and quaternion in the base frame.  Unbounded, without bounds and distances, it is what the
+        path would ask for.  With a pace, the target's velocity (m/s, rad/s) over the step, of shape
+        (6,), its clock may wait.  Settling, free joints come to rest instead of returning to their
+        posture.
         """
         n = self.robot.size
         limits = self.bounds(q, velocities, h)

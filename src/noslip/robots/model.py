@@ -122,6 +122,13 @@ class Robot:
         }
         return tuple(kind for kind, limits in kinds.items() if not np.all(np.isfinite(limits)))
 
+    def room(self, joint_positions: Floats) -> Floats:
+        """What is left of the joints' ranges: 1 in the middle, 0 at an end; 1 without a range."""
+        with np.errstate(invalid="ignore"):
+            half = (self.upper - self.lower) / 2
+            room = np.minimum(joint_positions - self.lower, self.upper - joint_positions) / half
+        return np.asarray(np.where(np.isfinite(half), room, 1.0))
+
     def with_limits(
         self,
         *,

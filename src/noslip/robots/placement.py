@@ -245,8 +245,7 @@ class _Search:
         self.rotations = motion.rotations[picked]
         self.ik = InverseKinematics(robot)
         ranged = np.isfinite(robot.upper - robot.lower)
-        half = np.where(ranged, robot.upper - robot.lower, 2 * np.pi) / 2
-        self.half, self.ranged = half, ranged
+        self.half = np.where(ranged, robot.upper - robot.lower, 2 * np.pi) / 2
         with np.errstate(invalid="ignore"):
             middle = (robot.upper + robot.lower) / 2
         self.middle = np.where(ranged, middle, robot.home)
@@ -313,9 +312,8 @@ class _Search:
                 distance, able = min(distance, nearest), min(able, self.ik.manipulability())
         spline = CubicSpline(self.times, path)
         inner = np.linspace(self.times[0], self.times[-1], 4 * count)
-        room = np.minimum(path - self.robot.lower, self.robot.upper - path) / self.half
         margin = min(
-            float(room.min()),
+            float(self.robot.room(path).min()),
             1 - float((np.abs(spline(inner, 1)) / self.robot.velocity_limits).max()),
             1 - float((np.abs(spline(inner, 2)) / self.robot.acceleration_limits).max()),
             (distance - APART) / (NEAR - APART),

@@ -16,8 +16,6 @@ from noslip.trajectory import PoseTrajectory
 COARSE_SAMPLES = 1000
 """Samples of the tracking that looks for a feasible duration: it is tracked in full where it is
 asked for."""
-
-
 SPARE = 1.05
 """Share by which an offered duration is longer than the one that just reaches a limit: what the
 coarse tracking misses."""
@@ -136,13 +134,8 @@ def _coarse(
     motion: PoseTrajectory, system: ConstraintSystem, duration: float, ramp: float
 ) -> PoseTrajectory | None:
     """The motion at a lower rate, if its constraints stand that."""
+    step = (duration + ramp) / COARSE_SAMPLES
     try:
-        return timed(
-            motion,
-            system,
-            duration=duration,
-            ramp=ramp,
-            time_step=(duration + ramp) / COARSE_SAMPLES,
-        )
+        return timed(motion, system, duration=duration, ramp=ramp, time_step=step)
     except NoslipError:
         return None

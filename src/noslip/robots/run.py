@@ -21,12 +21,8 @@ RESTING = 1e-3
 """Speed of joints at rest (rad/s): a meter away, a millimeter a second."""
 SETTLING = 0.3
 """Time before the end over which free joints come to rest (s): longer than the ramp."""
-
-
 POSITION_TOLERANCE, ROTATION_TOLERANCE = 1e-4, np.radians(0.05)
 """Largest error of a tracked pose (m, rad): what such an arm repeats."""
-
-
 LONGEST = 3.0
 """Of a motion whose clock may wait, over its own duration: one that takes longer is stuck."""
 
@@ -60,6 +56,7 @@ class Run:
         self.joints[0], x = q, self.rates[0]
         self.touched = 0 if self.distance < APART else None
         self.failure: tuple[str, str, int, float] | None = None
+        self.spent: list[float] = []
         if self._lost(ik.error(*targets[0])):
             self.failure = self._of_reach(0, q, ik.error(*targets[0]))
             return
@@ -69,41 +66,48 @@ class Run:
         if not refuse:
             self._fall_behind(q)
             return
-        clock, spent = placed.clock, []
-        here = ik.position.copy(), ik.quaternion.copy()
+        clock = self.clock = placed.clock
         for k in range(1, len(placed)):
-            began = perf_counter()
             h = clock[k] - clock[k - 1]
             settling = clock[-1] - clock[k] < SETTLING
-            solved = ik.step(q, x, here, targets[k], clock[k], h, settling=settling)
-            spent.append(perf_counter() - began)
-            if solved is None or self._lost(solved.error):
-                self.failure = self._why(k, q, x, here, targets[k], h)
+            solved = self._advance(k, q, x, targets[k], clock[k], h, settling=settling)
+            if solved is None:
                 return
-            self._note(solved, k)
-            q, x = solved.positions, solved.velocities
-            self.joints[k], self.rates[k] = q, x
-            here = ik.position.copy(), ik.quaternion.copy()
-        self.seconds, self.clock = float(np.median(spent)), clock
+            q, x = self.joints[k], self.rates[k] = solved.positions, solved.velocities
 
-    def _note(self, solved: Solved, k: int) -> None:
+    @property
+    def seconds(self) -> float:
+        """Median time of a step's inverse kinematics (s)."""
+        return float(np.median(self.spent))
+
+    def _advance(
+        self, k: int, q: Floats, x: Floats, target: Any, time: float, h: float, **options: Any
+    ) -> Solved | None:
+        """Do step k, and note what it came to; without a pace, a lost target is a failure too."""
+        ik = self.ik
+        here = ik.position.copy(), ik.quaternion.copy()
+        began = perf_counter()
+        solved = ik.step(q, x, here, target, time, h, **options)
+        self.spent.append(perf_counter() - began)
+        if solved is None or ("pace" not in options and self._lost(solved.error)):
+            self.failure = self._why(k, q, x, here, target, h)
+            return None
         if solved.distance < APART and self.touched is None:
             self.touched = k
         if solved.distance < self.distance:
             self.distance, self.pair = solved.distance, solved.pair
-        self.able = min(self.able, self.ik.manipulability())
+        self.able = min(self.able, ik.manipulability())
+        return solved
 
     def _fall_behind(self, q: Floats) -> None:
         """Track the motion at its own pace or, where that is too fast, slower."""
-        ik, placed = self.ik, self.commanded
+        placed = self.commanded
         end, h = float(placed.clock[-1]), placed.period
         path = CubicSpline(placed.clock, placed.positions)
         turns = Slerp(placed.clock, placed.rotations)
         clock, x = 0.0, np.zeros(self.robot.size)
-        joints, rates, clocks, spent = [q], [x], [clock], []
-        here = ik.position.copy(), ik.quaternion.copy()
+        joints, rates, clocks = [q], [x], [clock]
         for k in range(1, int(LONGEST * len(placed))):
-            began = perf_counter()
             ahead = min(clock + h, end)
             poses = turns([clock, ahead])
             target = path(ahead), poses[1].as_quat(scalar_first=True)
@@ -111,22 +115,17 @@ class Run:
             turned = (poses[1] * poses[0].inv()).as_rotvec()
             pace = np.concatenate([moved, turned]) / h
             settling = end - clock < SETTLING
-            solved = ik.step(q, x, here, target, k * h, h, pace=pace, settling=settling)
-            spent.append(perf_counter() - began)
+            solved = self._advance(k, q, x, target, k * h, h, pace=pace, settling=settling)
             if solved is None:
-                self.failure = self._why(k, q, x, here, target, h)
                 return
-            self._note(solved, k)
             clock += (1 - solved.waited) * (ahead - clock)
             q, x = solved.positions, solved.velocities
             joints.append(q)
             rates.append(x)
             clocks.append(clock)
-            here = ik.position.copy(), ik.quaternion.copy()
             if end - clock < h / 2 and np.abs(x).max() <= RESTING:
                 break
-        self.joints, self.rates = np.array(joints), np.array(rates)
-        self.clock, self.seconds = np.array(clocks), float(np.median(spent))
+        self.joints, self.rates, self.clock = np.array(joints), np.array(rates), np.array(clocks)
         # At equal times: the motion as it was asked for waits at its end.
         times: Floats = h * np.arange(float(len(joints)))
         asked = np.minimum(times, end)
@@ -141,16 +140,8 @@ class Run:
 
     def _of_reach(self, k: int, q: Floats, error: Floats) -> tuple[str, str, int, float]:
         """Out of reach; the joint is the one that is nearest to its range's end."""
-        joint = self.robot.joint_names[int(np.argmin(self._room(q)))]
+        joint = self.robot.joint_names[int(np.argmin(self.robot.room(q)))]
         return "reach", joint, k, -float(np.linalg.norm(error[:3]))
-
-    def _room(self, joints: Floats) -> Floats:
-        """What is left of the joints' ranges: 1 in the middle, 0 at an end; 1 without a range."""
-        lower, upper = self.robot.lower, self.robot.upper
-        with np.errstate(invalid="ignore"):
-            half = (upper - lower) / 2
-            room = np.minimum(joints - lower, upper - joints) / half
-        return np.asarray(np.where(np.isfinite(half), room, 1.0))
 
     def _why(
         self, k: int, q: Floats, x: Floats, here: Any, target: Any, h: float
@@ -218,7 +209,7 @@ class Run:
         robot = self.robot
         h = np.diff(self.commanded.times)[:, None]
         shares = {
-            "position": self._room(self.joints),
+            "position": robot.room(self.joints),
             "velocity": 1 - np.abs(self.rates) / robot.velocity_limits,
             "acceleration": 1 - np.abs(np.diff(self.rates, axis=0)) / h / robot.acceleration_limits,
         }

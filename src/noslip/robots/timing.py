@@ -14,13 +14,9 @@ from noslip.trajectory import PoseTrajectory
 
 TIME_STEP = 1e-3
 """Of the joints' trajectory (s): that of the arms' own interfaces."""
-
-
 RAMP = 0.25
 """Time over which the motion's clock starts and stops (s): short beside work of seconds; the
 shorter, the more it asks of the joints' accelerations."""
-
-
 DISCRETE = 1e-7
 """Residual of the commanded motion above which it is projected onto the constraints anew: at 1e-7
 m/s a tenth of a millimeter takes a quarter of an hour."""

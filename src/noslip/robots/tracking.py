@@ -93,7 +93,10 @@ def track(
     else:
         candidates = place(robot, commanded, level=level, seed=seed)[:TRIED]
         if not candidates:
-            candidates = [Candidate(_before(robot, commanded, level), robot.home, 0.0)]
+            # What the refusal speaks of: the path's middle at the home posture.
+            where, _ = robot.forward(robot.home)
+            shown = Placement.of(commanded, where, level=level)
+            candidates = [Candidate(shown, robot.home, 0.0)]
     failures = []
     for candidate in candidates:
         run = Run(robot, system, commanded, candidate, refuse=refuse)
@@ -101,9 +104,3 @@ def track(
             return run.result()
         failures.append(run)
     raise refusal(failures[0], motion, duration, ramp, seed, searched=placement is None)
-
-
-def _before(robot: Robot, motion: PoseTrajectory, level: Level) -> Placement:
-    """The placement that is shown when none was found: the path's middle at the home posture."""
-    where, _ = robot.forward(robot.home)
-    return Placement.of(motion, where, level=level)

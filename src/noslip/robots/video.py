@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -56,60 +58,48 @@ def render(
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / path.name
         with (
-            _Stage(robot) as stage,
+            _stage(robot, beads) as draw,
             writer.get_writer(
                 file, fps=FRAMES_PER_SECOND, codec="libx264", macro_block_size=16
             ) as film,
         ):
             for q in shown:
-                film.append_data(stage.frame(q, beads))
+                film.append_data(draw(q))
         return write_beside(path, file.read_bytes())
 
 
-class _Stage:
-    """MuJoCo's renderer, with the tool's path."""
+@contextmanager
+def _stage(robot: Robot, beads: Floats) -> Iterator[Callable[[Floats], Any]]:
+    """Yield what draws a posture, with the tool's path as beads, in MuJoCo's renderer."""
+    mujoco = required("mujoco")
+    # Drawn by the processor, shadows and smooth edges take most of the time.
+    model = copy.copy(robot.model)
+    model.vis.quality.offsamples, model.vis.quality.shadowsize = 1, 1024
+    data, camera = mujoco.MjData(model), mujoco.MjvCamera()
+    camera.lookat[:] = [0.2, 0.0, 0.35]
+    camera.distance, camera.azimuth, camera.elevation = 1.9, 130, -22
+    bead = mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, 0.003)
+    look = np.eye(3).ravel(), np.array([0.84, 0.37, 0.0, 1.0], dtype=np.float32)
 
-    def __init__(self, robot: Robot) -> None:
-        self.mujoco = required("mujoco")
-        # Drawn by the processor, shadows and smooth edges take most of the time.
-        self.model = copy.copy(robot.model)
-        self.model.vis.quality.offsamples, self.model.vis.quality.shadowsize = 1, 1024
-        self.data = self.mujoco.MjData(self.model)
-        self.camera = self.mujoco.MjvCamera()
-        self.camera.lookat[:] = [0.2, 0.0, 0.35]
-        self.camera.distance, self.camera.azimuth, self.camera.elevation = 1.9, 130, -22
+    def frame(q: Floats) -> Any:
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        renderer.update_scene(data, camera)
+        scene = renderer.scene
+        for place in beads[: scene.maxgeom - scene.ngeom]:
+            mujoco.mjv_initGeom(scene.geoms[scene.ngeom], *bead, place, *look)
+            scene.ngeom += 1
+        return renderer.render()
 
-    def __enter__(self) -> _Stage:
-        self._warned = mujoco_warnings()
-        self._warned.__enter__()
+    with mujoco_warnings():
         try:
-            self.renderer: Any = self.mujoco.Renderer(self.model, *SIZE)
+            renderer = mujoco.Renderer(model, *SIZE)
         except Exception as error:
-            self._warned.__exit__(None, None, None)
             raise MissingDependencyError(
                 "no OpenGL without a window here: set MUJOCO_GL=egl or MUJOCO_GL=osmesa before "
                 f"starting, and install that library ({' '.join(str(error).split())[:120]})"
             ) from error
-        return self
-
-    def __exit__(self, *what: object) -> None:
-        self.renderer.close()
-        self._warned.__exit__(None, None, None)
-
-    def frame(self, q: Floats, beads: Floats) -> Any:
-        """Picture of a posture."""
-        self.data.qpos[:] = q
-        self.mujoco.mj_forward(self.model, self.data)
-        self.renderer.update_scene(self.data, self.camera)
-        scene = self.renderer.scene
-        for bead in beads[: scene.maxgeom - scene.ngeom]:
-            self.mujoco.mjv_initGeom(
-                scene.geoms[scene.ngeom],
-                self.mujoco.mjtGeom.mjGEOM_SPHERE,
-                np.full(3, 0.003),
-                bead,
-                np.eye(3).ravel(),
-                np.array([0.84, 0.37, 0.0, 1.0], dtype=np.float32),
-            )
-            scene.ngeom += 1
-        return self.renderer.render()
+        try:
+            yield frame
+        finally:
+            renderer.close()

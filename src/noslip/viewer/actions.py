@@ -24,14 +24,8 @@ FRAME = 1 / 30
 class Actions:
     """The one thread, and what waits for it.
 
-    Parameters
-    ----------
-    playing : callable
-        Whether frames are to be drawn.
-    advance : callable
-        Draws a frame; called with the seconds since the one before.
-    notify : callable
-        Tells a person what failed, or with an empty text that nothing did.
+    Frames are drawn while ``playing`` says so, by ``advance``, called with the seconds since the
+    one before.  ``notify`` tells a person what failed, or with an empty text that nothing did.
     """
 
     def __init__(

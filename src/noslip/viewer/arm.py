@@ -6,7 +6,6 @@ put there by the inverse of the placement.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,17 +15,17 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from noslip import _arguments, robots
+from noslip import robots
 from noslip._pose_checks import Source
 from noslip._typing import Floats
-from noslip.constraints.catalog import restore
 from noslip.constraints.declaration import Constraint
-from noslip.errors import InputError, NoslipError
+from noslip.document import Reader, read_json
+from noslip.errors import InputError
 from noslip.named_columns import NamedColumns, listed
 from noslip.robots.executed import joint_columns
 from noslip.robots.model import required
 from noslip.trajectory import PoseTrajectory
-from noslip.viewer.tool import Part
+from noslip.viewer.tool import Part, add_mesh
 
 if TYPE_CHECKING:
     import viser
@@ -108,19 +107,10 @@ class Arm:
         base = self.rotation.as_quat(scalar_first=True)
         scene.add_frame(node, show_axes=False, position=self.position, wxyz=base)
         positions, quaternions = self.poses(0)
+        placed = zip(self.parts, positions, quaternions, strict=True)
         self._nodes = [
-            scene.add_mesh_simple(
-                f"{node}/{number}",
-                part.vertices,
-                part.faces,
-                color=part.color,
-                position=positions[number],
-                wxyz=quaternions[number],
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-            )
-            for number, part in enumerate(self.parts)
+            add_mesh(scene, f"{node}/{k}", part, part.color, position=position, wxyz=turn)
+            for k, (part, position, turn) in enumerate(placed)
         ]
 
     def show(self, motion: PoseTrajectory, sample: int) -> None:
@@ -190,10 +180,8 @@ class Simulation:
 
     Attributes
     ----------
-    executed : PoseTrajectory
-        Of the tool.
-    commanded : PoseTrajectory
-        Where the commanded joints lead the tool.
+    executed, commanded : PoseTrajectory
+        Of the tool; and where the commanded joints lead it.
     constraints : tuple of Constraint
         Of the primitive.
     arm : Arm
@@ -223,17 +211,14 @@ def read_simulation(folder: str | Path) -> Simulation:
     if model is not None and not Path(model).is_file():
         raise InputError(f"{file}: field model: {model} is not there; simulate again")
     robot = robots.named(summary["robot"], model=model, tool=summary["tool"])
-    try:
-        place = summary["placement"]
-        placement = robots.Placement(
-            _arguments.vector("placement", place["position"]),
-            Rotation.from_quat(np.array(place["quaternion"], dtype=float), scalar_first=True),
-        )
-        constraints = tuple(restore(entry) for entry in summary["constraints"])
-    except NoslipError as error:
-        raise InputError(f"{file}: {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{file}: fields placement and constraints: {error}") from error
+    read = Reader(file)
+    place = read.part(summary, "placement")
+    turn = read.array(place, "quaternion", (4,))
+    placement = robots.Placement(
+        read.array(place, "position", (3,)),
+        read.field(place, "quaternion", lambda _: Rotation.from_quat(turn, scalar_first=True)),
+    )
+    constraints = read.system(summary).constraints
 
     times, commanded = _joints(folder / "joints.csv", robot)
     joints = commanded
@@ -251,19 +236,14 @@ def read_simulation(folder: str | Path) -> Simulation:
 
 
 def _summary(file: Path) -> dict[str, Any]:
-    try:
-        summary = json.loads(file.read_bytes())
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise InputError(f"{file}: not JSON: {error}") from error
-    missing = [f for f in FIELDS if not isinstance(summary, dict) or f not in summary]
-    if missing:
+    found = read_json(file, "a summary of noslip simulate")
+    held = found if isinstance(found, dict) else {}
+    if missing := [field for field in FIELDS if field not in held]:
         raise InputError(
             f"{file}: no field {missing[0]}; it is of an older noslip or of another program: "
             "simulate again"
         )
-    return dict(summary)
+    return held
 
 
 def _joints(file: Path, robot: robots.Robot) -> tuple[Floats, Floats]:

@@ -30,16 +30,7 @@ holding the page up."""
 
 @dataclass(frozen=True, eq=False)
 class Wish:
-    """What is asked of a primitive; what is None stays as it is.
-
-    Attributes
-    ----------
-    goal, start : Boundary
-    duration : float or None
-        Seconds.
-    metric : str
-        Of ``METRICS``.
-    """
+    """What is asked of a primitive; what is None stays as it is.  The duration is in seconds."""
 
     goal: Boundary = field(default_factory=lambda: Boundary(1.0))
     start: Boundary = field(default_factory=lambda: Boundary(0.0))
@@ -49,17 +40,13 @@ class Wish:
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """What became of a wish.
+    """What became of a wish: a primitive and its motion, or None and a message that says why.
 
     Attributes
     ----------
-    primitive : ConstrainedDMP or None
-        None if there is no such motion; ``message`` says why.
-    motion : Motion or None
-    residual : float
-        Largest of the motion, in the constraints' units; nan without one.
-    goal_error : float
-        From the goal to where the motion ends (m); nan without one.
+    residual, goal_error : float
+        Largest of the motion, in the constraints' units; from the goal to where the motion ends
+        (m).  Both nan without one.
     milliseconds : float
         That it took.
     message : str
@@ -84,13 +71,7 @@ class Adapted:
 
 
 class Adapter:
-    """Adapts one primitive to wishes, one after the other, fast enough to follow a drag.
-
-    Parameters
-    ----------
-    primitive : ConstrainedDMP
-        As it was learned.
-    """
+    """Adapts one primitive to wishes, one after the other, fast enough to follow a drag."""
 
     def __init__(self, primitive: ConstrainedDMP) -> None:
         self.primitive = primitive
@@ -99,11 +80,7 @@ class Adapter:
     def __call__(self, wish: Wish, *, coarse: bool = False) -> Adapted:
         """Adapt to a wish and roll out; what fails is told, not raised.
 
-        Parameters
-        ----------
-        wish : Wish
-        coarse : bool
-            With fewer samples, for every moment of a drag.  The constraints hold as exactly.
+        A coarse motion, for every moment of a drag, has fewer samples; constraints hold as exactly.
         """
         began = time.perf_counter()
         try:
@@ -153,10 +130,7 @@ class Adapter:
 class PushedRun:
     """A primitive in its control loop, pushed off its path now and then.
 
-    Attributes
-    ----------
-    states : list of State
-        All so far; the first is where it begins.
+    All ``states`` so far are kept; the first is where it begins.
     """
 
     def __init__(self, dmp: ConstrainedDMP) -> None:

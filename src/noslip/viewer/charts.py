@@ -29,13 +29,7 @@ LINES = ("blue", "vermillion", "green", "purple", "orange", "sky")
 
 
 class Charts:
-    """The charts of one motion in a folder of the panel.
-
-    Parameters
-    ----------
-    gui : viser.GuiApi
-        Where the folder is added.
-    """
+    """The charts of one motion in a folder of the panel."""
 
     def __init__(self, gui: Any) -> None:
         self._gui, self._folder = gui, gui.add_folder("Over time")
@@ -94,13 +88,12 @@ def curves(track: Track) -> dict[str, dict[str, Floats]]:
     peaks of what is thinned out stay: the largest residual and force, the least margin.
     """
     starts = group_starts(len(track.clock), CHART_POINTS)
-    units = dict(zip(track.system.names, track.units, strict=True))
     found: dict[str, dict[str, Floats]] = {name: {} for name in TITLES}
     for name, size in track.sizes.items():
         largest = np.maximum(np.maximum.reduceat(size, starts), LEAST_RESIDUAL)
-        found["residual"][f"{name} ({units[name]})"] = np.log10(largest)
+        found["residual"][f"{name} ({track.units[name]})"] = np.log10(largest)
     for name, margin in track.margins.items():
-        scale, unit = _prefixed(units[name], float(np.abs(margin).max()))
+        scale, unit = _prefixed(track.units[name], float(np.abs(margin).max()))
         found["margin"][f"{name} ({unit})"] = scale * np.minimum.reduceat(margin, starts)
     if track.forces is not None:
         size = np.linalg.norm(track.forces, axis=1)

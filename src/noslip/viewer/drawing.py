@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import viser
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.figures.style import PALETTE
@@ -16,7 +17,7 @@ from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm
 from noslip.viewer.colors import rgb
 from noslip.viewer.shapes import COLORS, OPACITIES, Shape
-from noslip.viewer.tool import Part
+from noslip.viewer.tool import Part, add_mesh
 from noslip.viewer.track import Track
 
 ARROW_COLORS = {"lateral": "purple", "velocity": "green", "force": "black"}
@@ -98,30 +99,16 @@ class Drawing:
     def add_shapes(self, shapes: Iterable[Shape]) -> None:
         """Draw constraints' surfaces and zones."""
         for number, shape in enumerate(shapes):
-            node = self.server.scene.add_mesh_simple(
-                f"/constraints/{number}_{shape.name.replace('/', '_')}",
-                shape.vertices,
-                shape.faces,
-                color=COLORS[shape.kind],
-                opacity=OPACITIES[shape.kind],
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-            )
-            self._shapes.append((node, shape))
+            node = f"/constraints/{number}_{shape.name.replace('/', '_')}"
+            color, opacity = COLORS[shape.kind], OPACITIES[shape.kind]
+            drawn = add_mesh(self.server.scene, node, shape, color, opacity=opacity)
+            self._shapes.append((drawn, shape))
 
     def put(self, name: str, track: Track, worst: float, follower: Follower | None = None) -> None:
         """Draw a motion, or draw it anew where there is one of that name.
 
-        Parameters
-        ----------
-        name : str
-            Of its nodes; see :func:`noslip.viewer.entries.node_name`.
-        track : Track
-        worst : float
-            Violation that has the last color.
-        follower : Follower, optional
-            What moves along; drawn with the motion's first drawing.
+        ``worst`` is the violation that has the last color.  What moves along is drawn with the
+        motion's first drawing.
         """
         self._tracks[name] = track
         points, colors = track.trail(worst)
@@ -135,24 +122,14 @@ class Drawing:
         # An arm's model has its own.
         tool = () if isinstance(follower, Arm) else self.tool
         nodes: dict[str, Any] = {
-            "trail": scene.add_line_segments(
-                f"/motions/{name}/trail",
-                points,
-                colors,
-                thickness=TRAIL_WIDTH,
-                thickness_units="screen",
-            ),
+            "trail": self._add_lines(f"/motions/{name}/trail", points, colors, TRAIL_WIDTH),
             "tool": self._add_tool(f"/motions/{name}/tool", tool),
         }
         if track.reference is not None:
             path = track.reference.positions[:: max(1, len(track.reference) // 500)]
-            nodes["ghost trail"] = scene.add_line_segments(
-                f"/motions/{name}/demonstration",
-                np.stack([path[:-1], path[1:]], axis=1),
-                GHOST,
-                thickness=GHOST_WIDTH,
-                thickness_units="screen",
-            )
+            segments = np.stack([path[:-1], path[1:]], axis=1)
+            node = f"/motions/{name}/demonstration"
+            nodes["ghost trail"] = self._add_lines(node, segments, GHOST, GHOST_WIDTH)
             nodes["ghost"] = self._add_tool(f"/motions/{name}/ghost", tool, ghost=True)
         for arrow in track.arrows(0, self.size):
             nodes[arrow] = scene.add_arrows(
@@ -176,12 +153,9 @@ class Drawing:
         if "pushed" in nodes:
             nodes["pushed"].points = segments
         else:
-            nodes["pushed"] = self.server.scene.add_line_segments(
-                f"/motions/{name}/pushed",
-                segments,
-                rgb(PALETTE["green"]),
-                thickness=TRAIL_WIDTH,
-                thickness_units="screen",
+            green = rgb(PALETTE["green"])
+            nodes["pushed"] = self._add_lines(
+                f"/motions/{name}/pushed", segments, green, TRAIL_WIDTH
             )
 
     def clear_path(self, name: str) -> None:
@@ -203,8 +177,7 @@ class Drawing:
         nodes = self._nodes[name]
         with self.server.atomic():
             self._move_shapes(state.time)
-            nodes["tool"].position = state.position
-            nodes["tool"].wxyz = state.rotation.as_quat(scalar_first=True)
+            place(nodes["tool"], state.position, state.rotation)
             self._draw_arrows(nodes, self._tracks[name].arrows_in(state, self.size))
 
     def show(self, what: str, visible: bool) -> None:
@@ -220,18 +193,15 @@ class Drawing:
     def _move_shapes(self, time: float) -> None:
         for node, shape in self._shapes:
             if shape.frame is not None:
-                origin, turn = shape.pose(time)
-                node.position, node.wxyz = origin, turn.as_quat(scalar_first=True)
+                place(node, *shape.pose(time))
 
     def _move(self, name: str, track: Track, time: float) -> None:
         nodes, k = self._nodes[name], track.sample(time)
-        nodes["tool"].position = track.motion.positions[k]
-        nodes["tool"].wxyz = track.quaternions[k]
+        place(nodes["tool"], track.motion.positions[k], track.motion.rotations[k])
         if track.reference is not None:
             done = min(time / track.motion.duration, 1.0)
             g = round(done * (len(track.reference) - 1))
-            nodes["ghost"].position = track.reference.positions[g]
-            nodes["ghost"].wxyz = track.reference.rotations[g].as_quat(scalar_first=True)
+            place(nodes["ghost"], track.reference.positions[g], track.reference.rotations[g])
         self._draw_arrows(nodes, track.arrows(k, self.size))
         if name in self._followers:
             self._followers[name].show(track.motion, k)
@@ -244,21 +214,23 @@ class Drawing:
             if seen:
                 nodes[arrow].points = ends[None].astype(np.float32)
 
+    def _add_lines(self, node: str, segments: NDArray[Any], colors: Any, width: float) -> Any:
+        return self.server.scene.add_line_segments(
+            node, segments, colors, thickness=width, thickness_units="screen"
+        )
+
     def _add_tool(self, node: str, tool: Sequence[Part], *, ghost: bool = False) -> Any:
         frame = self.server.scene.add_frame(node, show_axes=False)
         for number, part in enumerate(tool):
-            self.server.scene.add_mesh_simple(
-                f"{node}/{number}",
-                part.vertices,
-                part.faces,
-                color=GHOST if ghost else part.color,
-                opacity=GHOST_OPACITY if ghost else None,
-                flat_shading=True,
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-            )
+            color, opacity = (GHOST, GHOST_OPACITY) if ghost else (part.color, None)
+            look = {"opacity": opacity, "flat_shading": True}
+            add_mesh(self.server.scene, f"{node}/{number}", part, color, **look)
         return frame
+
+
+def place(node: Any, position: Floats, rotation: Rotation) -> None:
+    """Move a node of the scene."""
+    node.position, node.wxyz = position, rotation.as_quat(scalar_first=True)
 
 
 def _across(center: Floats, arm: Floats) -> tuple[Floats, Floats]:

@@ -34,21 +34,9 @@ TOOL_LENGTH = 0.45
 
 @dataclass
 class Entry:
-    """A motion on the page, and the primitive that it came from, if it did.
+    """A motion on the page as it is shown now, and the primitive that it came from, if it did.
 
-    Attributes
-    ----------
-    track : Track
-        As it is shown now.
-    primitive : ConstrainedDMP or None
-        As it was learned.
-    adapter : Adapter or None
-        Of the primitive.
-    current : ConstrainedDMP or None
-        As it was adapted last.
-    wish : Wish
-    outcome : Adapted or None
-    follower : Follower or None
+    ``primitive`` is as it was learned, ``current`` as it was adapted last.
     """
 
     track: Track
@@ -67,14 +55,9 @@ def entries(
 ) -> dict[str, Entry]:
     """Prepare recordings, primitives and simulations, by name; primitives are rolled out.
 
-    Parameters
-    ----------
-    shown : mapping
-    constraints : sequence of Constraint
-        What recordings are checked against; of primitives and simulations, besides their own.
-        Recordings beside these are checked against theirs too.
-    followers : mapping
-        By the same names; a simulation has its arm.
+    Constraints are what recordings are checked against, and primitives and simulations besides
+    their own; recordings beside these are checked against theirs too.  A follower has the name of
+    its motion; a simulation has its arm.
     """
     for name in followers:
         if name not in shown:
@@ -82,19 +65,19 @@ def entries(
                 f"followers: there is no motion {name!r}; there are {', '.join(shown)}"
             )
     declaring = [what for what in shown.values() if not isinstance(what, PoseTrajectory)]
-    asked = unique([*constraints, *(c for what in declaring for c in what.constraints)])
+    asked = [*constraints, *(c for what in declaring for c in what.constraints)]
     found: dict[str, Entry] = {}
     for name, what in shown.items():
+        own = asked if isinstance(what, PoseTrajectory) else [*what.constraints, *constraints]
+        held = ConstraintSystem(unique(own))
         if isinstance(what, ConstrainedDMP):
-            held = ConstraintSystem(unique([*what.constraints, *constraints]))
             track = Track(name, what.rollout(), held, what.regular.rollout())
             entry = Entry(track, what, Adapter(what), what)
         elif isinstance(what, Simulation):
-            held = ConstraintSystem(unique([*what.constraints, *constraints]))
             track = Track(name, what.executed, held, what.commanded, "the commanded motion")
             entry = Entry(track, follower=what.arm)
         else:
-            entry = Entry(Track(name, what, ConstraintSystem(asked)))
+            entry = Entry(Track(name, what, held))
         entry.follower = followers.get(name, entry.follower)
         found[node_name(name, found)] = entry
     return found

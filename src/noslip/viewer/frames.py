@@ -14,14 +14,7 @@ from noslip.constraints.moving_frame import InMovingFrame
 class Frame:
     """The frame of a constraint that moves, or of several one in the other.
 
-    Parameters
-    ----------
-    constraint : InMovingFrame
-
-    Attributes
-    ----------
-    inner : Constraint
-        What holds in the frame; itself in none that moves.
+    ``inner`` is what holds in the frame, itself in none that moves.
     """
 
     def __init__(self, constraint: InMovingFrame) -> None:

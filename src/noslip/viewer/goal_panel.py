@@ -15,6 +15,7 @@ from noslip._typing import Floats
 from noslip.boundary import Boundary
 from noslip.viewer.actions import Actions
 from noslip.viewer.changes import METRICS, Wish
+from noslip.viewer.drawing import place
 from noslip.viewer.entries import Entry
 from noslip.viewer.texts import note, plain
 
@@ -28,15 +29,8 @@ UNCHANGED = 1e-6
 class GoalPanel:
     """Fields and gizmos for goal and start, and what became of the last wish.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-        Widgets are added where its interface is being built.
-    size : float
-        Of the scene (m).
-    actions : Actions
-    follow : callable
-        Called with a wish, and whether a coarse motion will do, while a gizmo is being dragged.
+    Widgets are added where the server's interface is being built.  ``follow`` is called with a
+    wish, and whether a coarse motion will do, while a gizmo is being dragged.
     """
 
     def __init__(
@@ -128,8 +122,7 @@ class GoalPanel:
             own_pose = getattr(own, f"{what}_position"), getattr(own, f"{what}_rotation")
             position, rotation = getattr(wish, what).pose_or(*own_pose)
             field.value = plain(position)
-            gizmo = self.gizmos[what]
-            gizmo.position, gizmo.wxyz = position, rotation.as_quat(scalar_first=True)
+            place(self.gizmos[what], position, rotation)
         self.duration.value = wish.duration or own.duration
         self.metric.value = wish.metric
         failed = outcome is not None and outcome.primitive is None

@@ -11,7 +11,7 @@ import viser
 from noslip.errors import NoslipError
 from noslip.viewer.actions import Actions
 from noslip.viewer.changes import PushedRun
-from noslip.viewer.drawing import Drawing
+from noslip.viewer.drawing import Drawing, place
 from noslip.viewer.entries import Entry
 from noslip.viewer.goal_panel import GIZMO
 from noslip.viewer.texts import note, plain
@@ -24,21 +24,9 @@ long before the end."""
 class PushPanel:
     """The run that is under way, if any, the push that is offered, and the grip on the tool.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-        Widgets are added where its interface is being built.
-    drawing : Drawing
-        Where the run is shown.
-    actions : Actions
-    running : callable
-        Called with whether a run is under way, when one begins or ends.
-
-    Attributes
-    ----------
-    run : PushedRun or None
-    held : bool
-        Whether a person holds the tool, so that the run waits.
+    Widgets are added where the server's interface is being built, and the run is shown in the
+    drawing.  ``running`` is called with whether a run is under way, when one begins or ends.  The
+    run waits while ``held``, that is while a person holds the tool.
     """
 
     def __init__(
@@ -136,8 +124,7 @@ class PushPanel:
         assert self._entry is not None
         state = run.states[-1]
         self._drawing.place_tool(self._node, state)
-        self.grip.position = state.position
-        self.grip.wxyz = state.rotation.as_quat(scalar_first=True)
+        place(self.grip, state.position, state.rotation)
         if len(run.states) > 1:
             step = max(1, len(run.states) // 500)
             self._drawing.draw_path(self._node, run.path[::-step][::-1])

@@ -15,15 +15,7 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.formula import surface_value
 from noslip.constraints.moving_frame import InMovingFrame
-from noslip.constraints.shape import (
-    Ball,
-    Capsule,
-    Implicit,
-    Mark,
-    Plane,
-    Sides,
-    Tube,
-)
+from noslip.constraints.shape import Ball, Capsule, Implicit, Mark, Plane, Sides, Tube
 from noslip.constraints.shape import Shape as Place
 from noslip.figures.style import PALETTE
 from noslip.viewer.colors import rgb
@@ -59,19 +51,9 @@ OPACITIES = {"contact": 0.25, "limit": 0.2, "keep-out": 0.35, "mark": 1.0, "fram
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A triangle mesh in the world frame, or in one that moves.
+    """A triangle mesh of a kind of ``COLORS``: vertices (m), faces of their indices, each (.., 3).
 
-    Attributes
-    ----------
-    name : str
-    kind : str
-        Of ``COLORS``.
-    vertices : array, shape (V, 3)
-        Meters.
-    faces : array, shape (F, 3)
-        Indices of vertices.
-    frame : Frame or None
-        In which the vertices are; None where that is the world.
+    In the world frame, or in a ``frame`` that moves.
     """
 
     name: str
@@ -143,14 +125,20 @@ def _mesh(made: trimesh.Trimesh) -> _Mesh:
     return np.array(made.vertices, dtype=np.float64), np.array(made.faces, dtype=np.int64)
 
 
+def _turned(made: trimesh.Trimesh, axis: ArrayLike, origin: ArrayLike) -> _Mesh:
+    """Return what was made along z as it lies along an axis, from an origin."""
+    vertices, faces = _mesh(made)
+    return np.asarray(origin) + vertices @ np.stack(_basis(axis)), faces
+
+
 def _axes(origin: Floats, size: float) -> _Mesh:
     """Return three rods along the axes."""
     length = AXIS * size
     made = trimesh.creation.axis(
         origin_size=0.06 * length, axis_radius=0.03 * length, axis_length=length
     )
-    vertices, faces = _mesh(made)
-    return vertices + origin, faces
+    made.apply_translation(origin)
+    return _mesh(made)
 
 
 def _basis(normal: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -166,30 +154,23 @@ def _patch(point: ArrayLike, normal: ArrayLike, center: Floats, size: float) -> 
     """Return a square of the plane through a point."""
     u, v, n = _basis(normal)
     middle = center - ((center - np.asarray(point)) @ n) * n
-    corners = [
-        middle + REACH * size * (a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    ]
-    return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    return middle + REACH * size * square @ [u, v], np.array([[0, 1, 2], [0, 2, 3]])
 
 
 def _ball(center: ArrayLike, radius: float) -> _Mesh:
-    vertices, faces = _mesh(trimesh.creation.icosphere(subdivisions=3, radius=radius))
-    return vertices + np.asarray(center), faces
+    made = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+    made.apply_translation(center)
+    return _mesh(made)
 
 
 def _tube(point: ArrayLike, axis: ArrayLike, radius: float, center: Floats, size: float) -> _Mesh:
     """Return the length of an endless cylinder that lies beside the scene; open at its ends."""
-    u, v, n = _basis(axis)
+    *_, n = _basis(axis)
     middle = np.asarray(point) + ((center - np.asarray(point)) @ n) * n
-    turn = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
-    ring = radius * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v)
-    half = REACH * size * n
-    k = np.arange(48)
-    after = (k + 1) % 48
-    faces = np.concatenate(
-        [np.stack([k, after, after + 48], axis=1), np.stack([k, after + 48, k + 48], axis=1)]
-    )
-    return np.concatenate([middle + ring - half, middle + ring + half]), faces
+    reach = REACH * size
+    made = trimesh.creation.revolve([[radius, -reach], [radius, reach]], sections=48)
+    return _turned(made, axis, middle)
 
 
 def _capsule(start: ArrayLike, end: ArrayLike, radius: float) -> _Mesh:
@@ -197,10 +178,10 @@ def _capsule(start: ArrayLike, end: ArrayLike, radius: float) -> _Mesh:
     length = float(np.linalg.norm(along))
     if length == 0:
         return _ball(start, radius)
-    vertices, faces = _mesh(trimesh.creation.capsule(height=length, radius=radius, count=(32, 32)))
-    # It is made along z; its first hemisphere is moved to the origin.
-    vertices[:, 2] -= vertices[:, 2].min() + radius
-    return np.asarray(start) + vertices @ np.stack(_basis(along)), faces
+    made = trimesh.creation.capsule(height=length, radius=radius, count=(32, 32))
+    # Its first hemisphere is moved to the origin.
+    made.apply_translation([0.0, 0.0, -made.bounds[0, 2] - radius])
+    return _turned(made, along, start)
 
 
 def _sides(box: Sides, center: Floats, size: float) -> _Mesh:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import trimesh
+import viser
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -14,6 +16,9 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.edge import Edge
 from noslip.errors import InputError
+
+if TYPE_CHECKING:
+    from noslip.viewer.shapes import Shape
 
 SUFFIXES = (".stl", ".obj", ".glb")
 """Of the meshes that trimesh reads without more packages."""
@@ -31,8 +36,20 @@ _SHAFT_HALF = 0.022
 """Half the thickness of the handle, over the tool's length."""
 
 
-SCALPEL_EDGE = Edge()
-"""The frame of a blade: x along the edge's travel, y lateral."""
+def add_mesh(
+    scene: viser.SceneApi, node: str, mesh: Part | Shape, color: tuple[int, int, int], **look: Any
+) -> Any:
+    """Draw triangles that are seen from both sides, without shadows."""
+    return scene.add_mesh_simple(
+        node,
+        mesh.vertices,
+        mesh.faces,
+        color=color,
+        side="double",
+        cast_shadow=False,
+        receive_shadow=False,
+        **look,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,21 +69,22 @@ class Part:
     color: tuple[int, int, int]
 
 
-def scalpel(length: float, edge: Edge = SCALPEL_EDGE, *, flip: bool = False) -> list[Part]:
+def scalpel(length: float, edge: Edge | None = None, *, flip: bool = False) -> list[Part]:
     """Return a scalpel whose tip is the tool's origin.
 
     Parameters
     ----------
     length : float
         Meters.
-    edge : Edge
-        With a lateral axis: along its travel it cuts, across that it is flat.
+    edge : Edge, optional
+        With a lateral axis: along its travel it cuts, across that it is flat; by default a
+        blade's.
     flip : bool
         Whether the handle points the other way along the third axis.
     """
     blade = _wedge(np.array(_CUTTING + _BACK), [_SHARP] * len(_CUTTING) + [_SPINE] * len(_BACK))
     shaft = _wedge(np.array(_SHAFT), [_SHAFT_HALF] * len(_SHAFT))
-    still = Rotation.identity()
+    edge, still = edge or Edge(), Rotation.identity()
     travel, lateral = edge.travel_axes(still), edge.lateral_axes(still)
     frame = np.array([travel, lateral, np.cross(travel, lateral)])
     if flip:
@@ -113,18 +131,7 @@ def load_tool(path: str | Path, *, scale: float = 1.0) -> list[Part]:
 
 def _wedge(outline: Floats, halves: list[float]) -> tuple[Floats, NDArray[np.int64]]:
     """Return a convex outline in the x-z plane, given a thickness along y at each corner."""
-    count = len(outline)
-    sides = [
-        np.stack([outline[:, 0], sign * np.array(halves), outline[:, 1]], axis=1)
-        for sign in (-1, 1)
-    ]
-    k = np.arange(count)
-    after = (k + 1) % count
-    fan = np.stack([0 * k[1:-1], k[1:-1], k[2:]], axis=1)
-    rim = np.concatenate(
-        [
-            np.stack([k, k + count, after + count], axis=1),
-            np.stack([k, after + count, after], axis=1),
-        ]
-    )
-    return np.concatenate(sides), np.concatenate([fan, fan[:, ::-1] + count, rim])
+    x, z = outline.T
+    sides = [np.stack([x, sign * np.array(halves), z], axis=1) for sign in (-1, 1)]
+    made = trimesh.convex.convex_hull(np.concatenate(sides))
+    return np.array(made.vertices), np.array(made.faces)

@@ -41,16 +41,8 @@ ARROW = 0.15
 class Track:
     """One motion, and what of it is drawn.
 
-    Attributes
-    ----------
-    name : str
-    motion : PoseTrajectory
-    system : ConstraintSystem
-        What it is checked against; may be empty.
-    reference : PoseTrajectory or None
-        What it is compared with, drawn as a ghost.
-    against : str
-        What the reference is.
+    It is checked against the system, which may be empty, and compared with a reference, drawn as
+    a ghost; ``against`` says what that is.
     """
 
     name: str
@@ -121,12 +113,7 @@ class Track:
         """Seconds since the motion began, shape (N,)."""
         return np.asarray(self.motion.times - self.motion.times[0])
 
-    @cached_property
-    def quaternions(self) -> Floats:
-        """Unit quaternions ``(qw, qx, qy, qz)``, shape (N, 4)."""
-        return self.motion.quaternions
-
-    @cached_property
+    @property
     def edged(self) -> Constraint | None:
         """The constraint that says where the tool's edge is, and what moves under it."""
         return self.system.edged
@@ -180,17 +167,9 @@ class Track:
     def arrows(self, sample: int, size: float) -> dict[str, Floats]:
         """Start and end of each arrow at a sample, world frame (m), each of shape (2, 3).
 
-        Parameters
-        ----------
-        sample : int
-        size : float
-            Of the scene (m): the longest arrow has a fixed share of it.
-
-        Returns
-        -------
-        dict
-            ``lateral``, the axis; ``velocity``, relative to the peak speed; and ``force``, relative
-            to the peak acceleration of the motion, so that a force that does nothing is not seen.
+        ``lateral``, the axis; ``velocity``, relative to the peak speed; and ``force``, relative to
+        the peak acceleration of the motion, so that a force that does nothing is not seen.  The
+        longest has a fixed share of the scene's size (m).
         """
         lateral = None if self.lateral_axes is None else self.lateral_axes[sample]
         force = None if self.forces is None else self.forces[sample]
@@ -224,14 +203,16 @@ class Track:
         force: Floats | None,
         size: float,
     ) -> dict[str, Floats]:
-        length, found = ARROW * size, {}
-        if lateral is not None:
-            found["lateral"] = np.array([at, at + length * lateral])
-        if self.peak_speed > 0:
-            found["velocity"] = np.array([at, at + length / self.peak_speed * velocity])
-        if force is not None and self._peak_acceleration > 0:
-            found["force"] = np.array([at, at + length / self._peak_acceleration * force])
-        return found
+        shown = {
+            "lateral": (lateral, 1.0),
+            "velocity": (velocity, self.peak_speed),
+            "force": (force, self._peak_acceleration),
+        }
+        return {
+            name: np.array([at, at + ARROW * size / longest * vector])
+            for name, (vector, longest) in shown.items()
+            if vector is not None and longest > 0
+        }
 
     def readout(self, time: float) -> dict[str, str]:
         """What is told of an instant, as label and text."""
@@ -250,11 +231,10 @@ class Track:
         angle = self.slip_angle(k)
         if self.lateral_axes is not None:
             texts["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
-        units = dict(zip(self.system.names, self.units, strict=True))
         for name, sizes in self.sizes.items():
-            texts[f"{name}: residual"] = quantity_text(float(sizes[k]), units[name])
+            texts[f"{name}: residual"] = quantity_text(float(sizes[k]), self.units[name])
         for name, margins in self.margins.items():
-            texts[f"{name}: margin"] = quantity_text(float(margins[k]), units[name])
+            texts[f"{name}: margin"] = quantity_text(float(margins[k]), self.units[name])
         if self.forces is not None:
             texts["constraint force"] = f"{np.linalg.norm(self.forces[k]):.3g} m/s²"
         return texts
@@ -280,10 +260,7 @@ class Track:
     def trail(self, worst: float) -> tuple[Floats, Bytes]:
         """Segments of the path, shape (S, 2, 3), and their colors, shape (S, 2, 3) of bytes.
 
-        Parameters
-        ----------
-        worst : float
-            Violation that has the last color.
+        The violation ``worst`` has the last color.
         """
         last = len(self.points) - 1
         cuts = group_starts(last, MOST_SEGMENTS)
@@ -304,11 +281,10 @@ class Track:
         return float(np.linalg.norm(changes, axis=1).max())
 
     @cached_property
-    def units(self) -> list[str]:
-        """Of each constraint; where its rows differ, that of the first."""
-        return [
-            constraint.unit or UNITS[constraint.level] for constraint in self.system.constraints
-        ]
+    def units(self) -> dict[str, str]:
+        """Of each constraint, by name; where its rows differ, that of the first."""
+        held = zip(self.system.names, self.system.constraints, strict=True)
+        return {name: constraint.unit or UNITS[constraint.level] for name, constraint in held}
 
 
 def _from_first(steps: Floats) -> Floats:
