@@ -194,7 +194,7 @@ def blade_step(metric: tuple[float, ...]) -> ca.Function:
     p, q, v, w = (ca.SX.sym(name, n) for name, n in zip("pqvw", (3, 4, 3, 3), strict=True))
     dt, rate, free = ca.SX.sym("dt"), ca.SX.sym("rate"), ca.SX.sym("free", 6)
     # The first step, whose residual is that of the instant.
-    symbols = StepSymbols(p, q, v, w, dt, dt, ca.SX(0), dt, rate, rate, rate)
+    symbols = StepSymbols(p, q, v, w, ca.SX(1, 1), dt, dt, ca.SX(0), dt, rate, rate, rate)
     held = coupling(BLADE, inverse_metric=metric, push="steering")(symbols, free[:3], free[3:])
     return ca.Function("step", [p, q, v, w, dt, rate, free], [held.linear, held.angular])
 

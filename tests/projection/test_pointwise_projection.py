@@ -205,10 +205,21 @@ def coupled(names: tuple[str, ...], metric: tuple[float, ...]) -> Any:
     p, q, v, w = (ca.SX.sym(name, n) for name, n in zip("pqvw", (3, 4, 3, 3), strict=True))
     dt, previous, t, rate = (ca.SX.sym(name) for name in ("dt", "previous", "t", "rate"))
     free = ca.SX.sym("free", 6)
-    symbols = StepSymbols(p, q, v, w, dt, dt, previous, t + dt, rate, rate, rate)
+    before = ca.SX.sym("before", system.size)
+    symbols = StepSymbols(p, q, v, w, before, dt, dt, previous, t + dt, rate, rate, rate)
     held = coupling(system, inverse_metric=metric)(symbols, free[:3], free[3:])
     outputs = [held.linear, held.angular, held.values, held.multipliers]
-    return ca.Function("step", [p, q, v, w, dt, previous, t, rate, free], outputs)
+    return ca.Function("step", [p, q, v, w, before, dt, previous, t, rate, free], outputs)
+
+
+def residuals_within(step: Step, name: str, part: float, twist: Floats) -> Floats:
+    """Residuals a part of a step (s) away, taken with SciPy's rotations."""
+    turned = Rotation.from_rotvec(part * twist[3:]) * Rotation.from_quat(
+        step.quaternion, scalar_first=True
+    )
+    quaternion = turned.as_quat(scalar_first=True)
+    at = step.time + part, step.position + part * twist[:3], quaternion, twist[:3], twist[3:]
+    return ConstraintSystem(SETS[name]).residuals(*at)[0]
 
 
 def take(
@@ -219,13 +230,15 @@ def take(
     The step before was as long, unless told; of no length at the start.
     """
     free = step.velocities + dt * step.unconstrained
+    previous = dt if previous is None else previous
     v, w, residual, multipliers = coupled((name,), metric)(
         step.position,
         step.quaternion,
         step.velocities[:3],
         step.velocities[3:],
+        residuals_within(step, name, -previous / 2, step.velocities),
         dt,
-        dt if previous is None else previous,
+        previous,
         step.time,
         0.0,
         free,
@@ -266,20 +279,12 @@ def test_the_next_step_satisfies_the_constraint(is_first: bool, name: str, metri
         step, dt = Step.random(seed, SETS[name], metric), 2e-3
         velocities, residual, _ = take(step, name, metric, dt, 0.0 if is_first else None)
 
-        def at(part: float, twist: Floats, step: Step = step) -> Floats:
-            # A part of a step, taken with SciPy's rotations.
-            turned = Rotation.from_rotvec(part * twist[3:]) * Rotation.from_quat(
-                step.quaternion, scalar_first=True
-            )
-            quaternion = turned.as_quat(scalar_first=True)
-            position = step.position + part * twist[:3]
-            return system.residuals(step.time + part, position, quaternion, twist[:3], twist[3:])[0]
-
-        found = np.where(velocity_rows, at(dt / 2, velocities), at(dt, velocities))
+        middle, end = (residuals_within(step, name, part, velocities) for part in (dt / 2, dt))
+        found = np.where(velocity_rows, middle, end)
         np.testing.assert_allclose(residual, found, rtol=0, atol=1e-13)
         # Nothing decays at a rate of zero: the middle is left by as much as the middle before was,
         # at the start by as much as the instant is, which is on the constraint.
-        before = at(0.0 if is_first else -dt / 2, step.velocities)
+        before = residuals_within(step, name, 0.0 if is_first else -dt / 2, step.velocities)
         np.testing.assert_allclose(found[velocity_rows], before[velocity_rows], rtol=0, atol=1e-12)
         assert np.abs(before[velocity_rows]).max(initial=0) <= (1e-12 if is_first else 20 * dt)
         # At position level the last pose counts too: straight on from where it came, here from

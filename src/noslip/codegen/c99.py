@@ -11,10 +11,10 @@ import casadi as ca
 from noslip.law.layout import (
     BEGINNING,
     PRIMITIVE,
-    STATE,
     STEP,
     Field,
     Layout,
+    carried_layout,
     memory_fields,
     output_layout,
 )
@@ -52,7 +52,7 @@ def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
     Parameters
     ----------
     function : casadi.Function
-        (state, row of the step table) -> (state, outputs); expressions alone.
+        (carried, row of the step table) -> (carried, outputs); expressions alone.
     rows : int
         Of constraints.
     parts : bool
@@ -60,7 +60,8 @@ def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
     """
     layout = output_layout(rows)
     outputs = layout.size if parts else layout["multipliers"].stop
-    layouts = {"STATE": STATE, "STEP": STEP, "BEGINNING": BEGINNING, "OUTPUT": layout}
+    state = carried_layout(rows)
+    layouts = {"STATE": state, "STEP": STEP, "BEGINNING": BEGINNING, "OUTPUT": layout}
     offsets = "\n".join(_offsets(name, each) for name, each in layouts.items())
     text = template("noslip.c").replace("@OUTPUTS@", str(outputs)).replace("@OFFSETS@", offsets)
     return text + "\n" + _core(function, outputs)

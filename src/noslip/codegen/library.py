@@ -122,7 +122,7 @@ class Native:
     Parameters
     ----------
     function : casadi.Function
-        (state, row of the step table) -> (state, outputs); expressions alone, no inner functions.
+        (carried, row of the step table) -> (carried, outputs); expressions alone, no calls.
     rows : int
         Of constraints.
 
@@ -237,6 +237,6 @@ def _opened(path: Path) -> Library:
         run=function("noslip_run", *[pointer] * 4, count),
         step=function("noslip_step", *[pointer] * 2, ctypes.c_double, result=ctypes.c_int),
         forces=function("noslip_forces", pointer, count, pointer),
-        rollouts=function("noslip_rollouts", *[pointer] * 3, *[count] * 2, *[pointer] * 2),
+        rollouts=function("noslip_rollouts", *[pointer] * 3, *[count] * 2, pointer),
         sizes=(sizes[0], sizes[1]),
     )

@@ -23,7 +23,12 @@ from noslip.constraints.declaration import (
     row_units,
 )
 from noslip.errors import ConstraintError
-from noslip.rotations import quaternion_exp, quaternion_product, rotation_matrix
+from noslip.rotations import (
+    quaternion_again,
+    quaternion_exp,
+    quaternion_product,
+    rotation_matrix,
+)
 
 T = TypeVar("T")
 
@@ -258,7 +263,7 @@ class ConstraintSystem:
         """
         half = quaternion_exp(h / 2 * w)
         halfway = quaternion_product(half, q)
-        turned = quaternion_product(half, halfway)
+        turned = quaternion_again(half, halfway, q)
         return self.by_level(
             self.residual(t + h / 2, p + h / 2 * v, halfway, v, w, a, alpha),
             self.residual(t + h, p + h * v, turned, v, w, a, alpha),
@@ -359,6 +364,17 @@ class ConstraintSystem:
             buffer.set_res(0, found.data)
             evaluate()
         return found[:size], found[size : 2 * size], found[2 * size :].reshape(size, 6)
+
+    def rows_at(self, instants: Floats) -> Floats:
+        """Jacobians that :meth:`instant` finds, of many instants at once, shape (N, m, 6).
+
+        Parameters
+        ----------
+        instants : array, shape (N, 14)
+            Time, position, quaternion, linear and angular velocity.
+        """
+        function = self.owned("instant", self._instant).map(len(instants))
+        return np.array(function(instants.T)).T[:, 2 * self.size :].reshape(-1, self.size, 6)
 
     def _acceleration_form(self) -> Any:
         if "acceleration" in self.row_levels:

@@ -62,7 +62,7 @@ class Layout:
 
 
 STATE = Layout(position=3, quaternion=4, linear_velocity=3, angular_velocity=3)
-"""What a step carries: a point of the space (a pose; quaternion w first) and its velocity."""
+"""What moves: a point of the space (a pose; quaternion w first) and its velocity."""
 POINT, VELOCITY = (
     STATE.span("position", "quaternion"),
     STATE.span("linear_velocity", "angular_velocity"),
@@ -87,24 +87,18 @@ STEP = Layout(
 """What depends on the phase alone in one step; see :class:`noslip.law.step.StepSymbols`."""
 CLOCK = STEP.span("time_step", "gain")
 """The part of it that is alike in all spaces."""
-BEGINNING = Layout(
-    position=3,
-    quaternion=4,
-    linear_velocity=3,
-    angular_velocity=3,
-    goal_position=3,
-    goal_quaternion=4,
-    duration=1,
-    pull_in=1,
-)
-"""What one motion of many begins with."""
+BEGINNING = Layout(goal_position=3, goal_quaternion=4, duration=1, pull_in=1)
+"""What one motion of many has of its own, besides where it starts."""
+
+
+def carried_layout(rows: int) -> Layout:
+    """What a step of so many constraint rows carries: the state, and its residuals and margins."""
+    return Layout(**{name: STATE.width(name) for name in STATE}, values=rows)
 
 
 def output_layout(rows: int) -> Layout:
-    """What a step of so many constraint rows returns besides the state."""
-    return Layout(
-        force=FORCE.size, values=rows, multipliers=rows, yielding=rows, parts=FORCE.size * rows
-    )
+    """What it returns besides."""
+    return Layout(force=FORCE.size, multipliers=rows, yielding=rows, parts=FORCE.size * rows)
 
 
 @dataclass(frozen=True)

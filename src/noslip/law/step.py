@@ -13,8 +13,9 @@ from dataclasses import dataclass, fields
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.law.layout import FORCE, STATE, STEP
+from noslip.law.layout import FORCE, STEP, carried_layout
 from noslip.rotations import (
+    quaternion_again,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
@@ -28,8 +29,8 @@ class StepSymbols:
 
     Attributes
     ----------
-    position, quaternion, linear_velocity, angular_velocity : expression
-        State before the step.
+    position, quaternion, linear_velocity, angular_velocity, values : expression
+        State before the step, and the residuals and margins of the one that led to it.
     time_step : expression
         From this state to the next (s).
     kick : expression
@@ -50,6 +51,7 @@ class StepSymbols:
     quaternion: Expression
     linear_velocity: Expression
     angular_velocity: Expression
+    values: Expression
     time_step: Expression
     kick: Expression
     previous_step: Expression
@@ -62,7 +64,8 @@ class StepSymbols:
         """Pose after the step at given velocities: ``p + dt v``, ``Exp(dt w) R``."""
         # By way of the middle, where constraints are asked: both have one sine and cosine.
         half = quaternion_exp(self.time_step / 2 * angular)
-        turned = quaternion_product(half, quaternion_product(half, self.quaternion))
+        halfway = quaternion_product(half, self.quaternion)
+        turned = quaternion_again(half, halfway, self.quaternion)
         return self.position + self.time_step * linear, turned
 
 
@@ -96,17 +99,20 @@ Coupling = Callable[[StepSymbols, Expression, Expression], Coupled]
 """(symbols, unconstrained v+, w+) -> what the constraints make of them."""
 
 
-def step_function(coupling: Coupling | None) -> ca.Function:
-    """Return the step (state, row of the step table) -> (state, outputs) as one graph.
+def step_function(coupling: Coupling | None, rows: int) -> ca.Function:
+    """Return the step (carried, row of the step table) -> (carried, outputs) as one graph.
 
     Parameters
     ----------
     coupling : Coupling or None
         Moves the unconstrained velocities onto the constraints.
+    rows : int
+        Of constraints.
     """
-    state, step = ca.SX.sym("state", STATE.size), ca.SX.sym("step", STEP.size)
+    layout = carried_layout(rows)
+    state, step = ca.SX.sym("state", layout.size), ca.SX.sym("step", STEP.size)
     field = {name: step[STEP[name]] for name in STEP}
-    parts = field | {name: state[STATE[name]] for name in STATE}
+    parts = field | {name: state[layout[name]] for name in layout}
     symbols = StepSymbols(**{f.name: parts[f.name] for f in fields(StepSymbols)})
     decay, gain = field["decay"], field["gain"]
     turn = quaternion_log(
@@ -114,16 +120,15 @@ def step_function(coupling: Coupling | None) -> ca.Function:
     )
     linear = decay * symbols.linear_velocity + gain * (field["position_target"] - symbols.position)
     angular = decay * symbols.angular_velocity + gain * (turn + field["rotation_offset"])
-    output = ca.SX(FORCE.size, 1)
+    output, values = ca.SX(FORCE.size, 1), ca.SX(0, 1)
     if coupling is not None:
         held = coupling(symbols, linear, angular)
         force = ca.vertcat(held.linear - linear, held.angular - angular) / symbols.kick
-        output = ca.vertcat(
-            force, held.values, held.multipliers, held.yielding, ca.vec(held.forces)
-        )
+        output = ca.vertcat(force, held.multipliers, held.yielding, ca.vec(held.forces))
+        values = held.values
         linear, angular = held.linear, held.angular
     position, quaternion = symbols.advance(linear, angular)
     quaternion = quaternion / ca.norm_2(quaternion)
-    after = ca.densify(ca.vertcat(position, quaternion, linear, angular))
+    after = ca.densify(ca.vertcat(position, quaternion, linear, angular, values))
     # The coupling term evaluates poses and residuals more than once; each is computed once.
     return ca.Function("step", [state, step], ca.cse([after, ca.densify(output)]))

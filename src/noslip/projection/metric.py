@@ -116,17 +116,18 @@ def _position_holds(equalities: ConstraintSystem, motion: PoseTrajectory) -> boo
     moving = np.flatnonzero(moving)[:: -(-len(moving) // _LOOKED_AT)]
     quaternions = continuous_quaternions(motion.rotations)
     middles = quaternions[1:] + quaternions[:-1]
-    instants = zip(
-        (motion.clock[1:] + motion.clock[:-1])[moving] / 2,
-        (motion.positions[1:] + motion.positions[:-1])[moving] / 2,
-        (middles / np.linalg.norm(middles, axis=1, keepdims=True))[moving],
-        linear[moving],
-        angular[moving],
-        strict=True,
+    at = np.column_stack(
+        [
+            (motion.clock[1:] + motion.clock[:-1])[moving] / 2,
+            (motion.positions[1:] + motion.positions[:-1])[moving] / 2,
+            (middles / np.linalg.norm(middles, axis=1, keepdims=True))[moving],
+            linear[moving],
+            angular[moving],
+        ]
     )
     # A radian weighs what the path would turn by, were it a circle.
     scale = np.repeat([1.0, 2 * np.pi / motion.path_length], 3)
-    rows = np.array([equalities.instant(*at)[2] * scale for at in instants])
+    rows = equalities.rows_at(at) * scale
     return bool(_in_position(rows).min() >= _ROBUST)
 
 

@@ -180,6 +180,7 @@ class _Step:
                     s.slip_rate if is_velocity else s.residual_rate
                     for is_velocity in self.equalities.row_is_velocity
                 ],
+                s.values[: self.equalities.size],
             ),
             _residual_after(self.limits, s, _barrier_rates(self.limits, s)),
         )
@@ -495,12 +496,16 @@ def _influence(system: ConstraintSystem) -> Floats:
 
 
 def _residual_after(
-    system: ConstraintSystem, s: StepSymbols, rates: Sequence[Expression]
+    system: ConstraintSystem,
+    s: StepSymbols,
+    rates: Sequence[Expression],
+    values: Expression | None = None,
 ) -> Expression:
     """What residuals may be after the step: zero, once they were zero.
 
     At velocity level ``exp(-rate kick)`` times what they were in the middle of the step before, or
-    are at the start.  At position level the solution of the
+    are at the start: the values that the state carries, of a motion that was commanded; for limits,
+    found from the state, which may have been measured.  At position level the solution of the
     critically damped oscillator, ``(r + c dt) exp(-rate dt)`` with ``c = dr/dt + rate r`` found
     from the previous sample; that is where the discrete motion came from, so a motion on the
     constraint stays on it to rounding.
@@ -540,7 +545,8 @@ def _residual_after(
             continue
         left = ca.exp(-rate * dt)
         if level == "velocity":
-            asked = ca.exp(-rate * s.kick) * middle[i]
+            found = middle[i] if values is None else ca.if_else(previous > 0, values[i], now[i])
+            asked = ca.exp(-rate * s.kick) * found
             targets.append(asked if named[i] or not is_limit else ca.fmin(asked, 0))
             continue
         # No step has led to the start; there the velocities tell.

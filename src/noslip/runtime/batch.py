@@ -160,32 +160,30 @@ def rollout_many(
     steps = law.steps if steps is None else _arguments.count("steps", steps)
     workers = cores() if jobs is None else _arguments.count("jobs", jobs, 1024)
 
-    beginnings = _beginnings(law, rule, count, given, project_start, pull_in)
-    states = np.empty((count, steps + 1, STATE.size))
-    equalities, rows = rule.system.equalities.size, rule.system.size
-    values = np.empty((count, steps + 1, rows))
-    states[:, 0], values[:, 0] = beginnings[:, : STATE.size], beginnings[:, BEGINNING.size :]
+    firsts, beginnings = _beginnings(law, rule, count, given, project_start, pull_in)
+    states = np.empty((count, steps + 1, firsts.shape[1]))
+    states[:, 0] = firsts
     library = stepper_of(rule).native.wait()
     tell = progress or (lambda done, total: None)
     if library is None:
-        _one_by_one(law, rule, beginnings, states, values, tell)
+        _one_by_one(law, rule, beginnings, states, tell)
     else:
-        _together(law, rule, library, beginnings, states, values, workers, tell)
-    for part in (states, values):
-        for first in range(0, count, _TOGETHER):
-            chunk = part[first : first + _TOGETHER]
-            if not np.isfinite(chunk).all():
-                finite = np.isfinite(chunk).all(axis=(1, 2))
-                raise InputError(
-                    f"motion {first + int(np.argmin(finite))} is not finite; its start, goal or "
-                    "duration is out of what can be computed with"
-                )
+        _together(law, rule, library, beginnings, states, workers, tell)
+    for first in range(0, count, _TOGETHER):
+        chunk = states[first : first + _TOGETHER]
+        if not np.isfinite(chunk).all():
+            finite = np.isfinite(chunk).all(axis=(1, 2))
+            raise InputError(
+                f"motion {first + int(np.argmin(finite))} is not finite; its start, goal or "
+                "duration is out of what can be computed with"
+            )
+    margins = STATE.size + rule.system.equalities.size
     return Motions(
         beginnings[:, BEGINNING.index("duration")].copy(),
         law.begin,
-        states,
-        values[..., :equalities],
-        values[..., equalities:],
+        states[..., : STATE.size],
+        states[..., STATE.size : margins],
+        states[..., margins:],
     )
 
 
@@ -228,8 +226,8 @@ def _beginnings(
     given: dict[str, Floats | None],
     project_start: ProjectStart,
     pull_in: float | None,
-) -> Floats:
-    """As ``noslip_rollouts`` wants them, and residuals and margins there."""
+) -> tuple[Floats, Floats]:
+    """First samples, as steps carry them, and what else ``noslip_rollouts`` wants of each."""
 
     def column(name: str, default: ArrayLike) -> Floats:
         values = given[name]
@@ -260,14 +258,13 @@ def _beginnings(
             project_start=project_start,
             pull_in=pull_in,
         )
-        clock = [state.duration, state.pull_in]
-        found.append([*state.vector(), *clock, *state.constraint_residuals, *state.margins])
+        found.append([state.duration, state.pull_in, *state.carried(rule.system)])
     begun = np.array(found)[which.ravel()]
     goals = [
         column("goals", law.goal_position),
         column("goal_rotations", law.goal_rotation.as_quat(scalar_first=True)),
     ]
-    return np.hstack([begun[:, : STATE.size], *goals, begun[:, STATE.size :]])
+    return begun[:, 2:], np.hstack([*goals, begun[:, :2]])
 
 
 def _together(
@@ -276,25 +273,22 @@ def _together(
     library: Library,
     beginnings: Floats,
     states: Floats,
-    values: Floats,
     workers: int,
     tell: Callable[[int, int], None],
 ) -> None:
     count, steps = len(states), states.shape[1] - 1
     struct, forces = Struct(law, rule), np.empty((steps, FORCE.size))
     library.forces(struct.address, steps, forces.ctypes.data)
-    rows = np.ascontiguousarray(beginnings[:, : BEGINNING.size])
 
     def run(first: int) -> int:
         last = min(first + _TOGETHER, count)
         library.rollouts(
             struct.address,
             forces.ctypes.data,
-            rows[first:last].ctypes.data,
+            beginnings[first:last].ctypes.data,
             last - first,
             steps,
             states[first:last].ctypes.data,
-            values[first:last].ctypes.data,
         )
         return last - first
 
@@ -310,11 +304,11 @@ def _one_by_one(
     rule: Rule,
     beginnings: Floats,
     states: Floats,
-    values: Floats,
     tell: Callable[[int, int], None],
 ) -> None:
     steps, stepper, own = states.shape[1] - 1, stepper_of(rule), initial_state(law, rule)
     outputs = np.empty((steps, stepper.outputs.size))
+    residuals = slice(STATE.size, STATE.size + rule.system.equalities.size)
     for index, row in enumerate(beginnings):
         begun = {name: row[BEGINNING[name]] for name in BEGINNING}
         state = replace(
@@ -323,9 +317,8 @@ def _one_by_one(
             goal_rotation=begun["goal_quaternion"],
             duration=begun["duration"].item(),
             pull_in=begun["pull_in"].item(),
-            constraint_residuals=row[BEGINNING.size :][: rule.system.equalities.size],
+            constraint_residuals=states[index, 0, residuals],
         )
         table = steps_ahead(law, rule, state, steps, state.duration / steps)
-        stepper.run(row[: STATE.size].copy(), table, states[index, 1:], outputs)
-        values[index, 1:] = outputs[:, stepper.outputs["values"]]
+        stepper.run(states[index, 0], table, states[index, 1:], outputs)
         tell(index + 1, len(states))

@@ -67,7 +67,7 @@ class Memory:
         self.values = slice(values, values + rows)
         self.all_multipliers = slice(multipliers, multipliers + rows)
         self.known = layout.span("known_fraction", "known_turn")
-        self._clock = clock
+        self._clock, self._system = clock, system
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Memory) and np.array_equal(self.data, other.data)
@@ -78,7 +78,8 @@ class Memory:
         """Write a state to it."""
         data = self.data
         data[TIME], data[FRACTION] = state.time, self._clock.fraction(state.phase)
-        data[MOVING] = state.vector()
+        carried = state.carried(self._system)
+        data[MOVING], data[self.values] = np.split(carried, [STATE.size])
         data[PREVIOUS_STEP], data[DURATION] = state.previous_step, state.duration
         data[PULL_IN] = state.pull_in
         data[GOAL_POSITION] = state.goal_position
@@ -86,13 +87,10 @@ class Memory:
         data[STEERING] = state.steering
         data[ACCELERATION], data[FORCE] = state.acceleration, state.constraint_forces
         # A state made by hand may come without.
-        for name, part in {
-            "constraint_residuals": self.equalities,
-            "multipliers": self.multipliers,
-            "margins": self.limits,
-            "limit_multipliers": self.limit_multipliers,
-        }.items():
-            given = getattr(state, name)
+        for given, part in (
+            (state.multipliers, self.multipliers),
+            (state.limit_multipliers, self.limit_multipliers),
+        ):
             data[part] = given if given.size == part.stop - part.start else 0.0
         data[self.known] = -1.0
 
@@ -172,15 +170,15 @@ class Virtual:
         self._law, self._rule, self._memory = law, rule, memory
         stepper = stepper_of(rule)
         self._columns = stepper.outputs
-        self._now, self._row = np.empty(STATE.size), np.empty(STEP.size)
-        self._after, self._output = np.empty(STATE.size), np.empty(stepper.outputs.size)
+        self._now, self._row = np.empty(stepper.carried.size), np.empty(STEP.size)
+        self._after, self._output = np.empty_like(self._now), np.empty(stepper.outputs.size)
         self._change = np.empty(VELOCITY.stop - VELOCITY.start)
         buffer, self._evaluate = stepper.function.buffer()
         buffer.set_arg(0, self._now.data)
         buffer.set_arg(1, self._row.data)
         buffer.set_res(0, self._after.data)
         buffer.set_res(1, self._output.data)
-        self._buffer = buffer
+        self._buffer, self._values = buffer, memory.values
         # All the way to the end, of steps as they are meant to be.
         fraction, duration = memory.data.item(FRACTION), memory.data.item(DURATION)
         self._ahead = max(1, ceil((1 - fraction) * duration / time_step)) + 1
@@ -195,16 +193,15 @@ class Virtual:
             self._look_ahead(h)
         self._row[:] = self._table[self._next]
         self._row[_OFFSET] += data[STEERING]
-        self._now[:] = data[MOVING]
+        self._now[: STATE.size], self._now[STATE.size :] = data[MOVING], data[self._values]
         self._evaluate()
         after, output, columns = self._after, self._output, self._columns
-        if not isfinite(after.sum()):
+        if not isfinite(after[: STATE.size].sum()):
             raise InputError(NOT_FINITE)
         np.subtract(after[VELOCITY], self._now[VELOCITY], out=self._change)
         np.multiply(self._change, 1 / self._row[_KICK], out=data[ACCELERATION])
-        data[MOVING] = after
+        data[MOVING], data[self._values] = after[: STATE.size], after[STATE.size :]
         data[FORCE] = output[columns["force"]]
-        data[self._memory.values] = output[columns["values"]]
         data[self._memory.all_multipliers] = output[columns["multipliers"]]
         data[TIME] += h
         data[FRACTION] = fraction + h / duration

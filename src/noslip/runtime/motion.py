@@ -17,6 +17,8 @@ from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 from noslip.trajectory import PoseTrajectory
 
+_SCALAR_LAST = np.roll(np.r_[STATE["quaternion"]], -1)
+"""Places of a quaternion as SciPy wants it."""
 HELD = 1e-9
 """A margin above minus this counts as kept: rounding of a motion far from the origin."""
 
@@ -138,25 +140,22 @@ class Motion(PoseTrajectory):
         Parameters
         ----------
         times : array, shape (N,)
-        states : array, shape (N, 13)
+        states : array, shape (N, 13 + m)
+            Columns as :func:`noslip.law.layout.carried_layout` says.
         outputs : dict of array, shape (N, ...)
             Named as in :func:`noslip.law.layout.output_layout`.
         constraint_names, limit_names : tuple of str
             One a row.
         asked : Asked
         """
-        for part in (states, outputs["values"]):
-            if not np.isfinite(part).all():
-                row = int(np.argmin(np.isfinite(part).all(axis=1)))
-                raise InputError(
-                    f"the motion is not finite from {times[row]:.6g} s on; start, goal or "
-                    "constraints are out of what can be computed with"
-                )
-        rows, values, multipliers = (
-            len(constraint_names),
-            outputs["values"],
-            outputs["multipliers"],
-        )
+        if not np.isfinite(states).all():
+            row = int(np.argmin(np.isfinite(states).all(axis=1)))
+            raise InputError(
+                f"the motion is not finite from {times[row]:.6g} s on; start, goal or "
+                "constraints are out of what can be computed with"
+            )
+        rows, values = len(constraint_names), states[:, STATE.size :]
+        multipliers = outputs["multipliers"]
         motion = object.__new__(cls)
         arrays = {
             "times": times,
@@ -175,9 +174,7 @@ class Motion(PoseTrajectory):
         motion.__dict__.update(
             arrays,
             # Each step has normalized them; SciPy would take a fifth of the rollout's time.
-            rotations=Rotation(
-                np.roll(states[:, STATE["quaternion"]], -1, axis=1), normalize=False, copy=False
-            ),
+            rotations=Rotation(states[:, _SCALAR_LAST], normalize=False, copy=False),
             constraint_names=constraint_names,
             limit_names=limit_names,
             asked=asked,

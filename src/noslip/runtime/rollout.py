@@ -98,17 +98,15 @@ def rollout(
         wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
         steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
     stepper, system = stepper_of(rule), rule.system
-    first = state.vector()
-    states = np.empty((steps + 1, STATE.size))
+    states = np.empty((steps + 1, stepper.carried.size))
     # The acceleration of the first sample is that of the step which leaves it.
     outputs = np.empty((steps + 1, stepper.outputs.size))
-    states[0] = first
+    states[0] = state.carried(system)
     times: Floats = state.time + time_step * np.arange(steps + 1, dtype=np.float64)
     times[-1] = state.time + state.duration
     table = _table(law, rule, state, times, time_step)
-    stepper.run(first, table, states[1:], outputs[1:])
+    stepper.run(states[0], table, states[1:], outputs[1:])
     outputs[0] = outputs[1]
-    outputs[0, stepper.outputs["values"]] = [*state.constraint_residuals, *state.margins]
     return Motion.of_steps(
         times,
         states,
@@ -167,11 +165,13 @@ def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
     Steps may differ in length.
     """
     time_step = _arguments.positive("time_step", time_step, "seconds")
-    before, table = state.vector(), steps_ahead(law, rule, state, 1, time_step)
+    table = steps_ahead(law, rule, state, 1, time_step)
     stepper, rows = stepper_of(rule), rule.system.equalities.size
-    after, outputs = np.empty(STATE.size), np.empty((1, stepper.outputs.size))
+    before = state.carried(rule.system)
+    after, outputs = np.empty_like(before), np.empty((1, stepper.outputs.size))
     stepper.run(before, table, after[None], outputs)
     found = {name: outputs[0, stepper.outputs[name]] for name in stepper.outputs}
+    values = after[stepper.carried["values"]]
     phase = state.phase * law.clock.decay(time_step / state.duration)
     return replace(
         state,
@@ -183,9 +183,9 @@ def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
         angular_velocity=after[STATE["angular_velocity"]],
         previous_step=time_step,
         acceleration=(after[VELOCITY] - before[VELOCITY]) / table[0, STEP.index("kick")],
-        constraint_residuals=found["values"][:rows],
+        constraint_residuals=values[:rows],
         multipliers=found["multipliers"][:rows],
-        margins=found["values"][rows:],
+        margins=values[rows:],
         limit_multipliers=found["multipliers"][rows:],
         constraint_forces=found["force"],
         done=law.clock.is_over(law.clock.fraction(phase)),
@@ -215,17 +215,17 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
     decay, gain = law.attractor.factors(kicks / tau)
     table = np.empty((steps, STEP.size))
     column = STEP.views(table)
-    for rows, kick in ((slice(None), 1), (slice(1), 0)):
+    for rows, k in ((slice(None), 1), (0, 0)):
         table[rows, CLOCK] = (
             time_step,
-            kicks[kick],
-            time_step if kick else state.previous_step,
+            kicks[k],
+            time_step if k else state.previous_step,
             0.0,
             state.pull_in,
-            slip_rates[kick],
+            slip_rates[k],
             rule.barrier_rate / tau,
-            decay[kick],
-            gain[kick] / kicks[kick],
+            decay[k],
+            gain[k] / kicks[k],
         )
     column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
     targets = law.targets(
@@ -238,7 +238,8 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
     )
     for name, values in targets.items():
         column[name][:] = values
-    column["rotation_offset"] += state.steering
+    if state.steering.any():
+        column["rotation_offset"] += state.steering
     return table
 
 

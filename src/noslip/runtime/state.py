@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip._values import Value
+from noslip.constraints.system import ConstraintSystem
 
 
 class _Turn:
@@ -101,7 +102,18 @@ class State(Value):
         return np.asarray(kept.as_quat()[[3, 0, 1, 2]])
 
     def vector(self) -> Floats:
-        """Pose and velocities as the stepper's state vector."""
+        """Pose and velocities, as :data:`noslip.law.layout.STATE` says."""
         return np.concatenate(
             [self.position, self.quaternion, self.linear_velocity, self.angular_velocity]
         )
+
+    def carried(self, system: ConstraintSystem) -> Floats:
+        """What a step carries, see :func:`noslip.law.layout.carried_layout`."""
+        parts = [self.vector()]
+        for part, given in (
+            (system.equalities, self.constraint_residuals),
+            (system.limits, self.margins),
+        ):
+            # A state made by hand may come without.
+            parts.append(given if given.size == part.size else np.zeros(part.size))
+        return np.concatenate(parts)

@@ -9,7 +9,7 @@ import casadi as ca
 from noslip._typing import Floats
 from noslip.codegen.library import Native
 from noslip.constraints.system import ConstraintSystem
-from noslip.law.layout import output_layout
+from noslip.law.layout import carried_layout, output_layout
 from noslip.law.step import step_function
 from noslip.projection.pointwise import POSITION_ONLY, Push, coupling
 from noslip.rule import Rule
@@ -38,11 +38,11 @@ class Stepper:
     def __init__(
         self, system: ConstraintSystem, inverse_metric: tuple[float, ...], push: Push
     ) -> None:
-        self.outputs = output_layout(system.size)
+        self.carried, self.outputs = carried_layout(system.size), output_layout(system.size)
         held = None
         if system.size:
             held = coupling(system, inverse_metric=inverse_metric, push=push)
-        self.function = step_function(held)
+        self.function = step_function(held, system.size)
         self._accumulated = lru_cache(maxsize=8)(self._accumulate)
         self.native = Native(self.function, system.size)
         self._runs = 0
@@ -55,10 +55,10 @@ class Stepper:
 
         Parameters
         ----------
-        state : array, shape (13,)
+        state : array, shape (13 + m,)
         table : array, shape (count, 19)
-        states : array, shape (count, 13)
-            Written to: after each step.
+        states : array, shape (count, 13 + m)
+            Written to: after each step; columns as :func:`noslip.law.layout.carried_layout` says.
         outputs : array, shape (count, ...)
             Written to; columns as :func:`noslip.law.layout.output_layout` says.  All arrays are
             contiguous.

@@ -18,7 +18,7 @@ void noslip_run(const double *state, const double *table, double *states, double
     }
 }
 
-static void sample(const noslip_state *s, double *state, double *values) {
+static void sample(const noslip_state *s, double *state) {
     int i;
     for (i = 0; i < 3; ++i) {
         state[STATE_POSITION + i] = s->position[i];
@@ -26,7 +26,7 @@ static void sample(const noslip_state *s, double *state, double *values) {
         state[STATE_ANGULAR_VELOCITY + i] = s->angular_velocity[i];
     }
     for (i = 0; i < 4; ++i) state[STATE_QUATERNION + i] = s->quaternion[i];
-    for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) values[i] = s->values[i];
+    for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) state[STATE_VALUES + i] = s->values[i];
 }
 
 /* Forces of a motion in so many steps, six a step: they depend on the phase alone. */
@@ -42,30 +42,28 @@ void noslip_forces(const noslip_primitive *primitive, long long steps, double *f
     }
 }
 
-/* One motion for each of several beginnings.  Of each sample after the first: pose and velocities, and
- * the rows' values. */
+/* One motion for each of several beginnings, from the first sample of each. */
 void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
-                     const double *beginnings, long long count, long long steps, double *states,
-                     double *values) {
-    const long long rows = NOSLIP_EQUALITIES + NOSLIP_LIMITS;
+                     const double *beginnings, long long count, long long steps, double *states) {
     long long motion, k;
     int i;
     for (motion = 0; motion < count; ++motion) {
         const double *begin = beginnings + motion * BEGINNING_SIZE;
+        const double *first = states + motion * (steps + 1) * STATE_SIZE;
         noslip_state s;
         noslip_start(primitive, &s);
         for (i = 0; i < 3; ++i) {
-            s.position[i] = begin[BEGINNING_POSITION + i];
-            s.linear_velocity[i] = begin[BEGINNING_LINEAR_VELOCITY + i];
-            s.angular_velocity[i] = begin[BEGINNING_ANGULAR_VELOCITY + i];
+            s.position[i] = first[STATE_POSITION + i];
+            s.linear_velocity[i] = first[STATE_LINEAR_VELOCITY + i];
+            s.angular_velocity[i] = first[STATE_ANGULAR_VELOCITY + i];
             s.goal_position[i] = begin[BEGINNING_GOAL_POSITION + i];
         }
         for (i = 0; i < 4; ++i) {
-            s.quaternion[i] = begin[BEGINNING_QUATERNION + i];
+            s.quaternion[i] = first[STATE_QUATERNION + i];
             s.goal_quaternion[i] = begin[BEGINNING_GOAL_QUATERNION + i];
         }
         for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
-            s.values[i] = values[motion * (steps + 1) * rows + i];
+            s.values[i] = first[STATE_VALUES + i];
         }
         s.duration = begin[BEGINNING_DURATION];
         s.pull_in = begin[BEGINNING_PULL_IN];
@@ -73,7 +71,7 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
             const long long at = motion * (steps + 1) + k;
             const double h = s.duration / (double)steps;
             const int lost = advance(primitive, &s, h, forces + 6 * (k - 1));
-            sample(&s, states + at * STATE_SIZE, values + at * rows);
+            sample(&s, states + at * STATE_SIZE);
             /* The caller looks for it. */
             if (lost) states[at * STATE_SIZE] = NAN;
         }

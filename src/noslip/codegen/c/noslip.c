@@ -242,6 +242,7 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
         step[STEP_ROTATION_OFFSET + i] = offset[3 + i] + state->steering[i];
     }
     for (i = 0; i < 4; ++i) now[STATE_QUATERNION + i] = state->quaternion[i];
+    for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) now[STATE_VALUES + i] = state->values[i];
     step[STEP_TIME_STEP] = time_step;
     step[STEP_KICK] = kick;
     step[STEP_PREVIOUS_STEP] = state->previous_step;
@@ -255,7 +256,7 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 
     noslip_core(now, step, after, output);
 
-    for (i = 0; i < STATE_SIZE; ++i) sum += after[i] - after[i];
+    for (i = 0; i < STATE_VALUES; ++i) sum += after[i] - after[i];
     if (!(sum >= 0)) return 1;
     for (i = 0; i < 3; ++i) {
         state->position[i] = after[STATE_POSITION + i];
@@ -268,7 +269,7 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
         state->force[i] = output[OUTPUT_FORCE + i];
     }
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
-        state->values[i] = output[OUTPUT_VALUES + i];
+        state->values[i] = after[STATE_VALUES + i];
         state->multipliers[i] = output[OUTPUT_MULTIPLIERS + i];
     }
     state->time += time_step;
