@@ -65,7 +65,7 @@ def fit(
     sampled = [POSE.points(evenly_sampled(d, basis_functions)) for d in recorded]
     goal = POSE.goal(sampled)
     forces = [demonstrated_forces(attractor, goal, points) for points in sampled]
-    forcing = ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge)
+    forcing = ForcingTerm.fit(basis, attractor, forces, ridge=ridge)
     velocities = [_start_velocity(attractor, forcing, goal, points) for points in sampled]
     return Law(
         attractor,
@@ -94,7 +94,7 @@ def demonstrated_forces(attractor: Attractor, goal: Goal, points: Floats) -> Flo
     fraction = 1.0 / (len(points) - 1)
     velocities = POSE.difference(points[1:], points[:-1]) / fraction
     pull = attractor.demonstrated_pull(velocities, fraction)
-    led = goal.pull(points, attractor.alpha, len(points) - 1)
+    led = goal.pull(points, attractor, len(points) - 1)
     return attractor.stiffness * (pull - led[1:])
 
 
@@ -103,8 +103,8 @@ def _start_velocity(
 ) -> Floats:
     """Velocity, per duration, with which the first step is the demonstrated one."""
     fraction = 1.0 / (len(points) - 1)
-    pull = goal.pull(points, attractor.alpha, 1)[0]
-    pull = pull + forcing.at_start(fraction, attractor.alpha) / attractor.stiffness
+    pull = goal.pull(points, attractor, 1)[0]
+    pull = pull + forcing.at_start(fraction, attractor) / attractor.stiffness
     first = POSE.difference(points[1:2], points[:1])[0] / fraction
     return attractor.demonstrated_start(pull, first, fraction)
 
