@@ -10,6 +10,10 @@ import numpy as np
 from noslip import _arguments
 from noslip._typing import Floats
 
+LEAST_STEP = 1e-5
+"""Of the duration: of shorter steps, what a moving target adds is that of such a step; a thousandth
+of it would be the rounding of its terms."""
+
 
 @dataclass(frozen=True)
 class Attractor:
@@ -67,6 +71,8 @@ class Attractor:
             between equal steps about ``(alpha (x*+ - x*-) h / 2 + x*+ - 2 x* + x*-) / 12``.  At
             the start, where x*- is not known, it falls out.
         """
+        longer = max(1.0, LEAST_STEP / step)
+        before, step = longer * before, longer * step
         product, gain = self.factors(before, step)
         slope = (1 - product) / gain - 1 / self.beta
         bend = (step + product * before) / gain / 2 - slope / self.beta - 1 / self.stiffness

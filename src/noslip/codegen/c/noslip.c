@@ -114,6 +114,9 @@ static void leading(const noslip_primitive *p, noslip_real fraction, const nosli
     multiply(rotation, quarter, quaternion);
 }
 
+/* Of shorter steps, fractions of the duration, what a moving target adds would be rounding. */
+#define LEAST_STEP (sizeof(noslip_real) < sizeof(double) ? REAL(1e-3) : REAL(1e-5))
+
 /* (exp(r t) - 1) / t, which is r for no time at all. */
 static noslip_real rate(noslip_real r, noslip_real t) { return t > 0 ? expm1(r * t) / t : r; }
 
@@ -122,33 +125,44 @@ static noslip_real sinc(noslip_real x) { return x > 0 ? sin(x) / x : 1; }
 /* (1 - cos(w t)) / t. */
 static noslip_real risen(noslip_real w, noslip_real t) { return w * sin(w * t / 2) * sinc(w * t / 2); }
 
-/* Of a step h after another one, fractions of the duration: P, G, and what a target that moves adds
- * to itself, by its change and by its bend. */
-static const noslip_real *factors(const noslip_primitive *p, noslip_state *s, noslip_real h) {
-    const noslip_real before = s->previous_step / s->duration, c = p->alpha / 2;
-    const noslip_real stiffness = p->alpha * p->beta, inside = c * c - stiffness;
+/* P and G of a step h after another one, fractions of the duration. */
+static void carry(const noslip_primitive *p, noslip_real before, noslip_real h, noslip_real *found) {
+    const noslip_real c = p->alpha / 2, inside = c * c - p->alpha * p->beta;
     const noslip_real root = sqrt(fabs(inside));
-    noslip_real *found = s->known_factors, share = 1, product, gain, slope, bend;
-    if (!(s->known_lengths[0] < h) && !(s->known_lengths[0] > h)
-        && !(s->known_lengths[1] < before) && !(s->known_lengths[1] > before)) return found;
+    noslip_real share = 1;
     if (inside >= 0) {
         const noslip_real lead = rate(-c - root, before);
         if (root > 0) share = rate(-2 * root, h) / rate(-2 * root, before);
-        product = share * exp((root - c) * h - (root + c) * before);
-        gain = lead * (expm1((root - c) * h) * share + (share - 1));
-        gain += lead - rate(-c - root, h);
+        found[0] = share * exp((root - c) * h - (root + c) * before);
+        found[1] = lead * (expm1((root - c) * h) * share + (share - 1));
+        found[1] += lead - rate(-c - root, h);
     } else {
         share = sinc(root * h) / sinc(root * before);
-        product = share * exp(-c * (h + before));
-        gain = exp(-c * h) * (share * (rate(-c, before) + risen(root, before)) + risen(root, h));
-        gain -= rate(-c, h);
+        found[0] = share * exp(-c * (h + before));
+        found[1] = exp(-c * h) * (share * (rate(-c, before) + risen(root, before)) + risen(root, h));
+        found[1] -= rate(-c, h);
     }
-    slope = (1 - product) / gain - 1 / p->beta;
-    bend = (h + product * before) / gain / 2 - slope / p->beta - 1 / stiffness;
+}
+
+/* The same of the next step, and what a target that moves adds to itself, by its change and by its
+ * bend. */
+static const noslip_real *factors(const noslip_primitive *p, noslip_state *s, noslip_real h) {
+    noslip_real before = s->previous_step / s->duration, wide[2], slope, bend;
+    noslip_real *found = s->known_factors;
+    if (!(s->known_lengths[0] < h) && !(s->known_lengths[0] > h)
+        && !(s->known_lengths[1] < before) && !(s->known_lengths[1] > before)) return found;
     s->known_lengths[0] = h;
     s->known_lengths[1] = before;
-    found[0] = product;
-    found[1] = gain;
+    carry(p, before, h, found);
+    wide[0] = found[0];
+    wide[1] = found[1];
+    if (h < LEAST_STEP) {
+        before *= LEAST_STEP / h;
+        h = LEAST_STEP;
+        carry(p, before, h, wide);
+    }
+    slope = (1 - wide[0]) / wide[1] - 1 / p->beta;
+    bend = (h + wide[0] * before) / wide[1] / 2 - slope / p->beta - 1 / (p->alpha * p->beta);
     found[2] = slope / h;
     found[3] = before > 0 ? bend / (h * h) : slope / h / 2;
     return found;
