@@ -123,7 +123,8 @@ def learn(
         recorded = bring_into_step(recorded)
     if project_start:
         recorded = [project_initial_velocity(d, system) for d in recorded]
-    mean_step = recorded[0].path_length / default_steps(recorded[0])
+    basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
+    mean_step = recorded[0].path_length / default_steps(recorded[0], basis_functions)
 
     def rule_along(demonstrations: Sequence[PoseTrajectory]) -> Rule:
         return Rule(
@@ -135,7 +136,6 @@ def learn(
 
     # What is out of range is refused before the projections take their time.
     rule_along(())
-    basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     for demonstration in recorded:
         require_consistent(system, demonstration)
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
@@ -156,13 +156,11 @@ def learn(
             progress(index + 1, len(recorded))
     constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
     demonstrated = fit(sampled, basis_functions=basis_functions, **constants)
-    demonstrated = replace(demonstrated, steps=default_steps(recorded[0]))
     law = demonstrated
     if projected:
         law = replace(
             fit(projected, basis_functions=basis_functions, **constants),
             duration=demonstrated.duration,
-            steps=demonstrated.steps,
         )
     spread = Spread.about(law, projected or sampled)
     return ConstrainedDMP(
