@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 import noslip as ns
 from motions import cut, held_askew, numerical_example
+from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.projection.pointwise import POSITION_ONLY
 from noslip.rule import Rule
+from strategies import unit
 
 
 @cache
@@ -52,3 +57,26 @@ def under(
     """The same law under other constraints."""
     rule = replace(dmp.rule, system=ConstraintSystem(constraints), **settings)
     return replace(dmp, rule=rule)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A goal beside a primitive's own."""
+
+    position: Floats
+    rotation: Rotation
+
+    @classmethod
+    def beside(
+        cls,
+        dmp: ns.ConstrainedDMP,
+        rng: np.random.Generator,
+        length: float,
+        *,
+        farthest: float = 0.5,
+        turned: float = 45.0,
+    ) -> Goal:
+        """From 1 % of the path's length away, in any direction, turned about any axis."""
+        shift = rng.uniform(0.01, farthest) * length * unit(rng)
+        turn = np.radians(rng.uniform(0, turned)) * unit(rng)
+        return cls(dmp.goal_position + shift, Rotation.from_rotvec(turn) * dmp.goal_rotation)

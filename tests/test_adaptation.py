@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from learned import cutting, numerical
+from learned import Goal, cutting, numerical
 from measures import apart, assert_same_poses, degrees, slip
-from motions import along, arc, cut, numerical_example
+from motions import along, arc, cut
 from noslip._typing import Floats
 from refusals import refusal
 from strategies import seeds, unit
@@ -58,72 +58,7 @@ def own_goal(dmp: ns.ConstrainedDMP) -> tuple[Floats, Rotation]:
     return dmp.goal_position, dmp.goal_rotation
 
 
-@dataclass(frozen=True)
-class Goal:
-    """A goal beside a primitive's own."""
-
-    position: Floats
-    rotation: Rotation
-
-    @classmethod
-    def beside(
-        cls,
-        dmp: ns.ConstrainedDMP,
-        rng: np.random.Generator,
-        length: float,
-        *,
-        farthest: float = 0.5,
-        turned: float = 45.0,
-    ) -> Goal:
-        """From 1 % of the path's length away, in any direction, turned about any axis."""
-        shift = rng.uniform(0.01, farthest) * length * unit(rng)
-        turn = np.radians(rng.uniform(0, turned)) * unit(rng)
-        return cls(dmp.goal_position + shift, Rotation.from_rotvec(turn) * dmp.goal_rotation)
-
-
 # -------------------------------------------------------------------- new goals, as promised
-
-
-def contour(recordings: Path, name: str) -> ns.PoseTrajectory:
-    recorded = ns.load_demonstrations(recordings / "contour_following" / f"data_demo_{name}.csv")
-    return ns.prepare(recorded[0], trim_speed=0.05, rate=120, lowpass=4.8)
-
-
-def five_hundred(given_: ns.PoseTrajectory, count: int, seed: int) -> None:
-    """Random goals of one primitive: nearly all converge, and those that do are right."""
-    dmp = ns.learn(given_, [BLADE])
-    length = dmp.rollout().path_length
-    projected = ns.project_trajectory(given_, BLADE)
-    usual = peak_rate(projected.trajectory)
-    rng = np.random.default_rng(seed)
-    failed, rates, wrong = 0, [], []
-    for _ in range(count):
-        goal = Goal.beside(dmp, rng, length)
-        try:
-            new = dmp.adapt(goal_position=goal.position, goal_rotation=goal.rotation)
-        except ns.errors.ConvergenceError:
-            failed += 1
-            continue
-        motion = new.rollout()
-        good, found = reaches(motion, goal.position, goal.rotation, length)
-        if not good or np.abs(slip(motion)).max() > RESIDUAL:
-            wrong.append(found)
-        rates.append(peak_rate(motion) / usual)
-    assert not wrong
-    assert failed <= 0.01 * count
-    assert np.mean(np.array(rates) <= 2) >= 0.95
-
-
-@pytest.mark.slow
-def test_the_numerical_example_reaches_any_goal() -> None:
-    five_hundred(numerical_example(), 168, seed=0)
-
-
-@pytest.mark.slow
-@pytest.mark.recordings
-@pytest.mark.parametrize("name", ["a_1", "c_1"])
-def test_a_recorded_contour_reaches_any_goal(recordings: Path, name: str) -> None:
-    five_hundred(contour(recordings, name), 166, seed=1)
 
 
 @given(seeds)

@@ -151,7 +151,10 @@ def learn(
         recorded = bring_into_step(recorded)
     if project_start:
         recorded = [project_initial_velocity(d, system) for d in recorded]
-    mean_step = recorded[0].path_length / default_steps(recorded[0])
+    fewest = _PAPERS
+    if basis_functions != "auto":
+        fewest = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
+    mean_step = recorded[0].path_length / default_steps(recorded[0], fewest)
 
     def rule_along(demonstrations: Sequence[PoseTrajectory]) -> Rule:
         return Rule(
@@ -163,9 +166,6 @@ def learn(
 
     # What is out of range is refused before the projections take their time.
     rule_along(())
-    fewest = _PAPERS
-    if basis_functions != "auto":
-        fewest = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     for demonstration in recorded:
         require_consistent(system, demonstration)
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
@@ -190,7 +190,7 @@ def learn(
         constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
         law = fit(several, basis_functions=count, **constants)
         duration = float(np.mean([d.duration for d in recorded]))
-        return replace(law, duration=duration, steps=default_steps(recorded[0]))
+        return replace(law, duration=duration, steps=default_steps(recorded[0], count))
 
     most = MOST_BASIS_FUNCTIONS if basis_functions == "auto" else fewest
     law, off = followed_with(fitted, followed, fewest, most)

@@ -122,7 +122,7 @@ def stacked_system(
     """Rows of the regression of all demonstrations, from the step's equation alone.
 
     The recursion ``x+ - S x + P x- = K x*`` gives the target of each step.  The target's own
-    change within the step enters to fourth order, ``x* + h^2/12 (x*'' + alpha x*')``.
+    change within the step enters by central differences.
     """
     companion = np.array([[0.0, 1.0], [-attractor.stiffness, -attractor.alpha]])
     rows, forces = [], []
@@ -135,9 +135,8 @@ def stacked_system(
         forces.append(attractor.stiffness * (target - path[-1]))
         psi = equation_3(basis, basis.phase.at(np.arange(len(path)) * h))
         before, now, after = psi[:-2], psi[1:-1], psi[2:]
-        second = (after - 2 * now + before) / h**2
-        first = (after - before) / (2 * h)
-        rows.append(now + h**2 / 12 * (second + attractor.alpha * first))
+        change, bend = attractor.led_by(h, h)
+        rows.append(now + change * (after - before) / 2 + bend * (after - 2 * now + before))
     return np.vstack(rows), np.vstack(forces)
 
 
@@ -148,7 +147,7 @@ def fit_positions(
     points = [np.hstack([path, np.tile([1.0, 0, 0, 0], (len(path), 1))]) for path in paths]
     goal = POSE.goal(points)
     forces = [demonstrated_forces(attractor, goal, p)[:, :3] for p in points]
-    return ForcingTerm.fit(basis, attractor.alpha, forces, ridge=ridge)
+    return ForcingTerm.fit(basis, attractor, forces, ridge=ridge)
 
 
 @pytest.mark.parametrize("ridge", [1e-6, 1e-3, 1.0])

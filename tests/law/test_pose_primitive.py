@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from motions import cut
 from noslip import ConstrainedDMP, PoseTrajectory, State, learn
 from noslip._typing import Floats
 from noslip.errors import InputError
@@ -511,6 +512,21 @@ def test_steps_of_changing_length_make_nearly_the_same_motion(seed: int) -> None
     off, turned = smooth.distance(motion)
     assert off < 1e-3
     assert turned < 5e-3
+
+
+@pytest.mark.parametrize("steps", [75, 150, 300])
+def test_a_shorter_last_step_is_as_right_as_one_like_the_others(steps: int) -> None:
+    dmp = learn(cut(), basis_functions=40)
+    exact = dmp.rollout(time_step=dmp.duration / 3000)
+
+    def off(last: float) -> Floats:
+        """Of the end, with a last step of a share of the others (m, rad)."""
+        motion = dmp.rollout(time_step=dmp.duration / (steps - 1 + last))
+        turned = (motion.rotations[-1] * exact.rotations[-1].inv()).magnitude()
+        return np.array([np.linalg.norm(motion.positions[-1] - exact.positions[-1]), turned])
+
+    for last in (0.1, 0.25, 0.5, 0.75, 0.9):
+        assert np.all(off(last) <= 2 * off(1.0)), (last, off(last), off(1.0))
 
 
 def test_a_state_is_not_changed_by_the_step_that_leaves_it() -> None:

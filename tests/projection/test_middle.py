@@ -15,12 +15,11 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 import noslip as ns
-from learned import cutting, numerical
+from learned import Goal, cutting, numerical
 from measures import apart, degrees, residuals
 from motions import cut
 from noslip._typing import Floats
 from noslip.constraints import InMovingFrame, Instant
-from strategies import unit
 
 RATES = [20.0, 28.6, 100.0, 1000.0]
 """Of recordings (Hz), slow cameras and fast controllers among them."""
@@ -180,15 +179,13 @@ def ends(
     length = dmp.rollout().path_length
     moved, turns = np.empty((2, goals, len(TIMES)))
     for i in range(goals):
-        goal = dmp.goal_position + rng.uniform(0.01, farthest) * length * unit(rng)
-        turn = Rotation.from_rotvec(np.radians(rng.uniform(0, turned)) * unit(rng))
-        held = turn * dmp.goal_rotation
-        new = dmp.adapt(goal_position=goal, goal_rotation=held)
+        goal = Goal.beside(dmp, rng, length, farthest=farthest, turned=turned)
+        new = dmp.adapt(goal_position=goal.position, goal_rotation=goal.rotation)
         step = np.diff(new.rollout().times)[0]
         for j, times in enumerate(TIMES):
             motion = new.rollout(time_step=times * step)
-            moved[i, j] = np.linalg.norm(motion.positions[-1] - goal) / motion.path_length
-            turns[i, j] = degrees(motion.rotations[-1], held)
+            moved[i, j] = np.linalg.norm(motion.positions[-1] - goal.position) / motion.path_length
+            turns[i, j] = degrees(motion.rotations[-1], goal.rotation)
     return moved, turns
 
 

@@ -15,7 +15,7 @@ from noslip._values import Value
 from noslip.adapting.ends import asked, placed, require_feasible
 from noslip.boundary import Boundary, End
 from noslip.errors import ConvergenceError, InputError
-from noslip.law.fitting import MOST_BASIS_FUNCTIONS, SAMPLES_PER_BASIS_FUNCTION, fit
+from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps, fit
 from noslip.law.law import Law
 from noslip.law.scaling import Scaling, scaled
 from noslip.projection.blend import through
@@ -103,7 +103,7 @@ def adapt(
         What of the start and the goal is kept to; all of it by default.  What is not named in
         the call is that of the law.
     samples : int, optional
-        Of the projection; by default one a step, from 5 a basis function up to 2001.
+        Of the projection; by default one a step, from 4 a basis function up to 2001.
     position_weight, position_smoothing, rotation_smoothing : float
         Of the projection, see :func:`noslip.project_trajectory`.
 
@@ -213,4 +213,4 @@ def carried_out(
 
 
 def _samples_for(basis_functions: int, steps: int) -> int:
-    return min(max(steps, SAMPLES_PER_BASIS_FUNCTION * basis_functions) + 1, MOST_SAMPLES)
+    return min(max(steps, fewest_steps(basis_functions)) + 1, MOST_SAMPLES)

@@ -14,7 +14,7 @@ from noslip.adapting.adaptation import FEWEST_SAMPLES, Adapted, carried_out, sam
 from noslip.adapting.ends import asked, placed
 from noslip.boundary import Boundary, End
 from noslip.errors import InputError
-from noslip.law.fitting import FEWEST_STEPS, SAMPLES_PER_BASIS_FUNCTION
+from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
 from noslip.projection.blend import through
 from noslip.projection.feasibility import project_pose
@@ -107,7 +107,7 @@ def replan(
         back = [Boundary.keeping(moved, k / (samples - 1), "pose")]
     # The time step stays what it was, unless that is too long for the fit.
     steps = round(law.steps * duration / state.duration)
-    steps = max(steps, SAMPLES_PER_BASIS_FUNCTION * law.basis.count, FEWEST_STEPS)
+    steps = max(steps, fewest_steps(law.basis.count))
     request = replace(
         request,
         reference=through(moved, [first, *back, last]),

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Floats
+
+LEAST_STEP = 1e-5
+"""Of the duration: of shorter steps, what a moving target adds is that of such a step; a thousandth
+of it would be the rounding of its terms."""
 
 
 @dataclass(frozen=True)
@@ -16,14 +21,13 @@ class Attractor:
 
     A step carries the state by the exact solution of the homogeneous equation,
 
-        ``v+ = P v + K / h (x* - x)``,  ``x+ = x + dt v+``,  ``x* = g + f / (alpha beta)``
+        ``v+ = P v + G (x* - x)``,  ``x+ = x + dt v+``,  ``x* = g + f / (alpha beta)``
 
-    with ``P = exp(-alpha h / tau)`` and ``K = 1 - S + P``, where P and S are the product and the
-    sum of ``exp(r h / tau)`` over the two roots r of ``r^2 + alpha r + alpha beta``.  For h -> 0
-    this is the equation above; unlike the explicit step it has the equation's own poles at any
-    step size, so no step is too long for it.  It is of second order with the velocity kept half a
-    step back, as in leapfrog integration: ``h`` is the mean of the last step and this one, half a
-    step at the start.
+    with the velocity kept half a step back, as in leapfrog integration.  Between equal steps of a
+    fraction h of the duration, ``P = exp(-alpha h)`` and ``G = (1 - S + P) / h``, where P and S are
+    the product and the sum of ``exp(r h)`` over the two roots r of ``r^2 + alpha r + alpha beta``.
+    For h -> 0 this is the equation above; unlike the explicit step it has the equation's own poles
+    at any step size, so no step is too long for it.
     """
 
     alpha: float = 25.0
@@ -38,18 +42,41 @@ class Attractor:
         """``alpha beta``."""
         return self.alpha * self.beta
 
-    def factors(self, fraction: Floats | float) -> tuple[Floats, Floats]:
-        """P and K for a kick over a fraction ``h / tau`` of the duration."""
-        h = np.asarray(fraction, dtype=np.float64)
-        product = np.exp(-self.alpha * h)
-        discriminant = self.alpha**2 / 4 - self.stiffness
-        root = np.sqrt(abs(discriminant))
-        if discriminant >= 0:
-            low, high = -self.alpha / 2 - root, -self.alpha / 2 + root
-            # (1 - e^low)(1 - e^high), without the cancellation of 1 - S + P at short steps.
-            return product, np.expm1(low * h) * np.expm1(high * h)
-        half = np.exp(-self.alpha * h / 2)
-        return product, np.expm1(-self.alpha * h / 2) ** 2 + 4 * half * np.sin(root * h / 2) ** 2
+    # Most steps are as long as the one before.
+    @lru_cache(maxsize=64)  # noqa: B019 - what it keeps alive is two numbers
+    def factors(self, before: float, step: float) -> tuple[float, float]:
+        """P and G of a step after another one, both as fractions of the duration.
+
+        Of the first step, before which there is none (0), ``v`` is the velocity of the instant.
+        """
+        root = (self.alpha**2 / 4 - self.stiffness) ** 0.5  # complex where underdamped
+        slow, fast = -self.alpha / 2 + root, -self.alpha / 2 - root
+        # The two roots' solutions through two points fix how the third goes on; of a double root
+        # the share is 1.
+        share = _rate(-2 * root, step) / _rate(-2 * root, before) if root else 1.0
+        product = np.exp(slow * step + fast * before) * share
+        # Without the cancellation of 1 - S + P at short steps.
+        lead = _rate(fast, before)
+        gain = lead * (np.expm1(slow * step) * share + (share - 1)) + (lead - _rate(fast, step))
+        return float(product.real), float(gain.real)
+
+    def led_by(self, before: float, step: float) -> tuple[float, float]:
+        """What a target that moves adds to itself in a step, which holds it still.
+
+        Returns
+        -------
+        change, bend : float
+            ``x* + change (x*+ - x*-) / 2 + bend (x*+ - 2 x* + x*-)`` leads a step exactly as a
+            target does that is quadratic in time and is x*- a step before and x*+ a step after;
+            between equal steps about ``(alpha (x*+ - x*-) h / 2 + x*+ - 2 x* + x*-) / 12``.  At
+            the start, where x*- is not known, it falls out.
+        """
+        longer = max(1.0, LEAST_STEP / step)
+        before, step = longer * before, longer * step
+        product, gain = self.factors(before, step)
+        slope = (1 - product) / gain - 1 / self.beta
+        bend = (step + product * before) / gain / 2 - slope / self.beta - 1 / self.stiffness
+        return slope / step, bend / step**2 if before else slope / step / 2
 
     def demonstrated_start(self, pull: Floats, first_step: Floats, fraction: float) -> Floats:
         """Velocity at the start from which the half kick makes the first step: its exact inverse.
@@ -63,8 +90,8 @@ class Attractor:
         fraction : float
             ``dt / tau``.
         """
-        product, gain = self.factors(fraction / 2)
-        return np.asarray((first_step - gain / (fraction / 2) * pull) / product)
+        product, gain = self.factors(0.0, fraction)
+        return np.asarray((first_step - gain * pull) / product)
 
     def demonstrated_pull(self, velocities: Floats, fraction: float) -> Floats:
         """Pulls ``x* - x`` under which the steps reproduce samples: the step's exact inverse.
@@ -81,5 +108,10 @@ class Attractor:
         array, shape (N - 2, d)
             At the samples 1 to N - 2.
         """
-        product, gain = self.factors(fraction)
-        return (velocities[1:] - product * velocities[:-1]) * (fraction / gain)
+        product, gain = self.factors(fraction, fraction)
+        return (velocities[1:] - product * velocities[:-1]) / gain
+
+
+def _rate(root: complex, step: float) -> complex:
+    """``(exp(r h) - 1) / h``, which is r for no step at all."""
+    return np.expm1(root * step) / step if step else root

@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from noslip._typing import Floats
+from noslip.law.attractor import Attractor
 from noslip.law.clock import Phase
 
 CACHED = 2048
@@ -74,13 +75,13 @@ class Basis:
         return columns, psi
 
     def stepping_activations(
-        self, begin: float, steps: int, step_fraction: float, alpha: float, *, starting: bool
+        self, begin: float, steps: int, step_fraction: float, attractor: Attractor, before: float
     ) -> Iterator[tuple[slice, slice, Floats]]:
-        """Activations as the steps of an :class:`Attractor` want them, in blocks.
+        """Activations as the steps of an attractor want them, in blocks.
 
-        A step treats its target as constant.  What that leaves out is, to fourth order,
-        ``h^2 / 12 (x*'' + alpha x*')`` (and ``h / 3 x*'`` in the first half kick from the start),
-        added here by central differences.  It makes long steps about twenty times more accurate.
+        A step treats its target as constant.  What that leaves out
+        (:meth:`noslip.law.attractor.Attractor.led_by`) is added here by central differences.
+        It makes long steps about twenty times more accurate.
 
         Parameters
         ----------
@@ -89,10 +90,9 @@ class Basis:
         steps : int
         step_fraction : float
             ``dt / tau``.
-        alpha : float
-            Of the attractor.
-        starting : bool
-            Whether the first step is the motion's first, with its half kick.
+        attractor : Attractor
+        before : float
+            The step before the first one; 0 at the start of the motion.
 
         Yields
         ------
@@ -106,7 +106,7 @@ class Basis:
             size = min(CACHED, steps - first)
             at = begin + first * step_fraction
             blocks = _stepping_activations(
-                self, at, size, step_fraction, alpha, starting and first == 0
+                self, at, size, step_fraction, attractor, step_fraction if first else before
             )
             for rows, columns, activations in blocks:
                 yield slice(first + rows.start, first + rows.stop), columns, activations
@@ -116,15 +116,14 @@ class Basis:
         begin: float,
         steps: int,
         step_fraction: float,
-        alpha: float,
+        attractor: Attractor,
+        before: float,
         weights: Floats,
-        *,
-        starting: bool,
     ) -> Floats:
         """Product of :meth:`stepping_activations` with weights, shape (steps, d)."""
         forces = np.empty((steps, weights.shape[1]))
         for rows, columns, activations in self.stepping_activations(
-            begin, steps, step_fraction, alpha, starting=starting
+            begin, steps, step_fraction, attractor, before
         ):
             np.matmul(activations, weights[columns], out=forces[rows])
         return forces
@@ -133,17 +132,20 @@ class Basis:
 # Rollouts of one primitive repeat: most of their time would go into the same exponentials.
 @lru_cache(maxsize=16)
 def _stepping_activations(
-    basis: Basis, begin: float, steps: int, h: float, alpha: float, starting: bool
+    basis: Basis, begin: float, steps: int, h: float, attractor: Attractor, earlier: float
 ) -> list[tuple[slice, slice, Floats]]:
     phases = basis.phase.at(begin + np.arange(-1, steps + 1) * h)
+    change, bend = attractor.led_by(h, h)
     blocks = []
     for first in range(0, steps, NEARBY):
         rows = slice(first, min(first + NEARBY, steps))
         columns, around = basis._near(phases[rows.start : rows.stop + 2])
         before, now, after = around[:-2], around[1:-1], around[2:]
-        found = now + (after - 2 * now + before + alpha * h / 2 * (after - before)) / 12
-        if starting and first == 0:
-            found[0] = now[0] + (after[0] - now[0]) / 3
+        changed, bent = (after - before) / 2, after - 2 * now + before
+        found = now + change * changed + bend * bent
+        if first == 0 and earlier != h:
+            other = attractor.led_by(earlier, h)
+            found[0] = now[0] + other[0] * changed[0] + other[1] * bent[0]
         found.flags.writeable = False
         blocks.append((rows, columns, found))
     return blocks

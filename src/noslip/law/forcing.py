@@ -12,6 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
+from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 
 
@@ -42,9 +43,9 @@ class ForcingTerm(Value):
         weights.flags.writeable = False
         object.__setattr__(self, "weights", weights)
 
-    def at_start(self, fraction: float, alpha: float) -> Floats:
+    def at_start(self, fraction: float, attractor: Attractor) -> Floats:
         """Force in the half kick of a first step of a fraction of the duration, shape (d,)."""
-        forces = self.basis.stepping_forces(0.0, 1, fraction, alpha, self.weights, starting=True)
+        forces = self.basis.stepping_forces(0.0, 1, fraction, attractor, 0.0, self.weights)
         return np.asarray(forces[0])
 
     def __call__(self, phases: Floats) -> Floats:
@@ -53,14 +54,13 @@ class ForcingTerm(Value):
 
     @classmethod
     def fit(
-        cls, basis: Basis, alpha: float, forces: Sequence[Floats], *, ridge: float = 1e-6
+        cls, basis: Basis, attractor: Attractor, forces: Sequence[Floats], *, ridge: float = 1e-6
     ) -> ForcingTerm:
         """Fit the weights by ridge regression to one or several demonstrations' forces.
 
         Parameters
         ----------
-        alpha : float
-            Of the attractor.
+        attractor : Attractor
         forces : sequence of arrays, shape (N_i, d)
             At the inner samples of each demonstration, whose N_i + 2 samples are evenly spaced over
             the motion.
@@ -72,9 +72,9 @@ class ForcingTerm(Value):
         moment = np.zeros((basis.count, forces[0].shape[1]))
         for force in forces:
             h = 1.0 / (len(force) + 1)
-            normal += _normal_matrix(basis, len(force), alpha)
+            normal += _normal_matrix(basis, len(force), attractor)
             for rows, columns, activations in basis.stepping_activations(
-                h, len(force), h, alpha, starting=False
+                h, len(force), h, attractor, h
             ):
                 moment[columns] += activations.T @ force[rows]
         normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
@@ -83,10 +83,10 @@ class ForcingTerm(Value):
 
 # Position and orientation, projected or not, are all fitted on the same samples.
 @lru_cache(maxsize=32)
-def _normal_matrix(basis: Basis, steps: int, alpha: float) -> Floats:
+def _normal_matrix(basis: Basis, steps: int, attractor: Attractor) -> Floats:
     h = 1.0 / (steps + 1)
     normal = np.zeros((basis.count, basis.count))
-    for _, columns, activations in basis.stepping_activations(h, steps, h, alpha, starting=False):
+    for _, columns, activations in basis.stepping_activations(h, steps, h, attractor, h):
         normal[columns, columns] += activations.T @ activations
     normal.flags.writeable = False
     return normal

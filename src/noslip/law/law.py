@@ -113,8 +113,7 @@ class Law(Value):
         step_fraction: float,
         goal_position: Floats,
         goal_rotation: Rotation,
-        *,
-        starting: bool,
+        before: float,
     ) -> dict[str, Floats]:
         """Where each of the coming steps is drawn to.
 
@@ -127,8 +126,8 @@ class Law(Value):
             ``dt / tau``.
         goal_position, goal_rotation : array, shape (3,), and Rotation
             To end at.
-        starting : bool
-            Whether the first step is the motion's first, with its half kick.
+        before : float
+            The step before the first one, over tau; 0 at the start of the motion.
 
         Returns
         -------
@@ -139,13 +138,12 @@ class Law(Value):
             begin,
             steps,
             step_fraction,
-            self.attractor.alpha,
+            self.attractor,
+            before,
             self.offset_weights,
-            starting=starting,
         )
-        alpha = self.attractor.alpha
         rotations, left_out = self.goal.winding.along(
-            begin, steps, step_fraction, alpha, goal_rotation, starting=starting
+            begin, steps, step_fraction, self.attractor, before, goal_rotation
         )
         return {
             "position_target": goal_position + offsets[:, FORCE["linear"]],

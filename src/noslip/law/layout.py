@@ -180,6 +180,8 @@ def memory_fields(rows: int) -> tuple[Field, ...]:
         Field("known", (2, FORCE.size)),
         Field("known_winding", (4,)),
         Field("known_turn", (3,)),
+        Field("known_lengths", (2,), "the last step and the one before, fractions"),
+        Field("known_factors", (4,), "of such steps"),
     )
 
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
+from noslip.law.attractor import Attractor
 from noslip.law.layout import FORCE, POINT, STATE
 from noslip.law.winding import Winding
 from noslip.trajectory import PoseTrajectory
@@ -50,15 +51,14 @@ class Goal(Value):
         """Position and quaternion, shape (7,)."""
         return np.concatenate([self.position, self.winding.quaternions[-1]])
 
-    def pull(self, points: Floats, alpha: float, count: int) -> Floats:
+    def pull(self, points: Floats, attractor: Attractor, count: int) -> Floats:
         """Return what draws the first samples to the last one, by way of the winding.
 
         Parameters
         ----------
         points : array, shape (N, 7)
             Evenly spaced from the start to the end.
-        alpha : float
-            Of the attractor.
+        attractor : Attractor
         count : int
             How many samples, at most all but the last.
 
@@ -69,7 +69,7 @@ class Goal(Value):
         """
         fraction = 1 / (len(points) - 1)
         rotations, left_out = self.winding.along(
-            0.0, count, fraction, alpha, _rotation(points[-1]), starting=True
+            0.0, count, fraction, attractor, 0.0, _rotation(points[-1])
         )
         ends = np.hstack([np.broadcast_to(points[-1, STATE["position"]], (count, 3)), rotations])
         found = POSE.difference(ends, points[:count])

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
+from noslip.law.attractor import Attractor
 from noslip.trajectory import continuous_quaternions
 
 FARTHEST_FROM_GOAL = 0.75 * np.pi
@@ -102,10 +103,9 @@ class Winding(Value):
         begin: float,
         steps: int,
         step_fraction: float,
-        alpha: float,
+        attractor: Attractor,
+        before: float,
         goal: Rotation,
-        *,
-        starting: bool,
     ) -> tuple[Floats, Floats]:
         """Return W, led to a goal, where each of the coming steps begins, and what it leaves out.
 
@@ -120,11 +120,10 @@ class Winding(Value):
         steps : int
         step_fraction : float
             ``dt / tau``.
-        alpha : float
-            Of the attractor.
+        attractor : Attractor
+        before : float
+            The step before the first one; 0 at the start of the motion.
         goal : Rotation
-        starting : bool
-            Whether the first step is the motion's first, with its half kick.
 
         Returns
         -------
@@ -132,7 +131,7 @@ class Winding(Value):
         left_out : array, shape (steps, 3)
             Rotation vectors, world frame (rad).
         """
-        leading, left_out = _along(self, begin, steps, step_fraction, alpha, starting)
+        leading, left_out = _along(self, begin, steps, step_fraction, attractor, before)
         if goal is self.goal or (turn := self.goal.inv() * goal).magnitude() == 0.0:
             return leading, left_out
         turned = Rotation.from_quat(leading, scalar_first=True) * turn
@@ -142,16 +141,16 @@ class Winding(Value):
 # As for the basis functions: rollouts of one primitive repeat.
 @lru_cache(maxsize=4)
 def _along(
-    winding: Winding, begin: float, steps: int, h: float, alpha: float, starting: bool
+    winding: Winding, begin: float, steps: int, h: float, attractor: Attractor, earlier: float
 ) -> tuple[Floats, Floats]:
     around = winding.at(begin + np.arange(-1, steps + 1) * h)
     left_out = np.zeros((steps, 3))
     if len(winding.quaternions) > 1:
         turns = (around[1:] * around[:-1].inv()).as_rotvec()
         before, after = turns[:-1], turns[1:]
-        left_out = (after - before + alpha * h / 2 * (after + before)) / 12
-        if starting:
-            left_out[0] = after[0] / 3
+        change, bend = np.tile(attractor.led_by(h, h), (steps, 1)).T[:, :, None]
+        change[0], bend[0] = attractor.led_by(earlier, h)
+        left_out = change * (after + before) / 2 + bend * (after - before)
     found = np.asarray(around[1:-1].as_quat(scalar_first=True)), left_out
     for part in found:
         part.flags.writeable = False

@@ -66,7 +66,7 @@ class Memory:
         self.limit_multipliers = slice(multipliers + equalities, multipliers + rows)
         self.values = slice(values, values + rows)
         self.all_multipliers = slice(multipliers, multipliers + rows)
-        self.known = layout.span("known_fraction", "known_turn")
+        self.known = layout.span("known_fraction", "known_factors")
         self._clock, self._system = clock, system
 
     def __eq__(self, other: object) -> bool:

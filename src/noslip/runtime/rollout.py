@@ -211,21 +211,22 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
         AT_ONCE if held else state.pull_in,
     )
     # The first kick begins in the middle of the step before; the others are alike.
-    kicks = np.array([(state.previous_step + time_step) / 2, time_step])
-    decay, gain = law.attractor.factors(kicks / tau)
+    kicks = (state.previous_step + time_step) / 2, time_step
     table = np.empty((steps, STEP.size))
     column = STEP.views(table)
     for rows, k in ((slice(None), 1), (0, 0)):
+        before = time_step if k else state.previous_step
+        decay, gain = law.attractor.factors(before / tau, time_step / tau)
         table[rows, CLOCK] = (
             time_step,
             kicks[k],
-            time_step if k else state.previous_step,
+            before,
             0.0,
             state.pull_in,
             slip_rates[k],
             rule.barrier_rate / tau,
-            decay[k],
-            gain[k] / kicks[k],
+            decay,
+            gain / tau,
         )
     column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
     targets = law.targets(
@@ -234,7 +235,7 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
         time_step / tau,
         state.goal_position,
         state.goal_rotation,
-        starting=not started,
+        state.previous_step / tau,
     )
     for name, values in targets.items():
         column[name][:] = values

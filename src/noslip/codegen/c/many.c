@@ -35,6 +35,7 @@ void noslip_forces(const noslip_primitive *primitive, long long steps, double *f
     noslip_state s;
     long long k;
     noslip_start(primitive, &s);
+    s.duration = 1;
     for (k = 0; k < steps; ++k) {
         stepping_force(primitive, &s, h, forces + 6 * k);
         s.fraction += h;

@@ -114,9 +114,64 @@ static void leading(const noslip_primitive *p, noslip_real fraction, const nosli
     multiply(rotation, quarter, quaternion);
 }
 
+/* Of shorter steps, fractions of the duration, what a moving target adds would be rounding. */
+#define LEAST_STEP (sizeof(noslip_real) < sizeof(double) ? REAL(1e-3) : REAL(1e-5))
+
+/* (exp(r t) - 1) / t, which is r for no time at all. */
+static noslip_real rate(noslip_real r, noslip_real t) { return t > 0 ? expm1(r * t) / t : r; }
+
+static noslip_real sinc(noslip_real x) { return x > 0 ? sin(x) / x : 1; }
+
+/* (1 - cos(w t)) / t. */
+static noslip_real risen(noslip_real w, noslip_real t) { return w * sin(w * t / 2) * sinc(w * t / 2); }
+
+/* P and G of a step h after another one, fractions of the duration. */
+static void carry(const noslip_primitive *p, noslip_real before, noslip_real h, noslip_real *found) {
+    const noslip_real c = p->alpha / 2, inside = c * c - p->alpha * p->beta;
+    const noslip_real root = sqrt(fabs(inside));
+    noslip_real share = 1;
+    if (inside >= 0) {
+        const noslip_real lead = rate(-c - root, before);
+        if (root > 0) share = rate(-2 * root, h) / rate(-2 * root, before);
+        found[0] = share * exp((root - c) * h - (root + c) * before);
+        found[1] = lead * (expm1((root - c) * h) * share + (share - 1));
+        found[1] += lead - rate(-c - root, h);
+    } else {
+        share = sinc(root * h) / sinc(root * before);
+        found[0] = share * exp(-c * (h + before));
+        found[1] = exp(-c * h) * (share * (rate(-c, before) + risen(root, before)) + risen(root, h));
+        found[1] -= rate(-c, h);
+    }
+}
+
+/* The same of the next step, and what a target that moves adds to itself, by its change and by its
+ * bend. */
+static const noslip_real *factors(const noslip_primitive *p, noslip_state *s, noslip_real h) {
+    noslip_real before = s->previous_step / s->duration, wide[2], slope, bend;
+    noslip_real *found = s->known_factors;
+    if (!(s->known_lengths[0] < h) && !(s->known_lengths[0] > h)
+        && !(s->known_lengths[1] < before) && !(s->known_lengths[1] > before)) return found;
+    s->known_lengths[0] = h;
+    s->known_lengths[1] = before;
+    carry(p, before, h, found);
+    wide[0] = found[0];
+    wide[1] = found[1];
+    if (h < LEAST_STEP) {
+        before *= LEAST_STEP / h;
+        h = LEAST_STEP;
+        carry(p, before, h, wide);
+    }
+    slope = (1 - wide[0]) / wide[1] - 1 / p->beta;
+    bend = (h + wide[0] * before) / wide[1] / 2 - slope / p->beta - 1 / (p->alpha * p->beta);
+    found[2] = slope / h;
+    found[3] = before > 0 ? bend / (h * h) : slope / h / 2;
+    return found;
+}
+
 /* What a target that stands still for a step leaves out of the winding, added to the force. */
 static void stepping_winding(const noslip_primitive *p, noslip_state *s, noslip_real h, int known,
                              noslip_real *force) {
+    const noslip_real *factor = factors(p, s, h);
     const int starting = !(s->previous_step > 0);
     noslip_real earlier[4], now[4], later[4], before[3] = {0, 0, 0}, after[3];
     int j;
@@ -135,10 +190,8 @@ static void stepping_winding(const noslip_primitive *p, noslip_state *s, noslip_
     turn_between(now, later, after);
     for (j = 0; j < 4; ++j) s->known_winding[j] = later[j];
     for (j = 0; j < 3; ++j) {
-        const noslip_real bend = after[j] - before[j];
-        const noslip_real slope = p->alpha * h / 2 * (after[j] + before[j]);
         s->known_turn[j] = after[j];
-        force[3 + j] += starting ? after[j] / 3 : (bend + slope) / 12;
+        force[3 + j] += factor[2] * (after[j] + before[j]) / 2 + factor[3] * (after[j] - before[j]);
     }
 }
 
@@ -149,7 +202,8 @@ static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_re
     const int known = !starting && !(s->known_fraction < s->fraction)
                       && !(s->known_fraction > s->fraction) && !(s->known_step < h)
                       && !(s->known_step > h);
-    noslip_real before[6], now[6], after[6];
+    const noslip_real *factor = factors(p, s, h);
+    noslip_real before[6] = {0, 0, 0, 0, 0, 0}, now[6], after[6];
     int j;
     if (known) {
         for (j = 0; j < 6; ++j) {
@@ -167,14 +221,9 @@ static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_re
         s->known[0][j] = now[j];
         s->known[1][j] = after[j];
     }
-    if (starting) {
-        for (j = 0; j < 6; ++j) force[j] = now[j] + (after[j] - now[j]) / 3;
-    } else {
-        for (j = 0; j < 6; ++j) {
-            const noslip_real bend = after[j] - 2 * now[j] + before[j];
-            const noslip_real slope = p->alpha * h / 2 * (after[j] - before[j]);
-            force[j] = now[j] + (bend + slope) / 12;
-        }
+    for (j = 0; j < 6; ++j) {
+        force[j] = now[j] + factor[2] * (after[j] - before[j]) / 2
+                   + factor[3] * (after[j] - 2 * now[j] + before[j]);
     }
     stepping_winding(p, s, h, known, force);
 }
@@ -202,6 +251,8 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
     for (i = 0; i < 6; ++i) state->known[0][i] = state->known[1][i] = 0;
     for (i = 0; i < 4; ++i) state->known_winding[i] = 0;
     for (i = 0; i < 3; ++i) state->known_turn[i] = 0;
+    for (i = 0; i < 2; ++i) state->known_lengths[i] = -1;
+    for (i = 0; i < 4; ++i) state->known_factors[i] = 0;
     for (i = 0; i < NOSLIP_ROWS; ++i) state->values[i] = state->multipliers[i] = 0;
 }
 
@@ -211,10 +262,9 @@ int noslip_done(const noslip_state *state) { return state->fraction >= 1 - REAL(
 static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
                    const noslip_real *offset) {
     const noslip_real tau = state->duration, h = time_step / tau;
-    const noslip_real kick = (state->previous_step + time_step) / 2, kicked = kick / tau;
-    const noslip_real inside = p->alpha * p->alpha / 4 - p->alpha * p->beta;
+    const noslip_real kick = (state->previous_step + time_step) / 2;
+    const noslip_real *factor = factors(p, state, h);
     noslip_real now[STATE_SIZE], step[STEP_SIZE], after[STATE_SIZE], output[NOSLIP_OUTPUTS];
-    noslip_real root = sqrt(fabs(inside)), decay = exp(-p->alpha * kicked), gain;
     noslip_real sum = 0, fast = 1, slip_rate = state->previous_step > 0 ? AT_ONCE : state->pull_in;
     int i;
 
@@ -226,13 +276,6 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     }
     for (i = 0; i < NOSLIP_EQUALITIES; ++i) {
         if (!(fabs(state->values[i]) <= HELD * fast)) slip_rate = state->pull_in;
-    }
-    if (inside >= 0) {
-        gain = expm1((-p->alpha / 2 - root) * kicked) * expm1((-p->alpha / 2 + root) * kicked);
-    } else {
-        const noslip_real half = exp(-p->alpha * kicked / 2), less = expm1(-p->alpha * kicked / 2);
-        const noslip_real turned = sin(root * kicked / 2);
-        gain = less * less + 4 * half * turned * turned;
     }
     for (i = 0; i < 3; ++i) {
         now[STATE_POSITION + i] = state->position[i];
@@ -250,8 +293,8 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     step[STEP_RESIDUAL_RATE] = state->pull_in;
     step[STEP_SLIP_RATE] = slip_rate;
     step[STEP_BARRIER_RATE] = p->barrier_rate / tau;
-    step[STEP_DECAY] = decay;
-    step[STEP_GAIN] = gain / kick;
+    step[STEP_DECAY] = factor[0];
+    step[STEP_GAIN] = factor[1] / tau;
     leading(p, state->fraction, state->goal_quaternion, step + STEP_ROTATION_GOAL);
 
     noslip_core(now, step, after, output);

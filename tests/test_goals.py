@@ -1,0 +1,131 @@
+"""Random goals of primitives from every source: reached without slip, rolled out at any step.
+
+The fast tests take a few goals of a few primitives; ``pytest -m slow tests/test_goals.py`` takes
+twenty of each, 500 in all.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import noslip as ns
+from learned import Goal, numerical
+from measures import degrees, slip
+from noslip._typing import Floats
+from noslip.experiments.excision import Excision, synthetic_excisions
+
+RATES = (28.6, 100.0)
+"""At which the contour runs were recorded, and usual for a motion capture (Hz)."""
+RUNS = [f"{placement}_{take}" for placement in "abcd" for take in (1, 2)]
+STEPS = (None, 1e-3, 7e-3)
+"""The default one; that of a fast controller, and one that divides no duration (s)."""
+BY_DEFAULT = 1e-6, 1e-4
+"""What a rollout may be off its goal at the step that was planned on: share of the path's length,
+degrees."""
+AT_ANY = 1.2e-5, 2e-3
+"""At any other step; at a longer one it grows with the square of their ratio, from:"""
+TIMES = 1.7, 4.0
+SLIP = 1e-10
+
+
+@cache
+def excision(number: int) -> ns.ConstrainedDMP:
+    return Excision.run(synthetic_excisions()[number]).primitive
+
+
+@cache
+def contour(recordings: Path, run: str, rate: float) -> ns.ConstrainedDMP:
+    (recorded,) = ns.load_demonstrations(recordings / "contour_following" / f"data_demo_{run}.csv")
+    return ns.learn(ns.prepare(recorded, trim_speed=0.05, rate=rate, lowpass=4.8), [ns.Blade()])
+
+
+class Ends(NamedTuple):
+    """Of the rollouts to some goals, at each of the steps."""
+
+    moved: Floats
+    """Off the goal, over the path's length, shape (goals, steps)."""
+    turned: Floats
+    """Degrees, shape (goals, steps)."""
+    rates: Floats
+    """Largest angular speed by default, over that without a new goal, shape (goals,)."""
+
+
+def ends(dmp: ns.ConstrainedDMP, goals: int, seed: int) -> Ends:
+    own, rng = dmp.rollout(), np.random.default_rng(seed)
+    usual = np.linalg.norm(own.angular_velocities, axis=1).max()
+    moved, turned = np.empty((2, goals, len(STEPS)))
+    rates = np.empty(goals)
+    for i in range(goals):
+        goal = Goal.beside(dmp, rng, own.path_length)
+        new = dmp.adapt(goal_position=goal.position, goal_rotation=goal.rotation)
+        for j, step in enumerate(STEPS):
+            motion = new.rollout(time_step=step)
+            moved[i, j] = np.linalg.norm(motion.positions[-1] - goal.position) / motion.path_length
+            turned[i, j] = degrees(motion.rotations[-1], goal.rotation)
+            assert np.abs(slip(motion)).max() <= SLIP
+            if step is None:
+                rates[i] = np.linalg.norm(motion.angular_velocities, axis=1).max() / usual
+    return Ends(moved, turned, rates)
+
+
+def assert_reached(dmp: ns.ConstrainedDMP, goals: int, seed: int = 0) -> None:
+    found, learned = ends(dmp, goals, seed), dmp.duration / dmp.steps
+    for errors, by_default, at_any, times in zip(
+        (found.moved, found.turned), BY_DEFAULT, AT_ANY, TIMES, strict=True
+    ):
+        most = [
+            by_default if step is None else at_any * max(1.0, step / learned / times) ** 2
+            for step in STEPS
+        ]
+        assert np.all(errors <= most), (errors.max(axis=0), most)
+    # Nor does the tool spin on its way there.
+    assert np.mean(found.rates <= 2) >= 0.9, found.rates
+
+
+# -------------------------------------------------------------------- a few
+
+
+@pytest.mark.parametrize("number", [3, 5])
+def test_goals_of_an_excision_are_reached_at_any_step(number: int) -> None:
+    assert_reached(excision(number), 4)
+
+
+def test_goals_of_the_numerical_example_are_reached_at_any_step() -> None:
+    assert_reached(numerical(), 4)
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize(("run", "rate"), [("a_1", 28.6), ("c_2", 100.0)])
+def test_goals_of_a_recorded_contour_are_reached_at_any_step(
+    recordings: Path, run: str, rate: float
+) -> None:
+    assert_reached(contour(recordings, run, rate), 4)
+
+
+# -------------------------------------------------------------------- all 500
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(8))
+def test_every_goal_of_an_excision_is_reached_at_any_step(number: int) -> None:
+    assert_reached(excision(number), 20, seed=1 + number)
+
+
+@pytest.mark.slow
+def test_every_goal_of_the_numerical_example_is_reached_at_any_step() -> None:
+    assert_reached(numerical(), 20)
+
+
+@pytest.mark.slow
+@pytest.mark.recordings
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("run", RUNS)
+def test_every_goal_of_a_recorded_contour_is_reached_at_any_step(
+    recordings: Path, run: str, rate: float
+) -> None:
+    assert_reached(contour(recordings, run, rate), 20, seed=9 + RUNS.index(run))
