@@ -47,6 +47,7 @@ def test_what_is_written_is_read_back(tmp_path, motion, same, name, package) -> 
     assert [file.name for file in path.parent.iterdir()] == [name]
 
 
+@pytest.mark.filterwarnings("ignore::noslip.errors.RecordingWarning")
 # Every example overwrites the same file.
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
 @given(
