@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from noslip._arguments import number
 from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.errors import RecordingError
@@ -117,8 +118,8 @@ def check_rate(where: str, rate: float | None) -> None:
             f"{where}: column i counts samples and no column t gives their "
             "time; pass rate=... (samples per second; on the command line --sample-rate)"
         )
-    if not (np.isfinite(rate) and rate > 0):
-        raise RecordingError(f"{where}: rate must be positive (samples per second), got {rate:g}")
+    if not 0 < number(rate) < np.inf:
+        raise RecordingError(f"{where}: rate must be positive (samples per second), got {rate}")
 
 
 def poses_of_columns(

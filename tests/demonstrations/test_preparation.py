@@ -176,7 +176,7 @@ def broken(change):
     [
         ([1, 2], r"shape \(2,\)"),
         (np.eye(3), r"shape \(3, 3\)"),
-        ("blade", "must hold numbers"),
+        ("blade", "not an array of numbers"),
         ([0, 0, np.nan], "not finite"),
         ([0, 0, 0, 0, 0, 0, 0], "length 0"),
         ([0, 0, 0, 1.01, 0, 0, 0], "length 1.01"),
@@ -293,7 +293,7 @@ def test_trim_speed_refuses_to_leave_too_little():
 
 @pytest.mark.parametrize("threshold", [0, -1, np.nan, np.inf])
 def test_trim_speed_wants_a_positive_threshold(threshold):
-    with pytest.raises(InputError, match="positive speed"):
+    with pytest.raises(InputError, match="positive number of m/s"):
         trim_speed(random_motion(np.random.default_rng(1), 20), threshold)
 
 

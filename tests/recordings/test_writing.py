@@ -188,7 +188,7 @@ GOOD = {
         ({"joint_times": [0.0, 0.1, 3e9]}, "stamps of ROS"),
         ({"joint_times": [0.0, np.nan, 0.2]}, "increases"),
         ({"joint_positions": np.full((3, 2), np.inf)}, "positions of joints, sample 0"),
-        ({"joint_positions": [["a", "b"]] * 3}, "must be numbers"),
+        ({"joint_positions": [["a", "b"]] * 3}, "not an array of numbers"),
         ({"joint_velocities": np.zeros(3)}, r"velocities have shape \(3,\)"),
         ({"joint_positions": None}, "nothing to write"),
         ({"storage": "bag"}, "storage must be sqlite3 or mcap"),

@@ -57,10 +57,7 @@ def tool_frame_matrix(tool_frame: ArrayLike) -> Floats:
         If it has another shape, holds a number that is not finite, or is not rigid (within
         ``RIGID_TOLERANCE``; what remains below that is rounded to the nearest rotation).
     """
-    try:
-        given = np.asarray(tool_frame, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"tool_frame must hold numbers, got {tool_frame!r}") from None
+    given = _arguments.numbers("tool_frame", tool_frame)
     if given.shape not in {(3,), (7,), (4, 4)}:
         raise InputError(
             f"tool_frame has shape {given.shape}; give x y z, x y z qw qx qy qz, or a 4 x 4 matrix"
@@ -155,7 +152,7 @@ def trim_time(
         If a bound is not a number, or fewer than ``MINIMUM_SAMPLES`` samples remain.
     """
     for argument, bound in (("start", start), ("end", end)):
-        if bound is not None and np.isnan(bound):
+        if bound is not None and np.isnan(_arguments.number(bound)):
             raise InputError(f"{trajectory.name}: trim_time's {argument} is not a number")
     times = trajectory.times
     first = 0 if start is None else int(np.searchsorted(times, start, side="left"))
@@ -192,10 +189,7 @@ def trim_speed(trajectory: PoseTrajectory, threshold: float) -> PoseTrajectory:
         If the threshold is not positive, nothing is that fast, or fewer than
         ``MINIMUM_SAMPLES`` samples are.
     """
-    if not (np.isfinite(threshold) and threshold > 0):
-        raise InputError(
-            f"{trajectory.name}: trim_speed must be a positive speed in m/s, got {threshold}"
-        )
+    threshold = _arguments.positive(f"{trajectory.name}: trim_speed", threshold, "m/s")
     speeds = _averaged_speeds(trajectory)
     moving = np.flatnonzero(speeds > threshold)
     if len(moving) == 0:
@@ -272,15 +266,14 @@ def lowpass(
             "resample first"
         )
     rate = (len(trajectory) - 1) / trajectory.duration
-    if not 0 < cutoff < HIGHEST_CUTOFF * rate / 2:
+    if not 0 < _arguments.number(cutoff) < HIGHEST_CUTOFF * rate / 2:
         raise InputError(
             f"{name}: lowpass cutoff must lie between 0 and {rate / 2:g} Hz, half the sampling "
-            f"rate, got {cutoff:g} Hz; lower it or resample at a higher rate"
+            f"rate, got {cutoff} Hz; lower it or resample at a higher rate"
         )
-    if not (order >= 1 and float(order).is_integer()):
-        raise InputError(f"{name}: lowpass order must be a whole number from 1 up, got {order}")
+    order = _arguments.count(f"{name}: lowpass order", order)
 
-    zeros, poles, gain = butter(int(order), cutoff, fs=rate, output="zpk")
+    zeros, poles, gain = butter(order, cutoff, fs=rate, output="zpk")
     sections = zpk2sos(zeros, poles, gain)
     ringing = np.log(RINGING_LEFT) / np.log(np.abs(poles).max())
     padding = _arguments.samples(f"{name}: lowpass={cutoff:g} Hz", np.ceil(np.abs(ringing)))

@@ -224,7 +224,7 @@ def segment(
 
 def _pair(name: str, thresholds: tuple[float, float]) -> tuple[float, float]:
     try:
-        low, high = sorted(float(x) for x in thresholds)
+        low, high = sorted(map(_arguments.number, thresholds))
     except (TypeError, ValueError):
         low = high = np.nan
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -251,10 +251,7 @@ def _speed_thresholds(
 
 
 def _contact_signal(recording: PoseTrajectory, contact: ArrayLike) -> Floats:
-    try:
-        signal = np.array(contact, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{recording.name}: contact must hold numbers") from None
+    signal = _arguments.numbers(f"{recording.name}: contact", contact)
     if signal.shape != (len(recording),):
         raise InputError(
             f"{recording.name}: contact has shape {signal.shape}, expected one number a sample, "
