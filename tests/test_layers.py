@@ -13,6 +13,7 @@ LAYERS = [
     {"_arguments", "_files", "_typing", "_values", "_version", "errors"},
     {"_pose_checks", "_pose_csv", "_pose_npz", "named_columns"},
     {"trajectory", "rotations", "edge", "boundary"},
+    {"scale"},
     {"recordings", "constraints", "law"},
     {"projection", "demonstrations"},
     {"rule", "codegen"},

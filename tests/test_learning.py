@@ -24,7 +24,7 @@ from noslip import (
     project_trajectory,
 )
 from noslip._typing import Floats
-from noslip.errors import ConstraintError, ConvergenceError, InputError
+from noslip.errors import ConstraintError, ConvergenceError, InputError, RecordingWarning
 from refusals import refusal
 from rules import ceiling, no_roll, table
 from strategies import seeds
@@ -290,7 +290,8 @@ def test_any_rate_and_start_time_will_do(count: int, samples: int, start: float)
 
 def test_several_demonstrations_give_one_motion_among_them() -> None:
     demonstrations = [cut(seed, duration=1.0 + k) for k, seed in enumerate((1, 2, 3))]
-    dmp = learn(demonstrations, [BLADE])
+    with pytest.warns(RecordingWarning, match="starts lie"):
+        dmp = learn(demonstrations, [BLADE])
     assert [record.demonstration for record in dmp.record] == ["cut 1", "cut 2", "cut 3"]
     motion = dmp.rollout()
     assert motion.duration == pytest.approx(2.0)
@@ -318,9 +319,41 @@ def test_the_record_tells_what_the_projection_did() -> None:
     assert record.smoothing == result.smoothing
 
 
+@given(seed=seeds)
+@settings(max_examples=5)
+def test_the_initial_velocity_projected_is_the_one_learned(seed: int) -> None:
+    """Eq. 22 of the paper: ``v_0`` less its part across the blade, as it is held at the start."""
+    demonstration = cut(seed)
+    plain, projected = (learn(demonstration, [BLADE], project_start=p) for p in (False, True))
+    for held, before, law in (
+        (demonstration.rotations[0], plain.demonstrated, projected.demonstrated),
+        (plain.law.start_rotation, plain.law, projected.law),
+    ):
+        lateral = held.apply([0, 1, 0])
+        v = before.start_velocity[:3]
+        np.testing.assert_allclose(
+            law.start_velocity[:3], v - lateral * (lateral @ v), rtol=0, atol=1e-12
+        )
+        np.testing.assert_array_equal(law.start_velocity[3:], before.start_velocity[3:])
+    recorded = demonstration.linear_velocities[0] * demonstration.duration
+    lateral = demonstration.rotations[0].apply([0, 1, 0])
+    assert abs(lateral @ recorded) > 1e-3
+    np.testing.assert_allclose(
+        projected.demonstrated.start_velocity[:3],
+        recorded - lateral * (lateral @ recorded),
+        rtol=0,
+        atol=1e-3,
+    )
+    # The unconstrained motion begins differently, and comes back to the demonstration.
+    free = [dmp.regular.rollout() for dmp in (plain, projected)]
+    gap = distances(*free)
+    assert gap.max() > 1e-5
+    assert gap[-1] < 1e-3 * gap.max()
+
+
 def test_progress_is_reported_after_each_demonstration() -> None:
     seen: list[tuple[int, int]] = []
-    learn([cut(1), cut(2)], [BLADE], progress=lambda done, of: seen.append((done, of)))
+    learn([cut(1), cut(1)], [BLADE], progress=lambda done, of: seen.append((done, of)))
     assert seen == [(1, 2), (2, 2)]
 
 

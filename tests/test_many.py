@@ -111,8 +111,6 @@ def test_preparation_and_options_reach_the_worker(runs, tmp_path):
     alone = ns.learn(given, ns.Blade(), project_start=True, **options)
     path = alone.save(tmp_path / "alone.json")
     assert Path(learned.results[0].primitive).read_bytes() == path.read_bytes()
-    projected = ns.projection.pointwise.project_initial_velocity(given, ns.Blade())
-    assert ns.learn(projected, ns.Blade(), **options).law == alone.law
 
 
 def test_without_constraints_and_without_a_folder_only_figures_are_kept(runs, tmp_path):

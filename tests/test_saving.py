@@ -27,6 +27,7 @@ from noslip import (
     learn,
     load_primitive,
     position_constraint,
+    prepare,
     velocity_constraint,
 )
 from noslip.constraints import Instant
@@ -68,9 +69,8 @@ def own_rule(expression: Any) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def dmp() -> ConstrainedDMP:
-    return learn(
-        [demonstration(0, name="a"), demonstration(1, name="b")], [Blade()], basis_functions=20
-    )
+    two = [prepare(demonstration(k, name="ab"[k]), relative=True) for k in range(2)]
+    return learn(two, [Blade()], basis_functions=20)
 
 
 @pytest.fixture

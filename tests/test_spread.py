@@ -19,6 +19,8 @@ from noslip._typing import Floats
 from noslip.spread import Spread
 from refusals import refusal
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*starts lie:noslip.errors.RecordingWarning")
+"""They do so on purpose: a spread is about the primitive moved to each demonstration."""
 SAMPLES = 301
 SHARE = np.linspace(0, 1, SAMPLES)
 BLEND = eased(SHARE)

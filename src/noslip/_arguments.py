@@ -14,28 +14,28 @@ from noslip.errors import InputError
 
 def positive(name: str, value: Any, unit: str = "") -> float:
     """Return a finite number above 0."""
-    number = _number(value)
-    if not 0 < number <= LARGEST:
+    found = number(value)
+    if not 0 < found <= LARGEST:
         wanted = f"a positive number of {unit}" if unit else "positive"
-        limit = f" up to {LARGEST:g}" if number > LARGEST else ""
+        limit = f" up to {LARGEST:g}" if found > LARGEST else ""
         raise InputError(f"{name} must be {wanted}{limit}, got {short(value)}")
-    return number
+    return found
 
 
 def not_negative(name: str, value: Any) -> float:
     """Return a finite number, 0 or more."""
-    number = _number(value)
-    if not 0 <= number <= LARGEST:
+    found = number(value)
+    if not 0 <= found <= LARGEST:
         raise InputError(f"{name} must be a number, 0 or more, got {short(value)}")
-    return number
+    return found
 
 
 def finite(name: str, value: Any) -> float:
     """Return a finite number."""
-    number = _number(value)
-    if not np.isfinite(number):
+    found = number(value)
+    if not np.isfinite(found):
         raise InputError(f"{name} must be a finite number, got {short(value)}")
-    return number
+    return found
 
 
 LARGEST = 1e12
@@ -53,19 +53,19 @@ def samples(name: str, number: float) -> int:
 
 def count(name: str, value: Any, most: int | None = None) -> int:
     """Return a whole number, 1 or more."""
-    number = _number(value)
-    if not (np.isfinite(number) and number >= 1 and number == int(number)):
+    found = number(value)
+    if not (np.isfinite(found) and found >= 1 and found == int(found)):
         raise InputError(f"{name} must be a whole number, 1 or more, got {value!r}")
-    if most is not None and number > most:
+    if most is not None and found > most:
         raise InputError(f"{name} must be {most} or less, got {short(value)}")
-    return int(number)
+    return int(found)
 
 
 def vector(name: str, value: Any, unit: str = "m") -> Floats:
     """Return 3 finite numbers, shape (3,)."""
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
+        array = numbers(name, value)
+    except InputError:
         array = np.empty(0)
     if array.shape != (3,) or not np.all(np.abs(array) <= LARGEST):
         raise InputError(
@@ -83,29 +83,45 @@ def rotation(name: str, value: Any) -> Rotation:
 
 def inverse_metric(value: Sequence[float]) -> tuple[float, ...]:
     """Return the diagonal of M^-1: 6 numbers, none negative, not all 0."""
-    try:
-        numbers = tuple(float(x) for x in value)
-    except (TypeError, ValueError):
-        numbers = ()
-    fits = len(numbers) == 6 and all(np.isfinite(x) and x >= 0 for x in numbers)
-    if not fits or not any(numbers):
+    weights = _each(value)
+    fits = len(weights) == 6 and all(np.isfinite(x) and x >= 0 for x in weights)
+    if not fits or not any(weights):
         raise InputError(f"inverse_metric must be 6 numbers >= 0, not all 0; got {short(value)}")
-    return numbers
+    return weights
 
 
 def positive_weights(name: str, value: Sequence[float]) -> tuple[float, ...]:
     """Return 6 positive numbers; infinite ones hold what they weigh."""
-    try:
-        numbers = tuple(float(x) for x in value)
-    except (TypeError, ValueError):
-        numbers = ()
-    fits = len(numbers) == 6 and all(x > 0 for x in numbers)
-    if not fits or not any(map(np.isfinite, numbers)):
+    weights = _each(value)
+    fits = len(weights) == 6 and all(x > 0 for x in weights)
+    if not fits or not any(map(np.isfinite, weights)):
         raise InputError(f"{name} must be 6 positive numbers, not all infinite; got {short(value)}")
-    return numbers
+    return weights
 
 
-def _number(value: Any) -> float:
+def _each(value: Sequence[float]) -> tuple[float, ...]:
+    """Numbers of a sequence, NaN for what is none; nothing if it is no sequence."""
+    try:
+        return tuple(map(number, value))
+    except TypeError:
+        return ()
+
+
+def numbers(name: str, value: Any) -> Floats:
+    """Return a copy as an array of floats; text and truth values are no numbers."""
+    try:
+        given = np.array(value)
+        if given.dtype.kind in "iufO":
+            return given.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"{name} is not an array of numbers: got {short(value)}")
+
+
+def number(value: Any) -> float:
+    """Return a number, or NaN for what is none: text and truth values too."""
+    if isinstance(value, (str, bytes, bool, np.bool_)):
+        return float("nan")
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):

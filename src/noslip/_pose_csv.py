@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from noslip._arguments import number
 from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.errors import RecordingError
@@ -117,8 +118,8 @@ def check_rate(where: str, rate: float | None) -> None:
             f"{where}: column i counts samples and no column t gives their "
             "time; pass rate=... (samples per second; on the command line --sample-rate)"
         )
-    if not (np.isfinite(rate) and rate > 0):
-        raise RecordingError(f"{where}: rate must be positive (samples per second), got {rate:g}")
+    if not 0 < number(rate) < np.inf:
+        raise RecordingError(f"{where}: rate must be positive (samples per second), got {rate}")
 
 
 def poses_of_columns(
@@ -131,6 +132,7 @@ def poses_of_columns(
     if "theta_deg" in of:
         of = {**of, "theta": np.radians(of["theta_deg"])}
     if "theta" in of:
+        _check_planar_turns(source, of["theta"])
         height = np.zeros(len(times))
         positions = np.column_stack([of["x"], of["y"], height])
         turns = np.column_stack([height, height, of["theta"]])
@@ -139,3 +141,16 @@ def poses_of_columns(
         np.column_stack(itemgetter(*names)(of)) for names in (POSITION, QUATERNION)
     )
     return source.fields(times, positions, source.rotations(quaternions))
+
+
+def _check_planar_turns(source: Source, theta: Floats) -> None:
+    """Refuse angles (rad) that jump by more than half a turn, unless they are all within a turn."""
+    jumps = np.abs(np.diff(theta, prepend=theta[:1]))
+    # Angles within one turn may be wrapped: there a jump is none.
+    if np.ptp(theta) > 2 * np.pi + 1e-3 and jumps.max() > np.pi:
+        raise source.error(
+            int(jumps.argmax()),
+            "column theta",
+            f"turns by {jumps.max():.3g} rad since the sample before, more than half a turn; are "
+            "these degrees (name the column theta_deg), or is the rate too low?",
+        )

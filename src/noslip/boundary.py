@@ -179,8 +179,8 @@ def twist(name: str, value: ArrayLike) -> tuple[Floats, Floats]:
         At rest; a linear velocity without turning; linear, then angular velocity.
     """
     try:
-        values = np.ravel(np.array(value, dtype=np.float64))
-    except (TypeError, ValueError):
+        values = np.ravel(_arguments.numbers(name, value))
+    except InputError:
         values = np.empty(0)
     if values.shape == (1,) and values[0] == 0:
         values = np.zeros(3)
@@ -192,5 +192,5 @@ def twist(name: str, value: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def _require_between(at: float) -> None:
-    if not 0 < at < 1:
+    if not 0 < _arguments.finite("via at", at) < 1:
         raise InputError(f"via at must be between 0 and 1, a fraction of the motion, got {at:g}")

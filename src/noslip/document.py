@@ -169,7 +169,7 @@ class Reader:
         return self.field(data, name, partial(_arguments.count, name))
 
     def array(self, data: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> Floats:
-        value = self.field(data, name, lambda x: np.array(x, dtype=np.float64))
+        value = self.field(data, name, lambda x: _arguments.numbers(name, x))
         matches = len(shape) == value.ndim and all(
             want in (None, have) for want, have in zip(shape, value.shape, strict=True)
         )

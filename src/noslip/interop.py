@@ -138,10 +138,7 @@ def to_transforms(trajectory: PoseTrajectory) -> RigidTransform:
 
 def _numbers(name: str, what: str, value: Any, columns: tuple[int, ...]) -> Floats:
     """Return an array of finite numbers whose first axis is time."""
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: {what} is not an array of numbers: {error}") from error
+    array = _arguments.numbers(f"{name}: {what}", value)
     if array.shape[1:] != columns or array.ndim != len(columns) + 1:
         expected = ", ".join(map(str, ("N", *columns)))
         raise InputError(f"{name}: {what} has shape {array.shape}, expected ({expected})")

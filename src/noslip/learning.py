@@ -13,6 +13,7 @@ from noslip import _arguments
 from noslip.boundary import Boundary, End
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import CompromiseWarning, warn
 from noslip.law.fitting import (
@@ -23,16 +24,18 @@ from noslip.law.fitting import (
     fit,
 )
 from noslip.law.law import Law
+from noslip.law.layout import FORCE, STATE
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.feasibility import require_consistent
 from noslip.projection.metric import Metric, inverse_metric
-from noslip.projection.pointwise import project_initial_velocity
+from noslip.projection.pointwise import project_velocities
 from noslip.projection.request import LEARNING, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule
 from noslip.runtime.rollout import rollout
+from noslip.scale import require_motion
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import FOLLOWED, Deviation, followed_with, verify
@@ -127,14 +130,22 @@ def learn(
         Bring several demonstrations into step first, see
         :func:`noslip.demonstrations.alignment.align`.
     project_start : bool
-        Project the demonstrations' initial velocity onto the constraints first.
+        Begin with the demonstrated velocity projected onto the constraints at the start (the
+        paper's eq. 22), as a rollout does by itself; the unconstrained law then does too.
     progress : callable, optional
         Called with (demonstrations done, all) after each projection.
+
+    Warns
+    -----
+    RecordingWarning
+        If several demonstrations start apart or are out of step, so that their mean follows none,
+        or one is hardly in seconds, meters and radians.
 
     Raises
     ------
     InputError, ConstraintError
-        If demonstrations or constraints are not what they must be.
+        If demonstrations or constraints are not what they must be: a demonstration stands still or
+        turns by more than a third of a turn between samples, or two run in opposite directions.
     ConvergenceError
         If a projection does not converge; the message says what to change.
     MissedError
@@ -146,11 +157,12 @@ def learn(
         If the primitive leaves its demonstration, or the projection turns the tool far.
     """
     recorded = as_demonstrations(demonstrations)
+    for demonstration in recorded:
+        require_motion(demonstration)
+    require_agreement(recorded, aligned=align)
     system = as_system(constraints)
     if align:
         recorded = bring_into_step(recorded)
-    if project_start:
-        recorded = [project_initial_velocity(d, system) for d in recorded]
     fewest = _PAPERS
     if basis_functions != "auto":
         fewest = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
@@ -190,7 +202,8 @@ def learn(
         constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
         law = fit(several, basis_functions=count, **constants)
         duration = float(np.mean([d.duration for d in recorded]))
-        return replace(law, duration=duration, steps=default_steps(recorded[0], count))
+        law = replace(law, duration=duration, steps=default_steps(recorded[0], count))
+        return _begun_on(law, system) if project_start else law
 
     most = MOST_BASIS_FUNCTIONS if basis_functions == "auto" else fewest
     law, off = followed_with(fitted, followed, fewest, most)
@@ -255,3 +268,17 @@ def _tell(
             + ("learn from each alone, or from those that lie together" if several else remedy),
             CompromiseWarning,
         )
+
+
+def _begun_on(law: Law, system: ConstraintSystem) -> Law:
+    """Return a law whose start velocity satisfies the constraints: the paper's eq. 22."""
+    start, velocity = law.start, law.start_velocity / law.duration
+    linear, angular, _ = project_velocities(
+        system,
+        0.0,
+        start[STATE["position"]],
+        start[STATE["quaternion"]],
+        velocity[FORCE["linear"]],
+        velocity[FORCE["angular"]],
+    )
+    return replace(law, start_velocity=law.duration * np.concatenate([linear, angular]))

@@ -92,10 +92,7 @@ class PoseTrajectory(Value):
 
     def _freeze(self, name: str, value: ArrayLike, columns: tuple[int, ...]) -> Floats:
         """Store a read-only float copy of a field whose first axis is time."""
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{self.name}: {name} is not an array of numbers: {error}") from error
+        array = _arguments.numbers(f"{self.name}: {name}", value)
         samples = array.shape[0] if array.ndim else 0
         expected = (samples if name == "times" else len(self.times), *columns)
         if array.shape != expected:
@@ -226,8 +223,7 @@ class PoseTrajectory(Value):
         if (rate is None) == (times is None):
             raise InputError(f"{self.name}: resample with either a rate or times")
         if rate is not None:
-            if not (np.isfinite(rate) and rate > 0):
-                raise InputError(f"{self.name}: rate must be positive, got {rate:g}")
+            rate = _arguments.positive(f"{self.name}: rate", rate)
             intervals = (self.duration + 2 * self._rounding) * rate * (1 + 1e-12) + 1e-9
             count = _arguments.samples(f"{self.name}: rate={rate:g}", intervals)
             if count < 1:
@@ -238,7 +234,7 @@ class PoseTrajectory(Value):
             instants = self.times[0] + np.arange(count + 1) / rate
             instants = np.minimum(instants, self.times[-1])
         else:
-            instants = np.asarray(times, dtype=np.float64)
+            instants = _arguments.numbers(f"{self.name}: times", times)
             margin = 1e-9 * max(self.duration, abs(self.times[0]), abs(self.times[-1]))
             if instants.ndim != 1 or len(instants) < 2 or not np.all(np.isfinite(instants)):
                 raise InputError(f"{self.name}: resample at 2 or more finite times")

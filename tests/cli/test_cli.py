@@ -152,8 +152,7 @@ def test_learn_prepares_as_the_options_ask(noslip, slipping, tmp_path):
         lowpass=4.8,
         relative=True,
     )
-    demonstration = ns.projection.pointwise.project_initial_velocity(demonstration, [ns.Blade()])
-    expected = ns.learn(demonstration, [ns.Blade()]).rollout()
+    expected = ns.learn(demonstration, [ns.Blade()], project_start=True).rollout()
     np.testing.assert_array_equal(ns.load_primitive(out).rollout().positions, expected.positions)
     assert json.loads(result.out)["residual_peak"] <= 1e-10
 

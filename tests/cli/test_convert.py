@@ -89,7 +89,7 @@ def test_episodes_and_columns(noslip, tmp_path) -> None:
     with h5py.File(path, "w") as file:
         for k in range(3):
             pose = np.zeros((20, 7))
-            pose[:, 0], pose[:, 6] = np.arange(20) + 100 * k, 1
+            pose[:, 0], pose[:, 6] = (np.arange(20) + 100 * k) / 8, 1
             file[f"data/demo_{k}/obs/eef"] = pose
     choose = ["--columns", "eef[0:3,6,3:6]", "--sample-rate", 10]
     code, _, err = noslip("convert", path, *choose, "--out", tmp_path / "all.csv")
@@ -98,7 +98,7 @@ def test_episodes_and_columns(noslip, tmp_path) -> None:
     )  # fmt: skip
     assert noslip("convert", path, *choose, "--episode", 2, "--out", tmp_path / "2.csv")[0] == 0
     [two] = ns.load_demonstrations(tmp_path / "2.csv")
-    assert two.positions[0, 0] == 200
+    assert two.positions[0, 0] == 25
     code, out, _ = noslip(
         "check", path, *choose, "--episode", 0, "--episode", 2, "--constraint", "blade"
     )

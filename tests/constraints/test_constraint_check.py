@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from measures import steps
+from motions import planar_cut
 from noslip import (
     Blade,
     KeepOutSphere,
@@ -347,7 +348,7 @@ def test_a_steady_acceleration_is_found_at_any_rate(seed: int, start: float) -> 
 
 
 def test_one_step_has_no_acceleration() -> None:
-    motion = wandering(3)[:2]
+    motion = planar_cut()[:2]
     assert check(motion, AccelerationLimit(linear=2.0)).constraints[0].margin == pytest.approx(2.0)
 
 

@@ -80,6 +80,7 @@ def test_copies_in_random_timings_come_together(seed, made, noise):
 
 
 @needs_dtw
+@pytest.mark.filterwarnings("ignore:.*out of step:noslip.errors.RecordingWarning")
 @pytest.mark.parametrize("seed", range(3))
 def test_the_primitive_of_aligned_copies_has_a_smaller_spread_and_a_truer_path(seed):
     motion = wave()

@@ -2,12 +2,15 @@ import numpy as np
 import pytest
 
 from measures import assert_same_poses
+from noslip.constraints.blade import Blade
 from noslip.demonstrations import excision
 from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
 from noslip.demonstrations.preparation import apply_tool_frame, prepare
 from noslip.errors import InputError
+from noslip.projection.trajectory import project_trajectory
 
 OUTLIER = 5
+BLADE = Blade()
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +20,7 @@ def excisions():
 
 @pytest.fixture(scope="module")
 def cuts(excisions):
-    """The blade's motion, prepared as the paper does."""
+    """The blade's motion, by the paper's steps."""
     return [
         prepare(
             recording,
@@ -139,3 +142,31 @@ def test_trials_differ(cuts):
 def test_nonsense_is_refused(wrong):
     with pytest.raises(InputError, match=r"^synthetic_excisions: "):
         synthetic_excisions(**wrong)
+
+
+def turn_near_its_ends(motion, seconds=0.1):
+    """Way turned (degrees) in the first and in the last tenth of a second."""
+    _, angular = motion.step_velocities()
+    turned = np.degrees(np.linalg.norm(angular, axis=1) * np.diff(motion.times))
+    steps = round(seconds / motion.period)
+    return max(turned[:steps].sum(), turned[-steps:].sum())
+
+
+@pytest.mark.parametrize("trim_speed", [None, 0.001, 0.002, 0.005])
+def test_noise_at_rest_turns_no_blade(excisions, cuts, trim_speed):
+    """Wherever it is trimmed, a blade that begins and ends slowly heads where it moves."""
+    made = (
+        cuts
+        if trim_speed == 0.005
+        else [
+            prepare(r, tool_frame=TOOL_FRAME, trim_speed=trim_speed, lowpass=4.8) for r in excisions
+        ]
+    )
+    assert max(turn_near_its_ends(project_trajectory(c, BLADE).trajectory) for c in made) < 2.2
+
+
+def test_filtered_after_trimming_the_noise_of_the_ends_turns_it(excisions):
+    preparation = {"tool_frame": TOOL_FRAME, "trim_speed": 0.005, "lowpass": 4.8}
+    made = [prepare(r, **preparation, order="paper") for r in excisions]
+    turns = [turn_near_its_ends(project_trajectory(c, BLADE).trajectory) for c in made]
+    assert max(turns) > 5

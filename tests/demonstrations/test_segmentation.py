@@ -235,7 +235,7 @@ def test_what_is_wrong_is_said_in_one_line(arguments, message):
 def test_a_recording_at_rest_holds_no_demonstration():
     t = np.linspace(0, 5, 100)
     still = ns.PoseTrajectory(t, np.zeros((100, 3)), Rotation.identity(100))
-    with pytest.raises(InputError, match="nothing moves"):
+    with pytest.raises(InputError, match="does not move"):
         segment(still)
 
 

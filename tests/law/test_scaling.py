@@ -18,6 +18,8 @@ from noslip.law.scaling import scaled
 from refusals import refusal
 from strategies import seeds
 
+pytestmark = pytest.mark.filterwarnings("ignore::noslip.errors.RecordingWarning")
+"""A law knows no units."""
 SCALED: Any = ["difference", "rotation-dilation"]
 ALL: Any = ["none", *SCALED]
 

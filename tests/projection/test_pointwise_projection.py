@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from learned import constrained, fitted
-from measures import assert_same_poses, residuals
+from measures import residuals
 from motions import held_askew
 from noslip import (
     Blade,
@@ -35,7 +35,6 @@ from noslip.projection.pointwise import (
     POSITION_ONLY,
     coupling,
     gauss_acceleration,
-    project_initial_velocity,
     project_velocities,
 )
 from refusals import refusal
@@ -608,22 +607,6 @@ def test_repeated_rows_change_no_projected_velocity() -> None:
     twice = project_velocities([BLADE, moving_plane, BLADE, moving_plane], *at, v, w)
     for a, b in zip(once[:2], twice[:2], strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-13)
-
-
-@given(seeds)
-@settings(max_examples=10)
-def test_only_the_initial_velocity_of_a_trajectory_is_projected(seed: int) -> None:
-    motion = held_askew(seed)
-    found = project_initial_velocity(motion, BLADE)
-    lateral = motion.rotations[0].apply([0, 1, 0])
-    v = motion.linear_velocities[0]
-    np.testing.assert_allclose(
-        found.linear_velocities[0], v - lateral * (lateral @ v), rtol=0, atol=1e-14
-    )
-    np.testing.assert_array_equal(found.linear_velocities[1:], motion.linear_velocities[1:])
-    np.testing.assert_array_equal(found.angular_velocities, motion.angular_velocities)
-    assert_same_poses(found, motion)
-    assert found.name == motion.name
 
 
 @pytest.mark.parametrize("name", ["blade", "needle", "moving plane"])

@@ -201,6 +201,7 @@ def test_times_of_the_bag_where_all_stamps_are_zero(tmp_path, motion, same) -> N
     same(load(ROS.write(tmp_path / "bag", messages)), motion)
 
 
+@pytest.mark.filterwarnings("ignore::noslip.errors.RecordingWarning")
 def test_a_first_stamp_of_zero_is_a_time(tmp_path, motion) -> None:
     messages = [
         ("/tool", POSE, stamp, ROS.pose(k * 10**7, "world", place, turn))
@@ -210,6 +211,7 @@ def test_a_first_stamp_of_zero_is_a_time(tmp_path, motion) -> None:
     np.testing.assert_array_equal(times, np.arange(40) / 100)
 
 
+@pytest.mark.filterwarnings("ignore::noslip.errors.RecordingWarning")
 def test_stamps_since_1970_keep_what_a_float_can(tmp_path, motion) -> None:
     late = [1_700_000_000_123_456_789 + k * 8_333_333 for k in range(40)]
     messages = [

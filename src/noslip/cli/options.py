@@ -18,7 +18,7 @@ from noslip._typing import Floats
 from noslip.boundary import End
 from noslip.constraints.catalog import parse_constraint
 from noslip.constraints.declaration import CATALOG, Constraint
-from noslip.demonstrations.preparation import prepare
+from noslip.demonstrations.preparation import Order, prepare
 from noslip.errors import InputError
 from noslip.projection.metric import Metric
 from noslip.recordings import load_demonstrations
@@ -26,9 +26,6 @@ from noslip.trajectory import PoseTrajectory
 
 _ROUNDING = 4 * np.finfo(np.float64).eps
 """Off the norm of a quaternion that was normalized."""
-LONGEST, FASTEST = 86400.0, 20.0
-"""Beyond a day (s), or this mean speed (m/s), units are asked after: no hand and no arm works so
-long, or so fast."""
 _PREPARATION = "Preparation (in this order)"
 """Headings of these options in the help: what is done to a recording, in the order of doing it."""
 _WHERE = "Where in a bag or data set"
@@ -114,6 +111,13 @@ TrimSpeed = Annotated[
     float | None,
     optional("M/S", "Keep from the first to the last sample that moves faster.", _PREPARATION),
 ]
+FilterOrder = Annotated[
+    Order,
+    typer.Option(
+        help="Whether the low-pass filter sees what trimming cuts off; in the paper's order not.",
+        rich_help_panel=_PREPARATION,
+    ),
+]
 Rate = Annotated[
     float | None,
     optional("HZ", "Resample uniformly by splines.", _PREPARATION),
@@ -189,6 +193,7 @@ class Loading(Where):
     rate: Rate = None
     lowpass: Lowpass = None
     relative: Relative = False
+    order: FilterOrder = "filter"
 
     def preparation(self) -> dict[str, Any]:
         """Return what they ask of :func:`noslip.prepare`."""
@@ -200,26 +205,14 @@ class Loading(Where):
             "rate": self.rate,
             "lowpass": self.lowpass,
             "relative": self.relative,
+            "order": self.order,
         }
 
     def load(self, recordings: list[str]) -> list[PoseTrajectory]:
         """Read recordings and prepare them as the options ask."""
         steps = self.preparation()
         read = load_demonstrations(recordings, **self.loading())
-        for warning in filter(None, map(_odd_units, read)):
-            typer.echo(f"noslip: warning: {warning}", err=True)
         return [prepare(demonstration, **steps) for demonstration in read]
-
-
-def _odd_units(recording: PoseTrajectory) -> str:
-    """What speaks against seconds and meters; empty if nothing does."""
-    doubt = ""
-    if recording.duration > LONGEST:
-        doubt = f"lasts {recording.duration:.3g} s; are its times in other units than seconds?"
-    elif recording.path_length > FASTEST * recording.duration:
-        speed = recording.path_length / recording.duration
-        doubt = f"moves at {speed:.3g} m/s; are its positions in other units than meters?"
-    return doubt and f"{recording.name}: {doubt}"
 
 
 def grouped(run: Callable[..., None]) -> Callable[..., None]:

@@ -17,10 +17,8 @@ from typing import Annotated
 import typer
 
 from noslip.cli import options, output
-from noslip.projection.pointwise import project_initial_velocity
 from noslip.reporting import report, write_report
 from noslip.reporting.document import checked_path
-from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
 
@@ -53,11 +51,8 @@ def run(
     demonstrations: list[PoseTrajectory] = []
     if recordings:
         demonstrations = given.load(recordings)
-    learned = load_primitive(primitive)
-    if any(origin.options.get("project_start") for origin in learned.history):
-        demonstrations = [project_initial_velocity(d, learned.constraints) for d in demonstrations]
     # One word each: a value may begin with a minus.
-    chosen = {option.name: getattr(given, option.name) for option in fields(given)}
+    chosen = {o.name: v for o in fields(given) if (v := getattr(given, o.name)) != o.default}
     preparation = [
         f"--{name.replace('_', '-')}={str(value).removesuffix('.0')}"
         for name, value in chosen.items()

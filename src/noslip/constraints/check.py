@@ -13,6 +13,7 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, row_units
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
+from noslip.scale import require_motion
 from noslip.trajectory import PoseTrajectory
 
 TOLERANCE = 1e-3
@@ -197,6 +198,7 @@ def check(
             f"check takes one PoseTrajectory, got {type(trajectory).__name__}; check several "
             "one by one"
         )
+    require_motion(trajectory)
     tolerance = _arguments.positive("tolerance", tolerance)
     system = as_system(constraints)
     if not system.constraints:

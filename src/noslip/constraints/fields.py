@@ -79,10 +79,7 @@ def length(name: str, value: Any) -> float:
 
 def number(name: str, value: Any, unit: str = "") -> float:
     """One finite number."""
-    try:
-        found = float(value)
-    except (TypeError, ValueError):
-        found = np.nan
+    found = _arguments.number(value)
     if not abs(found) <= _arguments.LARGEST:
         raise ConstraintError(
             f"{name} must be a finite number{f' of {unit}' if unit else ''}, got {value!r}"

@@ -135,7 +135,7 @@ class Controller:
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
         self.tolerance = _arguments.positive("tolerance", tolerance)
         self.angle_tolerance = _arguments.positive("angle_tolerance", angle_tolerance, "rad")
-        self.samples = samples
+        self.samples = _arguments.count("samples", samples)
         self.memory = Memory(dmp.law.clock, dmp.rule.system)
         self._length = rollout(dmp.law, dmp.rule).path_length
         self._build()

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from noslip import _arguments
 from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
@@ -104,10 +105,9 @@ def synthetic_excisions(*, seed: int = 7, count: int = 8) -> list[PoseTrajectory
     InputError
         If the seed is negative or the count is not positive.
     """
-    if count < 1:
-        raise InputError(f"synthetic_excisions: count must be 1 or more, got {count}")
-    if seed < 0:
-        raise InputError(f"synthetic_excisions: seed must not be negative, got {seed}")
+    count = _arguments.count("synthetic_excisions: count", count)
+    if not (_arguments.number(seed) >= 0 and int(seed) == seed):
+        raise InputError(f"synthetic_excisions: seed must be a whole number, 0 or more, got {seed}")
     recordings = []
     for number in range(count):
         rng = np.random.default_rng([seed, number])

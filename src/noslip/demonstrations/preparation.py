@@ -8,6 +8,7 @@ name; :func:`prepare` strings them together in the order of Straižys, Burke and
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,7 @@ from noslip import _arguments
 from noslip._pose_checks import MINIMUM_SAMPLES
 from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.scale import as_asked, ask_after_units
 from noslip.trajectory import PoseTrajectory
 
 PAPER_CUTOFF = 4.8
@@ -55,10 +57,7 @@ def tool_frame_matrix(tool_frame: ArrayLike) -> Floats:
         If it has another shape, holds a number that is not finite, or is not rigid (within
         ``RIGID_TOLERANCE``; what remains below that is rounded to the nearest rotation).
     """
-    try:
-        given = np.asarray(tool_frame, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"tool_frame must hold numbers, got {tool_frame!r}") from None
+    given = _arguments.numbers("tool_frame", tool_frame)
     if given.shape not in {(3,), (7,), (4, 4)}:
         raise InputError(
             f"tool_frame has shape {given.shape}; give x y z, x y z qw qx qy qz, or a 4 x 4 matrix"
@@ -153,7 +152,7 @@ def trim_time(
         If a bound is not a number, or fewer than ``MINIMUM_SAMPLES`` samples remain.
     """
     for argument, bound in (("start", start), ("end", end)):
-        if bound is not None and np.isnan(bound):
+        if bound is not None and np.isnan(_arguments.number(bound)):
             raise InputError(f"{trajectory.name}: trim_time's {argument} is not a number")
     times = trajectory.times
     first = 0 if start is None else int(np.searchsorted(times, start, side="left"))
@@ -190,10 +189,7 @@ def trim_speed(trajectory: PoseTrajectory, threshold: float) -> PoseTrajectory:
         If the threshold is not positive, nothing is that fast, or fewer than
         ``MINIMUM_SAMPLES`` samples are.
     """
-    if not (np.isfinite(threshold) and threshold > 0):
-        raise InputError(
-            f"{trajectory.name}: trim_speed must be a positive speed in m/s, got {threshold}"
-        )
+    threshold = _arguments.positive(f"{trajectory.name}: trim_speed", threshold, "m/s")
     speeds = _averaged_speeds(trajectory)
     moving = np.flatnonzero(speeds > threshold)
     if len(moving) == 0:
@@ -270,15 +266,14 @@ def lowpass(
             "resample first"
         )
     rate = (len(trajectory) - 1) / trajectory.duration
-    if not 0 < cutoff < HIGHEST_CUTOFF * rate / 2:
+    if not 0 < _arguments.number(cutoff) < HIGHEST_CUTOFF * rate / 2:
         raise InputError(
             f"{name}: lowpass cutoff must lie between 0 and {rate / 2:g} Hz, half the sampling "
-            f"rate, got {cutoff:g} Hz; lower it or resample at a higher rate"
+            f"rate, got {cutoff} Hz; lower it or resample at a higher rate"
         )
-    if not (order >= 1 and float(order).is_integer()):
-        raise InputError(f"{name}: lowpass order must be a whole number from 1 up, got {order}")
+    order = _arguments.count(f"{name}: lowpass order", order)
 
-    zeros, poles, gain = butter(int(order), cutoff, fs=rate, output="zpk")
+    zeros, poles, gain = butter(order, cutoff, fs=rate, output="zpk")
     sections = zpk2sos(zeros, poles, gain)
     ringing = np.log(RINGING_LEFT) / np.log(np.abs(poles).max())
     padding = _arguments.samples(f"{name}: lowpass={cutoff:g} Hz", np.ceil(np.abs(ringing)))
@@ -322,6 +317,9 @@ def relative_to_start(trajectory: PoseTrajectory) -> PoseTrajectory:
     )
 
 
+Order = Literal["filter", "paper"]
+"""Whether the filter or the trimming comes first."""
+
 # prepare()'s arguments carry the names of the steps that they ask for.
 _trim_time, _trim_speed, _lowpass = trim_time, trim_speed, lowpass
 
@@ -335,12 +333,9 @@ def prepare(
     rate: float | None = None,
     lowpass: float | bool | None = None,
     relative: bool = False,
+    order: Order = "filter",
 ) -> PoseTrajectory:
     """Make a demonstration of a recording, by those steps that are asked for, in this order.
-
-    The order is the paper's: the filter sees only what trimming left, and the noise of the first
-    and the last sample stays.  A motion that begins slowly has a truer initial direction if
-    :func:`lowpass` runs first and the trimming afterwards, one by one.
 
     Parameters
     ----------
@@ -359,20 +354,33 @@ def prepare(
         not uniform are resampled at their median rate first, unless ``rate`` is given.
     relative : bool
         Begin at the origin (:func:`relative_to_start`).
+    order : "filter" or "paper"
+        Whether the filter sees what trimming cuts off, or only what it leaves.  The paper trims
+        first: the noise of the first and the last sample then stays, and turns a tool that begins
+        slowly by 10 degrees and more.
 
     Returns
     -------
     PoseTrajectory
         Of the same name.
 
+    Warns
+    -----
+    RecordingWarning
+        Of odd units, as :func:`noslip.load_demonstrations`.
+
     Raises
     ------
     InputError
         Whatever the steps raise.
     """
+    if order not in get_args(Order):
+        raise InputError(f"order is one of {', '.join(get_args(Order))}; got {order!r}")
+    ask_after_units(trajectory)
     motion = trajectory
     if tool_frame is not None:
         motion = apply_tool_frame(motion, tool_frame)
+    whole = motion
     if trim_time is not None:
         try:
             start, end = trim_time
@@ -386,10 +394,22 @@ def prepare(
         motion = _trim_speed(motion, trim_speed)
 
     cutoff = PAPER_CUTOFF if lowpass is True else None if lowpass is False else lowpass
-    if rate is None and cutoff is not None and not motion.is_uniform:
+    seen = motion if order == "paper" or cutoff is None else whole
+    if rate is None and cutoff is not None and not seen.is_uniform:
         rate = 1 / motion.period
+    begin, samples = motion.times[0], len(motion)
     if rate is not None:
-        motion = motion.resampled(rate=rate)
+        kept = motion.resampled(rate=rate).times
+        samples = len(kept)
+        before, after = (
+            _arguments.samples(f"{motion.name}: rate={rate:g}", time * rate)
+            for time in (begin - seen.times[0], seen.times[-1] - kept[-1])
+        )
+        earlier = kept[0] - np.arange(before, 0, -1) / rate
+        later = kept[-1] + np.arange(1, after + 1) / rate
+        seen = seen.resampled(times=np.concatenate([earlier, kept, later]))
     if cutoff is not None:
-        motion = _lowpass(motion, cutoff)
-    return relative_to_start(motion) if relative else motion
+        seen = _lowpass(seen, cutoff)
+    first = int(np.argmin(np.abs(seen.times - begin)))
+    motion = seen[first : first + samples]
+    return as_asked(relative_to_start(motion) if relative else motion)

@@ -17,6 +17,7 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.demonstrations.preparation import _averaged_speeds, trim_time
 from noslip.errors import InputError
+from noslip.scale import require_motion
 from noslip.trajectory import PoseTrajectory
 
 Contact = Literal["above", "below"]
@@ -179,6 +180,7 @@ def segment(
         times overlap or hold fewer than 8 samples.
     """
     name = recording.name
+    require_motion(recording)
     if in_contact not in ("above", "below"):
         raise InputError(f"{name}: in_contact must be 'above' or 'below', got {in_contact!r}")
     minimum_rest = _arguments.not_negative(f"{name}: minimum_rest", minimum_rest)
@@ -210,7 +212,7 @@ def segment(
         )
     speeds = _averaged_speeds(recording)
     if not speeds.max() > 0:
-        raise InputError(f"{name}: nothing moves; there is no demonstration in it")
+        raise InputError(f"{name}: only turns on the spot; cut it by contact or at given times")
     level = thresholds or _speed_thresholds(recording, speeds, minimum_rest)
     whole = [(0, len(recording) - 1)]
     found = _active(recording, speeds, level, "above", minimum_rest) if level else whole
@@ -222,7 +224,7 @@ def segment(
 
 def _pair(name: str, thresholds: tuple[float, float]) -> tuple[float, float]:
     try:
-        low, high = sorted(float(x) for x in thresholds)
+        low, high = sorted(map(_arguments.number, thresholds))
     except (TypeError, ValueError):
         low = high = np.nan
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -249,10 +251,7 @@ def _speed_thresholds(
 
 
 def _contact_signal(recording: PoseTrajectory, contact: ArrayLike) -> Floats:
-    try:
-        signal = np.array(contact, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{recording.name}: contact must hold numbers") from None
+    signal = _arguments.numbers(f"{recording.name}: contact", contact)
     if signal.shape != (len(recording),):
         raise InputError(
             f"{recording.name}: contact has shape {signal.shape}, expected one number a sample, "

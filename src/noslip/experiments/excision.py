@@ -16,7 +16,6 @@ from noslip.demonstrations.preparation import PAPER_CUTOFF, prepare
 from noslip.learning import learn
 from noslip.merit import FiguresOfMerit, figures_of_merit
 from noslip.primitive import ConstrainedDMP
-from noslip.projection.pointwise import project_initial_velocity
 from noslip.trajectory import PoseTrajectory
 
 CONSTRAINT = Blade()
@@ -35,7 +34,7 @@ class Excision:
 
     @classmethod
     def run(cls, recording: PoseTrajectory) -> Excision:
-        """Prepare a sensor recording as the paper does, and learn from it."""
+        """Prepare a sensor recording by the paper's steps, and learn from it."""
         demonstration = prepare(
             recording,
             tool_frame=TOOL_FRAME,
@@ -44,8 +43,8 @@ class Excision:
             lowpass=PAPER_CUTOFF,
             relative=True,
         )
-        demonstration = project_initial_velocity(demonstration, [CONSTRAINT])
-        return cls(recording, demonstration, learn(demonstration, [CONSTRAINT]))
+        learned = learn(demonstration, [CONSTRAINT], project_start=True)
+        return cls(recording, demonstration, learned)
 
     @cached_property
     def trained(self) -> PoseTrajectory:

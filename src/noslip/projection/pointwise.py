@@ -28,7 +28,6 @@ below it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal
 
 import casadi as ca
@@ -44,7 +43,6 @@ from noslip.law.step import Coupled, Coupling, StepSymbols
 from noslip.projection.nearest import nearest
 from noslip.projection.quadratic import Pushes, least_push
 from noslip.rotations import quaternion_product, quaternion_turn
-from noslip.trajectory import PoseTrajectory
 
 Push = Literal["force", "steering"]
 
@@ -634,27 +632,3 @@ def project_velocities(
     found = given + change
     residual, _, _ = system.instant(time, position, quaternion, found[:3], found[3:])
     return found[:3], found[3:], residual[~system.row_is_limit]
-
-
-def project_initial_velocity(
-    trajectory: PoseTrajectory, constraints: ConstraintSystem | Constraint | Sequence[Constraint]
-) -> PoseTrajectory:
-    """Return a trajectory whose initial linear velocity satisfies the constraints.
-
-    The last step of the paper's preparation (its section IV-B): the Udwadia-Kalaba method assumes
-    that the motion starts on the constraint.  Poses stay as they are.
-    """
-    linear, angular, _ = project_velocities(
-        constraints,
-        0.0,
-        trajectory.positions[0],
-        trajectory.quaternions[0],
-        trajectory.linear_velocities[0],
-        trajectory.angular_velocities[0],
-    )
-    linear_velocities = trajectory.linear_velocities.copy()
-    angular_velocities = trajectory.angular_velocities.copy()
-    linear_velocities[0], angular_velocities[0] = linear, angular
-    return replace(
-        trajectory, linear_velocities=linear_velocities, angular_velocities=angular_velocities
-    )

@@ -27,6 +27,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import RotationSpline
 
+from noslip import _arguments
 from noslip._typing import Floats
 from noslip.boundary import Boundary, End
 from noslip.constraints.declaration import Constraint
@@ -110,7 +111,7 @@ def project_trajectory(
         ),
         Weights(position_weight, position_smoothing, rotation_smoothing),
         hold_position,
-        begin,
+        _arguments.finite("begin", begin),
         max_iterations,
     )
     result = project(request)

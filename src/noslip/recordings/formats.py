@@ -21,6 +21,7 @@ from noslip.recordings.lerobot import LEROBOT
 from noslip.recordings.robomimic import HDF5
 from noslip.recordings.tables import TABLE
 from noslip.recordings.tum import TUM
+from noslip.scale import ask_after_units
 from noslip.trajectory import PoseTrajectory
 
 CSV = Format(
@@ -93,6 +94,12 @@ def load_demonstrations(
         In the order given.  ``name`` is the file's path as given or found, followed by the
         episode where there are several.
 
+    Warns
+    -----
+    RecordingWarning
+        If stamps, period, speed, turn rate or size are hardly those of a tool in seconds, meters
+        and radians.
+
     Raises
     ------
     MissingDependencyError
@@ -155,11 +162,14 @@ def load_demonstrations(
         "columns": columns,
     }
     _refuse_ignored(options, formats)
-    return [
+    loaded = [
         trajectory
         for file, each in formats.items()
         for trajectory in each.read(file, **{name: options[name] for name in each.options})
     ]
+    for trajectory in loaded:
+        ask_after_units(trajectory)
+    return loaded
 
 
 def expand(path: str | Path) -> list[Path]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from noslip import _arguments
 from noslip._typing import Floats
 from noslip.errors import InputError
 
@@ -22,12 +23,16 @@ def checked_joints(
     """Return times, positions and velocities of joints after checks."""
     if isinstance(names, str) or not names or len(set(names)) != len(names):
         raise InputError(f"{target}: joints need different names, one each, got {names!r}")
-    try:
-        stamps = np.asarray([] if times is None else times, dtype=np.float64)
-        angles = np.asarray(positions, dtype=np.float64)
-        rates = None if velocities is None else np.asarray(velocities, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{target}: joints must be numbers: {error}") from None
+    stamps, angles, rates = (
+        None if given is None else _arguments.numbers(f"{target}: {what} of joints", given)
+        for what, given in (
+            ("times", [] if times is None else times),
+            ("positions", positions),
+            ("velocities", velocities),
+        )
+    )
+    assert stamps is not None
+    assert angles is not None
     if stamps.ndim != 1 or not len(stamps) or not np.all(np.diff(stamps) > 0):
         raise InputError(f"{target}: times of joints must be one row that increases")
     shape = (len(stamps), len(names))

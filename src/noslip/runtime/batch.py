@@ -188,10 +188,7 @@ def rollout_many(
 
 
 def _rows(name: str, values: ArrayLike, columns: int) -> Floats:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is not an array of numbers: {error}") from error
+    array = _arguments.numbers(name, values)
     shape = f"(M, {columns})" if columns else "(M,)"
     if array.ndim != (2 if columns else 1) or (columns and array.shape[1] != columns):
         raise InputError(f"{name} must have shape {shape}, got {array.shape}")
