@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._values import Value
-from noslip.adapting.ends import asked, placed, require_feasible
+from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
 from noslip.boundary import Boundary, End
 from noslip.errors import ConvergenceError, InputError
 from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps, fit
@@ -61,10 +61,10 @@ def adapt(
     *,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
-    goal_velocity: ArrayLike | None = None,
+    goal_velocity: Velocity = None,
     start_position: ArrayLike | None = None,
     start_rotation: Rotation | None = None,
-    start_velocity: ArrayLike | None = None,
+    start_velocity: Velocity = None,
     duration: float | None = None,
     via: Iterable[Boundary | Sequence[Any]] = (),
     scaling: Scaling = "none",
@@ -87,9 +87,12 @@ def adapt(
     goal_position, start_position : array, shape (3,), optional
         Meters; those of the law by default.
     goal_rotation, start_rotation : Rotation, optional
-    goal_velocity, start_velocity : 0, array of shape (3,) or (6,), optional
+    goal_velocity, start_velocity : 0, array of shape (3,) or (6,), or "free", optional
         At rest (0), or linear velocity (m/s), then angular (rad/s), world frame; projected onto
-        the constraints.  By default whatever suits the motion.
+        the constraints.  By default that of the law, turned with the tool where constraints tie
+        velocities to it: what rests at an end rests there, and a blade that ends moving forward
+        moves forward in its new heading.  "free" is whatever suits the motion; so it is by default
+        where the motion does not rest at an end of which ``start`` or ``end`` keeps but a part.
     duration : float, optional
         tau (s).
     via : sequence of (at, position), (at, position, rotation) or Boundary
@@ -120,27 +123,27 @@ def adapt(
     if duration is not None:
         tau = _arguments.positive("duration", duration, "seconds")
     count = samples_of(law, samples)
+    named = {
+        "start": (start_position, start_rotation, start_velocity),
+        "goal": (goal_position, goal_rotation, goal_velocity),
+    }
     free = law
     if scaling != "none":
         free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
-    first = placed(
-        asked("start", start_position, start_rotation, start_velocity),
-        (law.start_position, free.start_rotation),
-        rule.system,
-        rule.inverse_metric,
-        law.begin,
-    )
-    last = placed(
-        asked("goal", goal_position, goal_rotation, goal_velocity),
-        (law.goal_position, free.goal_rotation),
-        rule.system,
-        rule.inverse_metric,
-        law.begin + tau,
-    )
+    own = rollout(free, Rule(), duration=tau, time_step=tau / (count - 1))
+
+    def reached(name: Literal["start", "goal"], *of_law: Any, at: float, kept: End) -> Boundary:
+        place = placed(asked(name, *named[name]), of_law, rule.system, rule.inverse_metric, at)
+        if named[name][2] is not None:
+            return place.part(kept)
+        return moving(place, own, rule, at, kept)
+
+    first = reached("start", law.start_position, free.start_rotation, at=law.begin, kept=start)
+    last = reached("goal", law.goal_position, free.goal_rotation, at=law.begin + tau, kept=end)
     request = Request(
-        rollout(free, Rule(), duration=tau, time_step=tau / (count - 1)),
+        own,
         rule.system,
-        (first.part(start), *Boundary.vias(via), last.part(end)),
+        (first, *Boundary.vias(via), last),
         Weights(position_weight, position_smoothing, rotation_smoothing),
         begin=law.begin,
     )
@@ -205,9 +208,8 @@ def carried_out(
         return replace(found, duration=duration, steps=steps, begin=request.begin)
 
     found, _ = followed_with(fitted, [trajectory], law.basis.count, MOST_BASIS_FUNCTIONS)
-    if exact_start and request.leads_in:
-        start = np.concatenate(request.twist_at(0)) * duration
-        found = replace(found, start_velocity=start)
+    if exact_start and 0 in request.twists:
+        found = replace(found, start_velocity=np.concatenate(request.twists[0]) * duration)
     asked = [boundary for boundary in request.boundaries if boundary.at > 0]
     return Adapted(found, request, projected, verify(found, rule, asked))
 
