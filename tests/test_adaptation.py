@@ -85,13 +85,42 @@ def test_without_adapting_the_same_goal_is_missed() -> None:
     assert_reaches(dmp.adapt(goal_position=goal).rollout(), goal, dmp.goal_rotation, length)
 
 
-@pytest.mark.parametrize("far", [1.0, 10.0, 100.0])
-def test_goals_many_lengths_away_are_reached_too(far: float) -> None:
+def peak_speed(motion: ns.PoseTrajectory) -> float:
+    return float(np.linalg.norm(motion.step_velocities()[0], axis=1).max())
+
+
+@pytest.mark.parametrize("far", [1.0, 17.0, 100.0])
+def test_goals_many_lengths_away_are_reached_in_the_time_that_takes(far: float) -> None:
     dmp = cutting()
-    length = dmp.rollout().path_length
+    usual = dmp.rollout()
+    length = usual.path_length
     goal = dmp.goal_position + far * length * np.array([0.6, 0.0, 0.8])
-    motion = dmp.adapt(goal_position=goal).rollout()
+    with pytest.warns(ns.errors.CompromiseWarning, match=r"takes \S+ s, not 2, .* as fast"):
+        new = dmp.adapt(goal_position=goal)
+    motion = new.rollout()
     assert_reaches(motion, goal, dmp.goal_rotation, far * length)
+    # No longer than that takes, either.
+    assert peak_speed(motion) == pytest.approx(2 * peak_speed(usual), rel=2e-3)
+    # In a time that is given it is on the same path, and that is told.
+    with pytest.warns(ns.errors.CompromiseWarning, match="times as fast .* mends that") as told:
+        hurried = dmp.adapt(goal_position=goal, duration=dmp.duration)
+    assert hurried.duration == dmp.duration and len(told) == 1
+    assert f"{peak_speed(hurried.rollout()) / peak_speed(usual):.3g}" in str(told[0].message)
+    assert apart(hurried.rollout(), motion)[0] <= 1e-6 * far * length
+
+
+def test_a_shorter_time_that_is_asked_for_is_taken_without_a_word() -> None:
+    assert cutting().adapt(duration=0.1).duration == 0.1
+
+
+# A moving surface is elsewhere later: it stays in its time, and that is told.
+def test_a_far_goal_that_is_there_at_one_time_alone_is_reached_then() -> None:
+    _, dmp = learned("plane that moves")
+    goal = dmp.goal_position + [3.0, 1.0, 0.0]
+    with pytest.warns(ns.errors.CompromiseWarning, match="the motion moves at"):
+        new = dmp.adapt(goal_position=goal)
+    assert new.duration == dmp.duration
+    assert_reaches(new.rollout(), goal, dmp.goal_rotation, 3.0)
 
 
 @pytest.mark.parametrize("turn", [90, 135, 175])
@@ -632,6 +661,7 @@ def test_whatever_the_scaling_the_goal_is_reached(scaling: Any, seed: int) -> No
 
 # A blade's motion turned as a whole is a blade's motion, if its rotations turn too; stretched as a
 # whole it is one with the rotations as they are.
+@pytest.mark.filterwarnings("ignore:the motion takes")
 @pytest.mark.parametrize("scaling", ["difference", "rotation-dilation"])
 @pytest.mark.parametrize("factor", [0.1, 0.5, 3.0])
 def test_a_goal_farther_along_the_way_stretches_the_cut(scaling: Any, factor: float) -> None:
@@ -661,6 +691,7 @@ def test_goals_at_the_start_or_opposite_to_it_are_reached(scaling: Any, part: fl
     assert_reaches(new.rollout(), goal, turned, dmp.rollout().path_length)
 
 
+@pytest.mark.filterwarnings("ignore:the motion takes")
 @given(st.floats(-np.pi, np.pi), st.floats(0.3, 3.0))
 @settings(max_examples=15)
 def test_a_turned_and_stretched_way_turns_and_stretches_the_whole_motion(
