@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 import noslip as ns
 from learned import Goal, cutting, numerical
@@ -485,6 +485,55 @@ def test_via_points_in_any_order_are_the_same() -> None:
     via = [(f, usual.positions[round(f * dmp.steps)] + [0, 0, 0.03]) for f in (0.3, 0.6, 0.8)]
     one, other = dmp.adapt(via=via).rollout(), dmp.adapt(via=reversed(via)).rollout()
     np.testing.assert_array_equal(one.positions, other.positions)
+
+
+def pose_at(motion: ns.PoseTrajectory, at: float) -> tuple[Floats, Rotation]:
+    """Between samples: on the chord, and turned at one rate."""
+    time = motion.times[0] + at * motion.duration
+    positions = [np.interp(time, motion.times, column) for column in motion.positions.T]
+    return np.array(positions), Slerp(motion.times, motion.rotations)([time])[0]
+
+
+def near(dmp: ns.ConstrainedDMP, at: float, beside: float) -> tuple[float, Floats, Rotation]:
+    """A pose beside a motion's own at a fraction of it (share of its path)."""
+    position, rotation = pose_at(dmp.rollout(), at)
+    shift = beside * dmp.rollout().path_length * np.array([0, 0.8, 0.6])
+    return at, position + shift, Rotation.from_rotvec(3 * beside * np.ones(3)) * rotation
+
+
+# By the nearest sample 0.37 degrees off; two close ones by 1.9 mm.
+@pytest.mark.parametrize("of", [cutting, numerical])
+@pytest.mark.parametrize(
+    ("places", "beside", "pose"),
+    [
+        ([0.3337], 0.02, True),
+        ([0.21, 0.5003, 0.7771], 0.01, True),
+        ([0.5, 0.505], 0.002, True),
+        ([0.5, 0.505], 0.002, False),
+        ([0.995], 0.0, False),
+    ],
+)
+def test_vias_are_met_between_samples_and_close_to_each_other(
+    of: Any, places: list[float], beside: float, pose: bool
+) -> None:
+    dmp = of()
+    length = dmp.rollout().path_length
+    vias = [near(dmp, at, beside) for at in places]
+    new = dmp.adapt(via=[via if pose else via[:2] for via in vias])
+    motion = new.rollout()
+    for at, position, rotation in vias:
+        passed, turned = pose_at(motion, at)
+        assert np.linalg.norm(passed - position) <= 1e-5 * length
+        assert not pose or degrees(turned, rotation) <= 2e-3
+    assert np.linalg.norm(motion.positions[-1] - dmp.goal_position) <= 1e-5 * length
+    assert degrees(motion.rotations[-1], dmp.goal_rotation) <= 2e-3
+
+
+# It was passed, the end left 2 mm off at 160 rad/s.
+@pytest.mark.filterwarnings("ignore::noslip.errors.CompromiseWarning")
+def test_a_via_that_leaves_no_time_to_come_to_the_goal_is_refused() -> None:
+    with pytest.raises(ns.errors.MissedError, match=r"0.995, 1: places 0.005 .* leave more"):
+        cutting().adapt(via=[near(cutting(), 0.995, 0.01)[:2]])
 
 
 @pytest.mark.parametrize("at", [0, 1, -0.1, 1.5, np.nan, "half"])

@@ -212,7 +212,7 @@ def _broken_limits(motion: Motion, rule: Rule) -> Iterator[tuple[bool, str]]:
 def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[bool, str]]:
     length = motion.path_length
     for boundary in asked:
-        position, rotation = _pose_at(motion, boundary.at)
+        position, rotation = pose_at(motion, boundary.at)
         off = turned = 0.0
         if boundary.position is not None:
             off = float(np.linalg.norm(position - boundary.position))
@@ -228,7 +228,7 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
         yield is_failure, f"the motion {passes} {' and '.join(parts)} from {target}"
 
 
-def _pose_at(motion: PoseTrajectory, fraction: float) -> tuple[Floats, Rotation]:
+def pose_at(motion: PoseTrajectory, fraction: float) -> tuple[Floats, Rotation]:
     """Pose at a fraction of a motion, on the chord between two samples."""
     time = motion.times[0] + fraction * motion.duration
     k = int(np.clip(np.searchsorted(motion.times, time, "right") - 1, 0, len(motion) - 2))

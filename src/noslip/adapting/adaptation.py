@@ -33,13 +33,18 @@ from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
 from noslip.trajectory import PoseTrajectory
-from noslip.verification import followed_with, verify
+from noslip.verification import followed_with, pose_at, verify
 
 MOST_SAMPLES = 2001
 """An adapted motion is as smooth as its primitive; more samples than these add nothing."""
 _FAST, _SAME_SPEED, _GROWTHS = 2.0, 1 + 1e-3, 3
 """How many times as fast as its law a motion may be to a goal that is far, what counts as the same
 speed, and how often a duration grows: at once in most cases, since shape and duration are apart."""
+_PER_GAP, _AIMED = 2, 6
+"""Basis functions from one place to pass to the next, which are to be told apart, and how often a
+motion is aimed anew: each time it misses a tenth of what it did."""
+_EXACT, _EXACT_TURN = 1e-6, 1e-6
+"""Share of the path, and turn (rad), that a via point may be missed by."""
 FEWEST_SAMPLES = 20
 """Fewer do not show where a motion bends once."""
 
@@ -132,7 +137,12 @@ def adapt(
     """
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
-    count = samples_of(law, samples)
+    passed = Boundary.vias(via)
+    functions, gap = law.basis.count, np.diff([0.0, *(place.at for place in passed), 1.0]).min()
+    while functions * gap < _PER_GAP and 2 * fewest_steps(functions) < MOST_SAMPLES:
+        functions *= 2
+    steps = law.steps * -(-fewest_steps(functions) // law.steps)
+    count = samples_of(functions, steps, samples)
     named = {
         "start": (start_position, start_rotation, start_velocity),
         "goal": (goal_position, goal_rotation, goal_velocity),
@@ -140,7 +150,6 @@ def adapt(
     free = law
     if scaling != "none":
         free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
-    passed = Boundary.vias(via)
 
     def planned(tau: float) -> Adapted:
         own = rollout(free, Rule(), duration=tau, time_step=tau / (count - 1))
@@ -160,7 +169,7 @@ def adapt(
             time = request.begin + place.at * tau
             require_feasible(request.system, f"via at {place.at:g}", time, place)
         request = replace(request, reference=through(own, request.boundaries))
-        return carried_out(free, rule, request, law.steps, tau, exact_start=True)
+        return carried_out(free, rule, request, steps, tau, functions=functions, exact_start=True)
 
     return _in_time(planned, law, duration)
 
@@ -208,10 +217,10 @@ def _in_time(planned: Callable[[float], Adapted], law: Law, duration: float | No
     return found
 
 
-def samples_of(law: Law, samples: int | None) -> int:
-    """Return how many samples an adaptation takes."""
+def samples_of(functions: int, steps: int, samples: int | None) -> int:
+    """Return how many samples an adaptation to a law of so many functions and steps takes."""
     if samples is None:
-        return _samples_for(law.basis.count, law.steps)
+        return _samples_for(functions, steps)
     samples = _arguments.count("samples", samples, MOST_SAMPLES)
     if samples < FEWEST_SAMPLES:
         raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
@@ -225,12 +234,55 @@ def carried_out(
     steps: int,
     duration: float,
     *,
+    functions: int | None = None,
     exact_start: bool = False,
 ) -> Adapted:
     """Project a reference that meets its boundaries, fit a law of so many steps, and verify it.
 
     The fit begins with the velocity that leads onto the path, or exactly with what was asked for.
+    What its motion misses of a via point, between two samples or by the fit, is aimed past it.
     """
+    functions = functions or law.basis.count
+    asked = [boundary for boundary in request.boundaries if boundary.at > 0]
+    aimed = request
+    for _ in range(_AIMED):
+        projected = _projected(aimed)
+        found = _fitted(projected.trajectory, law, functions, steps)
+        found = replace(found, duration=duration, steps=steps, begin=request.begin)
+        if exact_start and 0 in request.twists:
+            found = replace(found, start_velocity=np.concatenate(request.twists[0]) * duration)
+        if len(asked) == 1 or (past := _aimed_past(aimed, asked, rollout(found, rule))) is None:
+            break
+        aimed = past
+    else:
+        raise MissedError(
+            f"no motion found that passes all of {', '.join(f'{b.at:g}' for b in asked)}: places "
+            f"{np.diff([0.0, *(b.at for b in asked)]).min():.2g} of the motion apart are too far "
+            "from each other for that; leave more of it between them"
+        )
+    return Adapted(found, request, projected, verify(found, rule, asked))
+
+
+def _aimed_past(aimed: Request, asked: Sequence[Boundary], motion: Motion) -> Request | None:
+    """Return a request aimed past what a motion misses by as much; None where it misses nothing."""
+    corrected, exact = {b.at: b for b in aimed.boundaries}, True
+    for boundary in asked:
+        position, rotation = pose_at(motion, boundary.at)
+        past = corrected[boundary.at]
+        if boundary.position is not None and past.position is not None:
+            missed = boundary.position - position
+            exact &= bool(np.linalg.norm(missed) <= _EXACT * motion.path_length)
+            past = replace(past, position=past.position + missed)
+        if boundary.rotation is not None and past.rotation is not None:
+            turn = boundary.rotation * rotation.inv()
+            exact &= bool(turn.magnitude() <= _EXACT_TURN)
+            past = replace(past, rotation=turn * past.rotation)
+        corrected[boundary.at] = past
+    return None if exact else replace(aimed, boundaries=tuple(corrected.values()))
+
+
+def _projected(request: Request) -> ProjectedTrajectory:
+    """Project a reference that meets its boundaries, heeding every hard limit."""
     projected = project_heeding_what_it_can(request)
     limits = request.system.limits
     left_out = [
@@ -243,27 +295,26 @@ def carried_out(
             f"no motion found that keeps {', '.join(left_out)} between these ends; give it more "
             "time (duration), other ends, or a priority above 0"
         )
-    trajectory = projected.trajectory
-    samples = _samples_for(law.basis.count, steps)
+    return projected
+
+
+def _fitted(trajectory: PoseTrajectory, law: Law, functions: int, steps: int) -> Law:
+    """Fit a law like another one, of the basis functions that it takes."""
+    samples = _samples_for(functions, steps)
     if len(trajectory) < samples:
         times = np.linspace(trajectory.times[0], trajectory.times[-1], samples)
         trajectory = trajectory.resampled(times=times)
 
     def fitted(trajectories: Sequence[PoseTrajectory], count: int) -> Law:
-        found = fit(
+        return fit(
             trajectories,
             basis_functions=count,
             alpha=law.attractor.alpha,
             beta=law.attractor.beta,
             alpha_s=law.clock.alpha_s,
         )
-        return replace(found, duration=duration, steps=steps, begin=request.begin)
 
-    found, _ = followed_with(fitted, [trajectory], law.basis.count, MOST_BASIS_FUNCTIONS)
-    if exact_start and 0 in request.twists:
-        found = replace(found, start_velocity=np.concatenate(request.twists[0]) * duration)
-    asked = [boundary for boundary in request.boundaries if boundary.at > 0]
-    return Adapted(found, request, projected, verify(found, rule, asked))
+    return followed_with(fitted, [trajectory], functions, MOST_BASIS_FUNCTIONS)[0]
 
 
 def _samples_for(basis_functions: int, steps: int) -> int:

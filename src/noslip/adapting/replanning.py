@@ -80,7 +80,7 @@ def replan(
     Adapted
         The ``initial_state`` of its law is the state to go on from.
     """
-    count = samples_of(law, samples)
+    count = samples_of(law.basis.count, law.steps, samples)
     require_state(state)
     nominal = rollout(law, rule, duration=state.duration, time_step=state.duration / (count - 1))
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
