@@ -245,9 +245,14 @@ def row_units(constraint: Constraint) -> list[str]:
     """For each row, the unit of its residual.
 
     Several in a constraint's ``unit`` are those of its rows, in order: ``"m/s, rad/s"`` of four
-    rows are two rows of each.
+    rows are two rows of each.  Of a constraint without one, rows about velocities that the linear
+    velocity has no part in are rad/s.
     """
-    rows = constraint_function(constraint).size1_out(0)
+    function = constraint_function(constraint)
+    rows = function.size1_out(0)
+    if constraint.unit is None and constraint.level == "velocity":
+        moving = set(function.jac_sparsity(0, 3).row())
+        return [UNITS["velocity"] if row in moving else "rad/s" for row in range(rows)]
     unit = constraint.unit or UNITS[constraint.level]
     units = unit.split(", ")
     if rows % len(units):

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from noslip._typing import Floats
+from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.figures.quantities import (
     ANGLES,
@@ -256,7 +257,7 @@ def _sampled(curves: Sequence[Curve]) -> Floats:
 
 def _residual_curves(residual: ResidualRow, motions: Mapping[str, PoseTrajectory]) -> list[Curve]:
     return [
-        (_percent(motion.times[1:], motion), residual.values[name])
+        (_percent(motion.times[0] + residual.times[name], motion), residual.values[name])
         for name, motion in motions.items()
     ]
 
@@ -272,7 +273,7 @@ def _plot_sizes(ax: Axes, residual: ResidualRow, curves: Sequence[Curve]) -> Non
     ax.text(
         0.5,
         0.9,
-        f"largest of all: {number(peak)} {residual.unit}",
+        f"largest of all: {value_text(peak / residual.scale, residual.own_unit)}",
         transform=ax.transAxes,
         ha="center",
         va="top",
@@ -289,9 +290,11 @@ def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTraje
     worst = max(rows, key=prominence)
     if worst.is_limit:
         return f"{capitalized(worst.name)} of {count}: {_limit_finding(worst)}"
-    peak = f"{number(max(worst.peaks.values()))} {worst.unit}"
+    largest = max(worst.peaks.values())
+    peak = f"{number(largest)} {worst.unit}"
     if all(map(worst.hides, motions)):
-        return f"{capitalized(worst.name)} of {count}: at most {peak}"
+        peak = residual_text(largest / worst.scale, worst.own_unit, order="at most")
+        return f"{capitalized(worst.name)} of {count}: {peak}"
     mean = _sampled(_residual_curves(worst, motions)).mean(axis=0)
     at = int(np.argmax(np.abs(mean)))
     signed = f"{'+' if mean[at] > 0 else '−'}{number(abs(mean[at]))} {worst.unit}"
