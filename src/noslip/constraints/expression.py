@@ -155,7 +155,7 @@ class Instructions:
         raise ValueError(f"unknown operation {name!r}")
 
     def __repr__(self) -> str:
-        return f"<{len(self.steps)} instructions>"
+        return f"<formula of {len(self.steps)} operations>"
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from noslip._typing import Expression, Floats
+from noslip._values import LONGEST_REPR, shortened
 from noslip.constraints.declaration import (
     Constraint,
     Level,
@@ -83,6 +84,9 @@ class ConstraintSystem:
         self._identity = tuple(map(declared, self.constraints)), self.names
         self._hash = hash(self._identity)
         self._graphs = _graphs(self._identity)
+
+    def __repr__(self) -> str:
+        return shortened(f"ConstraintSystem({', '.join(self.names)})", LONGEST_REPR)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ConstraintSystem):
