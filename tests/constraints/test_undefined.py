@@ -121,6 +121,29 @@ def test_a_rollout_that_is_lost_names_the_rule() -> None:
     assert "sqrt(-" in message
 
 
+def test_steps_controllers_and_many_rollouts_name_it_too() -> None:
+    @ns.keep_nonnegative
+    def side(motion: Instant) -> Any:
+        return ca.sqrt(0.05 - motion.position[0])
+
+    dmp = constrained([side], FULL, plain=ns.learn(MOVING, basis_functions=30))
+
+    def steps() -> None:
+        state = dmp.initial_state()
+        for _ in range(200):
+            state = dmp.step(state, 0.01)
+
+    def control() -> None:
+        controller = dmp.controller(time_step=0.01)
+        for _ in range(200):
+            controller.step()
+
+    goals = np.tile(dmp.goal_position, (2, 1))
+    for lost in (steps, control, lambda: dmp.rollout_many(goals=goals)):
+        message = refusal(ConstraintError, lost)
+        assert message.startswith("constraint 'side' is nan at 0.7"), message
+
+
 def test_a_start_where_a_rule_is_undefined_is_refused() -> None:
     @ns.position_constraint
     def shell(motion: Instant) -> Any:

@@ -20,6 +20,7 @@ from noslip.law.layout import CLOCK, FORCE, STATE, STEP, VELOCITY
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
+from noslip.runtime.lost import require_defined
 from noslip.runtime.motion import Asked, Motion
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
@@ -107,7 +108,7 @@ def rollout(
     times[-1] = state.time + state.duration
     table = _table(law, rule, state, times, time_step)
     stepper.run(first, table, states[1:], outputs[1:])
-    _require_defined(system, times, states)
+    require_defined(system, times, states)
     outputs[0] = outputs[1]
     outputs[0, stepper.outputs["values"]] = [*state.constraint_residuals, *state.margins]
     return Motion.of_steps(
@@ -172,6 +173,7 @@ def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
     stepper, rows = stepper_of(rule), rule.system.equalities.size
     after, outputs = np.empty(STATE.size), np.empty((1, stepper.outputs.size))
     stepper.run(before, table, after[None], outputs)
+    require_defined(rule.system, state.time + np.array([0, time_step]), np.stack([before, after]))
     found = {name: outputs[0, stepper.outputs[name]] for name in stepper.outputs}
     phase = state.phase * law.clock.decay(time_step / state.duration)
     return replace(
@@ -256,25 +258,6 @@ def _table(law: Law, rule: Rule, state: State, times: Floats, time_step: float) 
             steps_ahead(law, rule, state, steps - 1, time_step),
             steps_ahead(law, rule, late, 1, rest),
         ]
-    )
-
-
-def _require_defined(system: ConstraintSystem, times: Floats, states: Floats) -> None:
-    """Of a motion that is lost, name the constraint that is undefined where it was last."""
-    lost = ~np.isfinite(states).all(axis=1)
-    if not lost.any():
-        return
-    last = max(int(np.argmax(lost)) - 1, 0)
-    p, q, v, w = (states[last, STATE[name]] for name in STATE)
-    # Where it is, and where it would be in the middle and at the end of the next step.
-    ahead = np.array([0.0, 0.5, 1.0])[:, None] * (times[last + 1] - times[last])
-    turned = Rotation.from_rotvec(ahead * w) * Rotation.from_quat(q, scalar_first=True)
-    system.require_slopes(
-        times[last] + ahead,
-        p + ahead * v,
-        turned.as_quat(scalar_first=True),
-        np.tile(v, (3, 1)),
-        np.tile(w, (3, 1)),
     )
 
 
