@@ -23,7 +23,7 @@ import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.constraints.check import check, margin_text, quantity_text
+from noslip.constraints.check import check, margin_text, quantity_text, residual_text
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
 from noslip.learning import learn
@@ -249,7 +249,7 @@ def run(
                 "the edge trails, as recorded"
             )
     if system.equalities.size:
-        typer.echo(f"residual of its motion: {result['residual_peak']:.2g} (peak)")
+        typer.echo(f"residual of its motion: {residual_text(result['residual_peak'], '1')} (peak)")
     if system.limits.size:
         for limit in check(motion, system.limits).constraints:
             typer.echo(f"{limit.name} of its motion: {margin_text(limit)}")

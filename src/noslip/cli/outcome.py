@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
 
-from noslip.constraints.check import quantity_text
+from noslip.constraints.check import quantity_text, residual_text
 from noslip.named_columns import records_text
 
 
@@ -95,6 +95,6 @@ def _achieved(outcomes: list[Outcome]) -> list[str]:
     times = "" if ratio is None else f", {ratio:.3g} times that of the original"
     return [
         *lines,
-        f"residual at most {residual:.2g}",
+        f"residual {residual_text(residual or 0.0, '1', order='at most')}",
         f"angular speed at most {speed:.3g} rad/s{times}",
     ]

@@ -26,6 +26,7 @@ from noslip import robots
 from noslip._files import write_beside
 from noslip.cli import options, output
 from noslip.constraints.catalog import specification
+from noslip.constraints.check import residual_text
 from noslip.errors import InputError, MissingDependencyError
 from noslip.figures import executed_slip, joint_limits, save_figure
 from noslip.recordings import load_demonstrations, write_bag
@@ -228,9 +229,11 @@ def _print_summary(found: dict[str, Any]) -> None:
     for kind in ("kinematic", "dynamic"):
         if kind in found:
             run = found[kind]
-            slips = ", ".join(f"{name} {peak:.2g}" for name, peak in run["slip"].items())
+            slips = ", ".join(
+                f"{name} {residual_text(peak, '1')}" for name, peak in run["slip"].items()
+            )
             typer.echo(
-                f"{kind}: residual at most {slips or 'none'}; off the path by at most "
+                f"{kind}: residual {slips or 'none'}; off the path by at most "
                 f"{1e3 * run['position_error']:.3g} mm ({1e3 * run['lateral_error']:.3g} mm "
                 f"sideways) and {np.degrees(run['rotation_error']):.3g}°"
             )

@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip._values import is_same
+from noslip._values import LONGEST_REPR, is_same, shortened
 from noslip.adapting import REPLANNED_SAMPLES, replan
 from noslip.control.steering import PATH, Guidance
 from noslip.errors import InputError, NoslipError
@@ -140,6 +140,10 @@ class Controller:
         self._length = rollout(dmp.law, dmp.rule).path_length
         self._build()
         self.reset()
+
+    def __repr__(self) -> str:
+        text = f"Controller(time_step={self.time_step:g}, {self.law!r}, {self.rule!r})"
+        return shortened(text, LONGEST_REPR)
 
     def _build(self) -> None:
         """Build what is made of graphs, or shared."""

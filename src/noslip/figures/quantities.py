@@ -10,7 +10,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.constraints.check import MILLIMETERS_BELOW, step_accelerations, with_unit
+from noslip.constraints.check import (
+    MILLIMETERS_BELOW,
+    ROUNDING,
+    residual_text,
+    step_accelerations,
+    with_unit,
+)
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
@@ -156,7 +162,12 @@ def scaled_unit(size: float, unit: str = "m") -> tuple[float, str]:
 
 
 def value_text(value: float, unit: str) -> str:
-    """Return a value with its unit, in millimeters if it is a small length or speed."""
+    """Return a value with its unit, in millimeters if it is a small length or speed.
+
+    What rounding leaves of a length or residual reads as its bound.
+    """
+    if abs(value) < ROUNDING:
+        return residual_text(0.0, unit, "<") if value else with_unit("0", unit)
     scale, shown = scaled_unit(abs(value), unit)
     return with_unit(number(scale * value), shown)
 

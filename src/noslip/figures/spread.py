@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from noslip._typing import Floats
+from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.figures import style
 from noslip.figures.quantities import (
@@ -233,7 +234,10 @@ def _sampled(curves: Sequence[Curve]) -> Floats:
 
 
 def _residual_curves(residual: ResidualRow, motions: Mapping[str, PoseTrajectory]) -> list[Curve]:
-    return [(_percent(motion)[1:], residual.values[name]) for name, motion in motions.items()]
+    return [
+        (100 * residual.times[name] / motion.duration, residual.values[name])
+        for name, motion in motions.items()
+    ]
 
 
 def _plot_sizes(ax: Axes, residual: ResidualRow, curves: Sequence[Curve]) -> None:
@@ -243,7 +247,8 @@ def _plot_sizes(ax: Axes, residual: ResidualRow, curves: Sequence[Curve]) -> Non
         ax.plot(progress, size, color=style.PALETTE["vermillion"], **EACH)
     style.log_axis(ax, sizes, residual.span)
     ax.set_xlim(0, 100)
-    text = f"largest of all: {style.number(max(residual.peaks.values()))} {residual.unit}"
+    peak = max(residual.peaks.values()) / residual.scale
+    text = f"largest of all: {value_text(peak, residual.own_unit)}"
     middle: Any = {"ha": "center", "va": "top", "transform": ax.transAxes}
     ax.text(0.5, 0.9, text, fontsize=style.SMALL_FONT_SIZE, **middle)
     style.dress(ax, PROGRESS, residual.size_label)
@@ -257,9 +262,11 @@ def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTraje
     worst = max(rows, key=prominence)
     if worst.is_limit:
         return f"{style.capitalized(worst.name)} of {count}: {_limit_finding(worst)}"
-    peak = f"{style.number(max(worst.peaks.values()))} {worst.unit}"
+    largest = max(worst.peaks.values())
+    peak = f"{style.number(largest)} {worst.unit}"
     if all(map(worst.hides, motions)):
-        return f"{style.capitalized(worst.name)} of {count}: at most {peak}"
+        peak = residual_text(largest / worst.scale, worst.own_unit, order="at most")
+        return f"{style.capitalized(worst.name)} of {count}: {peak}"
     mean = _sampled(_residual_curves(worst, motions)).mean(axis=0)
     at = int(np.argmax(np.abs(mean)))
     signed = f"{'+' if mean[at] > 0 else '−'}{style.number(abs(mean[at]))} {worst.unit}"

@@ -187,11 +187,18 @@ class Problem:
         following = np.concatenate([np.arange(1, self.count), [self.count - 1]])
         positions = self.given.positions
         # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
-        velocities = np.diff(positions, axis=0, prepend=positions[:1]) / self.time_step
+        velocities = np.diff(positions, axis=0) / self.time_step
+        # No step leads to the first sample; nothing is asked of one, but a rule may be undefined at
+        # rest: it is taken as the step after it.
+        velocities = np.concatenate([velocities[:1], velocities])
+        earlier = quaternions[previous]
+        first, second = self.reference[0], self.reference[1]
+        earlier[0] = ((first * second.inv()) * first).as_quat(scalar_first=True)
+        earlier[0] *= np.sign(earlier[0] @ quaternions[0])
         times = self.given.times - self.given.times[0] + self.begin
         return np.column_stack(
             [
-                quaternions[previous],
+                earlier,
                 quaternions,
                 quaternions[following],
                 positions,

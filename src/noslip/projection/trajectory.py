@@ -161,6 +161,11 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
     """Return the result if it converged; else say what to change."""
     if result.converged:
         return result
+    # What is undefined on the way lets nothing converge, and nothing that follows would help.
+    for tried in (request.reference, result.trajectory):
+        times, positions, rotations = tried.step_middles()
+        pose = (times + request.begin, positions, rotations.as_quat(scalar_first=True))
+        request.system.require_slopes(*pose, *tried.step_velocities(), "step")
     names = ", ".join(c.name for c in request.system.constraints)
     if swing := _swing(result, request):
         raise ConvergenceError(

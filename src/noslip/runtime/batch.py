@@ -19,6 +19,7 @@ from noslip.errors import InputError
 from noslip.law.law import Law
 from noslip.law.layout import BEGINNING, FORCE, POINT, STATE
 from noslip.rule import Rule
+from noslip.runtime.lost import require_defined
 from noslip.runtime.numbers import Struct
 from noslip.runtime.rollout import ProjectStart, initial_state, steps_ahead
 from noslip.runtime.stepper import stepper_of
@@ -173,9 +174,13 @@ def rollout_many(
         chunk = states[first : first + _TOGETHER]
         if not np.isfinite(chunk).all():
             finite = np.isfinite(chunk).all(axis=(1, 2))
+            lost = first + int(np.argmin(finite))
+            duration = beginnings[lost, BEGINNING.index("duration")]
+            times = np.linspace(law.begin, law.begin + duration, len(states[lost]))
+            require_defined(rule.system, times, states[lost])
             raise InputError(
-                f"motion {first + int(np.argmin(finite))} is not finite; its start, goal or "
-                "duration is out of what can be computed with"
+                f"motion {lost} is not finite; its start, goal or duration is out of what can be "
+                "computed with"
             )
     margins = STATE.size + rule.system.equalities.size
     return Motions(

@@ -9,6 +9,7 @@ from math import ceil, exp, isfinite
 
 import numpy as np
 
+from noslip._typing import Floats
 from noslip.codegen.library import Library
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
@@ -16,6 +17,7 @@ from noslip.law.clock import Phase
 from noslip.law.law import Law
 from noslip.law.layout import STATE, STEP, VELOCITY, memory_layout
 from noslip.rule import Rule
+from noslip.runtime.lost import require_defined
 from noslip.runtime.numbers import Struct
 from noslip.runtime.rollout import steps_ahead
 from noslip.runtime.state import State
@@ -140,14 +142,21 @@ class Compiled:
         self._struct = Struct(law, rule)
         if (self._struct.size, memory.data.nbytes) != library.sizes:
             raise NoslipError(f"{library.path}: another layout than expected; remove the file")
-        self._memory = memory
+        self._memory, self._system = memory, rule.system
         self._step = library.step
         self._primitive, self._state = self._struct.address, memory.data.ctypes.data
 
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
         if self._step(self._primitive, self._state, time_step):
-            raise InputError(NOT_FINITE)
+            raise _lost(self._system, self._memory.data, time_step)
+
+
+def _lost(system: ConstraintSystem, data: Floats, time_step: float) -> InputError:
+    """Say whose fault it is that a step is not finite."""
+    states = np.stack([data[MOVING], np.full(STATE.size, np.nan)])
+    require_defined(system, data[TIME] + np.array([0.0, time_step]), states)
+    return InputError(NOT_FINITE)
 
 
 class Virtual:
@@ -197,7 +206,7 @@ class Virtual:
         self._evaluate()
         after, output, columns = self._after, self._output, self._columns
         if not isfinite(after[: STATE.size].sum()):
-            raise InputError(NOT_FINITE)
+            raise _lost(self._rule.system, data, h)
         np.subtract(after[VELOCITY], self._now[VELOCITY], out=self._change)
         np.multiply(self._change, 1 / self._row[_KICK], out=data[ACCELERATION])
         data[MOVING], data[self._values] = after[: STATE.size], after[STATE.size :]

@@ -20,6 +20,7 @@ from noslip.law.layout import CLOCK, FORCE, STATE, STEP, VELOCITY
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
+from noslip.runtime.lost import require_defined
 from noslip.runtime.motion import Asked, Motion
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
@@ -106,6 +107,7 @@ def rollout(
     times[-1] = state.time + state.duration
     table = _table(law, rule, state, times, time_step)
     stepper.run(states[0], table, states[1:], outputs[1:])
+    require_defined(system, times, states)
     outputs[0] = outputs[1]
     return Motion.of_steps(
         times,
@@ -170,6 +172,7 @@ def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
     before = state.carried(rule.system)
     after, outputs = np.empty_like(before), np.empty((1, stepper.outputs.size))
     stepper.run(before, table, after[None], outputs)
+    require_defined(rule.system, state.time + np.array([0, time_step]), np.stack([before, after]))
     found = {name: outputs[0, stepper.outputs[name]] for name in stepper.outputs}
     values = after[stepper.carried["values"]]
     phase = state.phase * law.clock.decay(time_step / state.duration)

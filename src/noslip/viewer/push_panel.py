@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from noslip.constraints.check import residual_text
 from noslip.errors import NoslipError
 from noslip.viewer.actions import Actions
 from noslip.viewer.changes import PushedRun
@@ -131,5 +132,6 @@ class PushPanel:
         off = 1e3 * run.off(self._entry.track.motion.positions)
         self.note.content = note(
             f"{what}: {run.clock:.2f} s, {off:.2g} mm off the path, "
-            f"{1e3 * run.goal_error:.2g} mm from the goal, residual at most {run.residual:.1e}"
+            f"{1e3 * run.goal_error:.2g} mm from the goal, residual "
+            + residual_text(run.residual, "1", order="at most")
         )

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.constraints.check import CheckReport, check, quantity_text, step_residuals
+from noslip.constraints.check import (
+    CheckReport,
+    check,
+    quantity_text,
+    residual_text,
+    sample_residuals,
+)
 from noslip.constraints.declaration import UNITS, Constraint
 from noslip.constraints.edge_motion import EdgeMotion, edge_motion, edge_steps, work_moves
 from noslip.constraints.system import ConstraintSystem
@@ -55,9 +61,8 @@ class Track:
 
     @cached_property
     def rows(self) -> Floats:
-        """Residuals and margins at each sample, shape (N, m); the first sample has the second's."""
-        found = step_residuals(self.motion, self.system)
-        return np.concatenate([found[:1], found])
+        """Residuals and margins at each sample, shape (N, m)."""
+        return sample_residuals(self.motion, self.system)
 
     @cached_property
     def sizes(self) -> dict[str, Floats]:
@@ -232,7 +237,7 @@ class Track:
         if self.lateral_axes is not None:
             texts["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
         for name, sizes in self.sizes.items():
-            texts[f"{name}: residual"] = quantity_text(float(sizes[k]), self.units[name])
+            texts[f"{name}: residual"] = residual_text(float(sizes[k]), self.units[name])
         for name, margins in self.margins.items():
             texts[f"{name}: margin"] = quantity_text(float(margins[k]), self.units[name])
         if self.forces is not None:
