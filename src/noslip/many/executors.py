@@ -180,15 +180,14 @@ def processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
 def _prepare_process() -> None:
     # Ctrl-C goes to all processes of a terminal; the one that waits for this one deals with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _end_with(parent: Any) -> None:
+def _end_with_parent() -> None:
     """Leave no process behind where the parent was killed."""
-    parent.join()
-    os._exit(1)
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _require_workers() -> None:

@@ -69,10 +69,8 @@ def read_robomimic(
 
 def _demos(data: Any) -> dict[int, str]:
     """Return the names of the demonstrations by number, in order."""
-    numbered = {
-        int(name[5:]): name for name in data if name[:5] == "demo_" and name[5:].isdecimal()
-    }
-    return dict(sorted(numbered.items()))
+    found = {name.removeprefix("demo_"): name for name in data if name.startswith("demo_")}
+    return {int(k): found[k] for k in sorted(filter(str.isdecimal, found), key=int)}
 
 
 def _frequency(path: Path, data: Any) -> float:

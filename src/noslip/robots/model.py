@@ -364,11 +364,11 @@ def _keyframe(spec: Any, chain: Sequence[Any]) -> Floats | None:
 
 
 def _numeric(name: str, model: Any, field: str) -> Floats:
-    for k in range(model.nnumeric):
-        numeric = model.numeric(k)
-        if numeric.name == field:
-            return _limits(f"{name}: {field}", numeric.data, model.nv)
-    return np.full(model.nv, np.inf)
+    try:
+        given = model.numeric(field).data
+    except KeyError:
+        return np.full(model.nv, np.inf)
+    return _limits(f"{name}: {field}", given, model.nv)
 
 
 def _limits(name: str, value: ArrayLike, size: int) -> Floats:
