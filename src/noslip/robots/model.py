@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 import threading
@@ -19,8 +18,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._extras import need
 from noslip._typing import Floats
-from noslip.errors import InputError, MissingDependencyError
+from noslip.errors import InputError
 
 TABLE_SIZE = (1.2, 1.2, 0.02)
 """Half sizes of the table (m): wider than an arm of a meter reaches to one side."""
@@ -37,10 +37,7 @@ def required(module: str) -> Any:
     """Import a library of the extra ``robots``."""
     if module == "mujoco" and module not in sys.modules:
         _choose_drawing()
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise MissingDependencyError(f"arms need {module}: pip install 'noslip[robots]'") from error
+    return need("arms", module, "robots")
 
 
 def _choose_drawing() -> None:
