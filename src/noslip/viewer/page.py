@@ -130,8 +130,9 @@ class Page:
                     box = gui.add_checkbox(label, initial_value=True)
                     actions.on_change(box, what, partial(self._show, what, box))
         with tabs.add_tab("Change"):
-            self.goals = GoalPanel(self.server, self.drawing.size, actions, self._follow)
-            self.pushes = PushPanel(self.server, self.drawing, actions, self._mark_run)
+            shown = self.chosen, self.entry
+            self.goals = GoalPanel(self.server, self.drawing.size, actions, self._follow, shown[1])
+            self.pushes = PushPanel(self.server, self.drawing, actions, self._mark_run, *shown)
         with tabs.add_tab("Check a file"):
             upload = gui.add_upload_button(
                 "Open CSV, npz or primitive", icon=viser.Icon.UPLOAD, mime_type=".csv,.npz,.json"
