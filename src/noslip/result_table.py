@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
+from noslip._extras import need
 from noslip._files import write_beside
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import NamedColumns, number, records_text
-from noslip.recordings._extras import need
 from noslip.recordings.tables import arrow_table
 
 FORMATS = (".csv", ".parquet")

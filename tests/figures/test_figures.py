@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import measures
 import noslip
-from learned import under
+from learned import cutting, under
 from motions import numerical_example
 from noslip import figures
 from noslip.constraints.check import step_residuals
@@ -1003,6 +1003,27 @@ def test_trials_of_the_same_name_are_told_apart(trained):
 )
 def test_numbers_are_short(value, text):
     assert style.number(value) == text
+
+
+def test_time_counts_from_where_a_replanned_motion_begins():
+    dmp = cutting()
+    controller = dmp.controller(time_step=dmp.duration / 100)
+    state = [controller.step() for _ in range(20)][-1]
+    motion = dmp.replan(state).rollout()
+    assert motion.times[0] > 0
+    figure = style.column_figure(2)
+    axes = figure.subplots(1, 4)
+    drawn = [
+        figures.plot_positions(axes[0], motion),
+        figures.plot_orientation(axes[1], motion),
+        figures.plot_forces(axes[2], motion),
+        figures.plot_constraint(axes[3], motion, dmp.constraints, "blade"),
+    ]
+    drawn.append(figures.constraint_history(motion, dmp.constraints).axes[0].lines)
+    for lines in drawn:
+        np.testing.assert_allclose(lines[0].get_xdata(), motion.times - motion.times[0])
+    spread = figures.demonstration_spread([motion]).axes[0].lines[0].get_xdata()
+    assert (spread[0], spread[-1]) == (0, pytest.approx(100))
 
 
 def test_units_follow_the_size():

@@ -32,7 +32,6 @@ from noslip.figures import executed_slip, joint_limits, save_figure
 from noslip.recordings import load_demonstrations, write_bag
 from noslip.robots.placement import Level
 from noslip.saving import load_primitive
-from noslip.trajectory import PoseTrajectory
 
 Dynamics = Literal["torque", "impedance", "none"]
 """How the arm is controlled."""
@@ -120,7 +119,10 @@ def run(
     dmp = load_primitive(primitive)
     arm = robots.named(robot, model=model, tool=tool)
     motion = dmp.rollout(duration=duration, time_step=robots.TIME_STEP)
-    placed = _placement(placement, motion, level)
+    placed = None
+    if placement != "auto":
+        *middle, yaw = options.numbers("--placement", placement, (4,))
+        placed = robots.Placement.of(motion, middle, yaw=yaw, level=level)
     with output.progress("tracking" if placed else "searching a placement, tracking", 1):
         tracked = robots.track(
             arm, motion, dmp.system, placement=placed, level=level, ramp=ramp, seed=seed
@@ -137,9 +139,9 @@ def run(
                 seed=seed,
             )
     # By these, the arm and what it held are found again: noslip view shows them.
-    middle, yaw = tracked.placement.numbers(motion, level)
+    path_middle, turn = tracked.placement.numbers(motion, level)
     found = robots.summary(tracked, execution) | {
-        "placed": [*middle.tolist(), yaw],
+        "placed": [*path_middle.tolist(), turn],
         "model": None if model is None else str(model.resolve()),
         "tool": tool,
         "constraints": [specification(constraint) for constraint in dmp.constraints],
@@ -155,13 +157,6 @@ def run(
     _print_summary(found)
     for path in written:
         typer.echo(f"wrote {path}")
-
-
-def _placement(text: str, motion: PoseTrajectory, level: Level) -> robots.Placement | None:
-    if text == "auto":
-        return None
-    x, y, z, yaw = options.numbers("--placement", text, (4,))
-    return robots.Placement.of(motion, [x, y, z], yaw=yaw, level=level)
 
 
 def _write(

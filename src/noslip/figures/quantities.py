@@ -69,15 +69,10 @@ def roll_pitch_yaw(rotations: Rotation, near: ArrayLike | None = None) -> Floats
     """Extrinsic xyz Euler angles without jumps, shape (N, 3), degrees.
 
     ``R = Rz(yaw) Ry(pitch) Rx(roll)``.  Of all angles of a rotation, each sample takes those
-    nearest to the sample before, so a motion through a pitch of 90 degrees goes on beyond.  At
-    that pitch itself, where only roll minus yaw is defined, the roll keeps its last value.
-
-    Parameters
-    ----------
-    rotations : Rotation, length N
-    near : array, shape (3,), optional
-        Degrees to begin nearest to; by default the pitch begins within +-90, roll and yaw within
-        +-180 degrees.
+    nearest to the sample before, so a motion through a pitch of 90 degrees goes on beyond.  At that
+    pitch itself, where only roll minus yaw is defined, the roll keeps its last value.  Angles near
+    which to begin may be given; by default the pitch begins within +-90, roll and yaw within +-180
+    degrees.
     """
     R = rotations.as_matrix()
     level = np.hypot(R[:, 2, 1], R[:, 2, 2])

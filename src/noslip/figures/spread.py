@@ -260,28 +260,21 @@ def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTraje
         paths = [motion.path_length for motion in motions.values()]
         return f"{count}: paths of {value_text(min(paths), 'm')} to {value_text(max(paths), 'm')}"
     worst = max(rows, key=prominence)
+    who = f"{style.capitalized(worst.name)} of {count}"
     if worst.is_limit:
-        return f"{style.capitalized(worst.name)} of {count}: {_limit_finding(worst)}"
+        broken = sum(not worst.keeps(name) for name in worst.values)
+        least = min(worst.margins.values()) / worst.scale
+        if not broken:
+            return f"{who}: kept by all, least margin {value_text(max(least, 0.0), worst.own_unit)}"
+        return f"{who}: violated by {broken}, by up to {value_text(-least, worst.own_unit)}"
     largest = max(worst.peaks.values())
     peak = f"{style.number(largest)} {worst.unit}"
     if all(map(worst.hides, motions)):
-        peak = residual_text(largest / worst.scale, worst.own_unit, order="at most")
-        return f"{style.capitalized(worst.name)} of {count}: {peak}"
+        return f"{who}: {residual_text(largest / worst.scale, worst.own_unit, order='at most')}"
     mean = _sampled(_residual_curves(worst, motions)).mean(axis=0)
     at = int(np.argmax(np.abs(mean)))
     signed = f"{'+' if mean[at] > 0 else '−'}{style.number(abs(mean[at]))} {worst.unit}"
-    return (
-        f"{style.capitalized(worst.name)} of {count}: mean up to {signed} "
-        f"(at {GRID[at]:.0f} % of the time), largest {peak}"
-    )
-
-
-def _limit_finding(limit: ResidualRow) -> str:
-    broken = sum(not limit.keeps(name) for name in limit.values)
-    least = min(limit.margins.values()) / limit.scale
-    if not broken:
-        return f"kept by all, least margin {value_text(max(least, 0.0), limit.own_unit)}"
-    return f"violated by {broken}, by up to {value_text(-least, limit.own_unit)}"
+    return f"{who}: mean up to {signed} (at {GRID[at]:.0f} % of the time), largest {peak}"
 
 
 def _adjustment_finding(peaks: Floats, names: Sequence[str]) -> str:

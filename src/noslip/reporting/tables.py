@@ -90,23 +90,15 @@ def constraints_tables(
         return []
     before = [check(motion, dmp.constraints) for motion in demonstrations or [regular]]
     rows: list[tuple[Cell, ...]] = []
-    for index, (constraint, after) in enumerate(
-        zip(dmp.constraints, verdict.constraints, strict=True)
-    ):
-        worst = max((report.constraints[index] for report in before), key=_violation)
+    found = [report.constraints for report in (verdict, *before)]
+    for constraint, after, *others in zip(dmp.constraints, *found, strict=True):
+        worst = max(others, key=lambda one: one.peak if one.margin is None else -one.margin)
         kind = f"{constraint.level} equality"
         if constraint.relation == "nonnegative":
             soft = f"soft limit, priority {constraint.priority}" if constraint.priority else "limit"
             kind = f"{constraint.level} {soft}"
-        rows.append(
-            (
-                printable(declaration(constraint)),
-                kind,
-                _extreme(worst),
-                _extreme(after),
-                after.verdict,
-            )
-        )
+        name = printable(declaration(constraint))
+        rows.append((name, kind, _extreme(worst), _extreme(after), after.verdict))
     who = "as demonstrated" if demonstrations else "regular"
     return [
         Table(
@@ -117,10 +109,6 @@ def constraints_tables(
             f"zero: violated).  Holds: not violated by more than {TOLERANCE:g}, in SI units.",
         )
     ]
-
-
-def _violation(result: ConstraintCheck) -> float:
-    return result.peak if result.margin is None else -result.margin
 
 
 def _extreme(result: ConstraintCheck) -> Value:

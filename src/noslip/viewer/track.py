@@ -162,12 +162,10 @@ class Track:
         """Angle between the velocity and the blade's plane (rad); None where it hardly moves."""
         if self._steps is None or self.edge.lateral is None:
             return None
-        speed = float(np.linalg.norm(self.velocities[sample]))
-        return None if speed <= SLOW * self.peak_speed else float(self._slip_angles[sample])
-
-    @cached_property
-    def _slip_angles(self) -> Floats:
-        return _from_first(cast(EdgeMotion, self._steps).slip_angles)
+        if np.linalg.norm(self.velocities[sample]) <= SLOW * self.peak_speed:
+            return None
+        # The first sample has those of the first step.
+        return float(self._steps.slip_angles[max(sample - 1, 0)])
 
     def arrows(self, sample: int, size: float) -> dict[str, Floats]:
         """Start and end of each arrow at a sample, world frame (m), each of shape (2, 3).
