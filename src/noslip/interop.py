@@ -21,7 +21,7 @@ from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.clock import Phase
-from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps
+from noslip.law.fitting import FEWEST_STEPS, MOST_BASIS_FUNCTIONS
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.layout import FORCE
@@ -316,7 +316,7 @@ def from_movement_primitives(
         velocity,
         Goal(goal[:3], Winding(goal[None, 3:])),
         duration=tau,
-        steps=own * -(-fewest_steps(count) // own),
+        steps=own * -(-FEWEST_STEPS // own),
     )
     return ConstrainedDMP(law)
 

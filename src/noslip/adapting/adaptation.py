@@ -156,7 +156,7 @@ def adapt(
 def samples_of(law: Law, samples: int | None) -> int:
     """Return how many samples an adaptation takes."""
     if samples is None:
-        return _samples_for(law.basis.count, law.steps)
+        return min(max(law.steps, fewest_steps(law.basis.count)) + 1, MOST_SAMPLES)
     samples = _arguments.count("samples", samples, MOST_SAMPLES)
     if samples < FEWEST_SAMPLES:
         raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
@@ -172,7 +172,7 @@ def carried_out(
     *,
     exact_start: bool = False,
 ) -> Adapted:
-    """Project a reference that meets its boundaries, fit a law of so many steps, and verify it.
+    """Project a reference that meets its boundaries, fit a law of so many steps or more, verify it.
 
     The fit begins with the velocity that leads onto the path, or exactly with what was asked for.
     """
@@ -189,7 +189,8 @@ def carried_out(
             "time (duration), other ends, or a priority above 0"
         )
     trajectory = projected.trajectory
-    samples = _samples_for(law.basis.count, steps)
+    steps = max(steps, fewest_steps(law.basis.count))
+    samples = min(steps + 1, MOST_SAMPLES)
     if len(trajectory) < samples:
         times = np.linspace(trajectory.times[0], trajectory.times[-1], samples)
         trajectory = trajectory.resampled(times=times)
@@ -210,7 +211,3 @@ def carried_out(
         found = replace(found, start_velocity=start)
     asked = [boundary for boundary in request.boundaries if boundary.at > 0]
     return Adapted(found, request, projected, verify(found, rule, asked))
-
-
-def _samples_for(basis_functions: int, steps: int) -> int:
-    return min(max(steps, fewest_steps(basis_functions)) + 1, MOST_SAMPLES)

@@ -61,7 +61,7 @@ def run(
     duration: Annotated[float | None, options.optional("S", "Seconds.")] = None,
     time_step: Annotated[
         float | None,
-        options.optional("S", "Seconds; by default as many samples as demonstrated."),
+        options.optional("S", "Seconds; by default those of the plan."),
     ] = None,
     project_start: Annotated[
         ProjectStart,

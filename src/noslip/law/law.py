@@ -46,7 +46,7 @@ class Law(Value):
     duration : float
         Demonstrated (mean), seconds: the default tau.
     steps : int
-        Steps of a rollout by default: the demonstration's own, 200 or more.
+        Steps of a rollout by default: the demonstration's own, or a multiple.
     begin : float
         Time at its start (s), for constraints that depend on it; that of the state from which it
         was re-planned.

@@ -61,8 +61,9 @@ def rollout(
     duration : float, optional
         tau (s).  The motion keeps its shape; only its speed changes.
     time_step : float, optional
-        Seconds.  By default the motion has as many samples as the demonstration (200 or more),
-        whatever its duration.  If the duration is no multiple of it, the last step is shorter.
+        Seconds.  By default the motion has the steps that it was planned on, whatever its duration:
+        those of the demonstration, or a multiple (200 or more, and 4 a basis function).  If the
+        duration is no multiple of it, the last step is shorter.
     project_start : "velocity", "pose" or "nothing"
         What of a start that violates the constraints is replaced by the nearest that does not.  By
         default the velocity (as in the paper).
