@@ -68,7 +68,7 @@ def plane(motion: Instant) -> Any:
 # -------------------------------------------------------------------- slip in closed form
 
 
-@given(seeds, st.floats(1e-4, 5), st.floats(-1e4, 1e4))
+@given(seeds, st.floats(1e-4, 4), st.floats(-1e4, 1e4))
 def test_pure_sideways_motion_slips_all_its_way(seed: int, speed: float, start: float) -> None:
     turn = Rotation.random(random_state=seed)
     motion = straight(irregular(seed, start=start), speed, turn.apply([0, 1, 0]), turn)
@@ -168,16 +168,16 @@ def test_however_slowly_a_blade_slips_its_share_of_the_way_tells(
     report = check(straight(irregular(seed), speed, direction, turn), Blade())
     found = report["blade"]
     assert found.peak < report.constraints[0].tolerance
-    assert found.slip_share == pytest.approx(np.sin(angle), rel=1e-5, abs=1e-9)
+    assert found.slip_share == pytest.approx(np.sin(angle), rel=1e-5, abs=1e-8)
     assert found.verdict == ("violated" if np.sin(angle) > 0.01 else "holds")
     assert f"{100 * found.slip_share:.2g} % of its way" in str(report) or found.peak < 1e-9
 
 
 def test_what_is_slower_than_the_tolerance_is_undecided() -> None:
     # One step in 400 goes sideways, as fast as the others; none of all is as fast as 1 mm/s.
-    times = np.linspace(0, 401, 402)
-    ways = np.tile([5e-4, 0, 0], (401, 1))
-    ways[200] = [0, 5e-4, 0]
+    times = np.arange(402) / 4
+    ways = np.tile([1.25e-4, 0, 0], (401, 1))
+    ways[200] = [0, 1.25e-4, 0]
     motion = PoseTrajectory(
         times, np.vstack([np.zeros(3), np.cumsum(ways, axis=0)]), Rotation.identity(402)
     )
@@ -195,8 +195,8 @@ def test_what_is_slower_than_the_tolerance_is_undecided() -> None:
 
 def test_the_way_is_that_of_the_point_that_must_not_slip() -> None:
     # Turning about its origin, a blade goes nowhere, and its tip, ahead of it, goes sideways only.
-    times = np.linspace(0, 100, 201)
-    still = np.zeros((201, 3))
+    times = np.arange(401) / 4
+    still = np.zeros((401, 3))
     motion = PoseTrajectory(times, still, Rotation.from_euler("z", 1e-3 * times))
     found = check(motion, Blade(reference_point=(0.1, 0, 0)))["blade"]
     assert (found.slip_share, found.verdict) == (pytest.approx(1.0), "violated")
@@ -209,7 +209,7 @@ def test_turning_is_no_slip() -> None:
     def no_spin(motion: Instant) -> Any:
         return motion.angular_velocity[2]
 
-    times = np.linspace(0, 100, 201)
+    times = np.arange(401) / 4
     along = np.outer(times, [1e-3, 0, 0])
     motion = PoseTrajectory(times, along, Rotation.from_euler("z", 5e-4 * times))
     found = check(motion, no_spin)["no spin"]

@@ -16,6 +16,11 @@ from noslip.errors import ConstraintError
 _SIGNS = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/", "POW": "**", "CONSTPOW": "**"}
 
 
+_NO_DIRECTION = 1e-9
+"""Length of a vector (m/s, m or 1) whose direction is rounding: splines leave 1e-12 m/s of a tool
+at rest."""
+
+
 class _Graph(NamedTuple):
     """Functions of the same arguments, of the outputs and of all operations' results; what each
     operation is called and works on, by number; which of them are outputs.
@@ -41,7 +46,7 @@ class _Graph(NamedTuple):
 class Watch:
     """A function's operations, to be asked which of them gives no number.
 
-    ``atan2(0, 0)`` is none here, though computers say 0.
+    ``atan2(0, 0)`` is none here, though computers say 0, and what is as near to it as rounding.
 
     Parameters
     ----------
@@ -80,7 +85,8 @@ class Watch:
                 parts = [results[k] for k in operands]
                 result = Instructions.applied(name, parts)
                 if name == "ATAN2":
-                    result = ca.if_else(ca.sumsqr(ca.vertcat(*parts)) > 0, result, np.nan)
+                    directed = ca.sumsqr(ca.vertcat(*parts)) > _NO_DIRECTION**2
+                    result = ca.if_else(directed, result, np.nan)
             held[place] = len(results)
             results.append(result)
             names.append(name)

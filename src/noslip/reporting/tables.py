@@ -10,7 +10,7 @@ from pathlib import Path
 
 from noslip._version import __version__
 from noslip.boundary import Boundary
-from noslip.constraints.check import TOLERANCE, CheckReport, ConstraintCheck, check
+from noslip.constraints.check import SLIP_SHARE, TOLERANCE, CheckReport, ConstraintCheck, check
 from noslip.errors import InputError
 from noslip.figures.family import end_errors
 from noslip.figures.quantities import value_text
@@ -106,7 +106,8 @@ def constraints_tables(
             ("declaration", "kind", who, "learned", "verdict"),
             tuple(rows),
             "Of an equality the largest residual of all steps, of a limit the least margin (below "
-            f"zero: violated).  Holds: not violated by more than {TOLERANCE:g}, in SI units.",
+            f"zero: violated).  Holds: not violated by more than {TOLERANCE:g}, in SI units, and "
+            f"slips at most {SLIP_SHARE:.0%} of its way.",
         )
     ]
 

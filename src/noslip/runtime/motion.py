@@ -228,7 +228,10 @@ class Motion(PoseTrajectory):
             super()._facts()
             | {"ends off its goal by": residual_text(self.end_error, "m")}
             | {f"{name}, residual": residual_text(max(row), "1") for name, row in held.items()}
-            | {f"{name}, least margin": f"{min(row):.3g}" for name, row in left.items()}
+            | {
+                f"{name}, least margin": "0" if abs(min(row)) < HELD else f"{min(row):.3g}"
+                for name, row in left.items()
+            }
         )
 
     @property
