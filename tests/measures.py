@@ -88,6 +88,18 @@ def residuals(motion: PoseTrajectory, constraints: Sequence[Constraint]) -> Floa
     return np.where(np.array(system.row_levels) == "position", end, middle)
 
 
+def end_velocities(motion: PoseTrajectory, at: int) -> tuple[Floats, Floats]:
+    """Linear and angular velocity at the start (0) or end (-1): cubics through the nearest steps.
+
+    Of equal steps, whose velocities belong to their middles.
+    """
+    found = steps(motion)
+    near = slice(4) if at == 0 else slice(-4, None)
+    times = (found.times - motion.times[at])[near]
+    linear, angular = (np.polyfit(times, v[near], 3)[-1] for v in (found.linear, found.angular))
+    return linear, angular
+
+
 def degrees(one: Rotation, other: Rotation) -> float:
     """Largest angle between rotations."""
     return float(np.degrees(np.max((one * other.inv()).magnitude())))

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import Goal, cutting, numerical
-from measures import apart, assert_same_poses, degrees, slip
-from motions import along, arc, cut
+from measures import apart, assert_same_poses, degrees, end_velocities, slip
+from motions import along, arc, cut, gentle_cut
 from noslip._typing import Floats
 from refusals import refusal
 from strategies import seeds, unit
@@ -85,13 +85,42 @@ def test_without_adapting_the_same_goal_is_missed() -> None:
     assert_reaches(dmp.adapt(goal_position=goal).rollout(), goal, dmp.goal_rotation, length)
 
 
-@pytest.mark.parametrize("far", [1.0, 10.0, 100.0])
-def test_goals_many_lengths_away_are_reached_too(far: float) -> None:
+def peak_speed(motion: ns.PoseTrajectory) -> float:
+    return float(np.linalg.norm(motion.step_velocities()[0], axis=1).max())
+
+
+@pytest.mark.parametrize("far", [1.0, 17.0, 100.0])
+def test_goals_many_lengths_away_are_reached_in_the_time_that_takes(far: float) -> None:
     dmp = cutting()
-    length = dmp.rollout().path_length
+    usual = dmp.rollout()
+    length = usual.path_length
     goal = dmp.goal_position + far * length * np.array([0.6, 0.0, 0.8])
-    motion = dmp.adapt(goal_position=goal).rollout()
+    with pytest.warns(ns.errors.CompromiseWarning, match=r"takes \S+ s, not 2, .* as fast"):
+        new = dmp.adapt(goal_position=goal)
+    motion = new.rollout()
     assert_reaches(motion, goal, dmp.goal_rotation, far * length)
+    # No longer than that takes, either.
+    assert peak_speed(motion) == pytest.approx(2 * peak_speed(usual), rel=2e-3)
+    # In a time that is given it is on the same path, and that is told.
+    with pytest.warns(ns.errors.CompromiseWarning, match="times as fast .* mends that") as told:
+        hurried = dmp.adapt(goal_position=goal, duration=dmp.duration)
+    assert hurried.duration == dmp.duration and len(told) == 1
+    assert f"{peak_speed(hurried.rollout()) / peak_speed(usual):.3g}" in str(told[0].message)
+    assert apart(hurried.rollout(), motion)[0] <= 1e-6 * far * length
+
+
+def test_a_shorter_time_that_is_asked_for_is_taken_without_a_word() -> None:
+    assert cutting().adapt(duration=0.1).duration == 0.1
+
+
+# A moving surface is elsewhere later: it stays in its time, and that is told.
+def test_a_far_goal_that_is_there_at_one_time_alone_is_reached_then() -> None:
+    _, dmp = learned("plane that moves")
+    goal = dmp.goal_position + [3.0, 1.0, 0.0]
+    with pytest.warns(ns.errors.CompromiseWarning, match="the motion moves at"):
+        new = dmp.adapt(goal_position=goal)
+    assert new.duration == dmp.duration
+    assert_reaches(new.rollout(), goal, dmp.goal_rotation, 3.0)
 
 
 @pytest.mark.parametrize("turn", [90, 135, 175])
@@ -308,6 +337,104 @@ def test_a_motion_can_begin_at_rest() -> None:
     speeds = np.linalg.norm(motion.step_velocities()[0], axis=1)
     assert speeds[0] < 0.1 * speeds.mean()
     assert_reaches(motion, *own_goal(dmp), motion.path_length)
+
+
+# -------------------------------------------------------------------- velocities at the ends
+
+
+STEPS = (None, 1e-3, 7e-3)
+"""Time steps at which a motion must be the same (s); the first is its own."""
+
+
+def rolled_out(dmp: ns.ConstrainedDMP, step: float | None) -> ns.Motion:
+    """The motion in equal steps of about a length."""
+    return dmp.rollout(time_step=step and dmp.duration / round(dmp.duration / step))
+
+
+def assert_ends(motion: ns.Motion, at: int, linear: Any, angular: Any) -> None:
+    """A motion has these velocities at its start (0) or end (-1), to a thousandth of its peaks."""
+    for found, asked, of_steps in zip(
+        end_velocities(motion, at), (linear, angular), motion.step_velocities(), strict=True
+    ):
+        peak = np.linalg.norm(of_steps, axis=1).max()
+        assert np.linalg.norm(found - asked) <= 1e-3 * peak
+
+
+def assert_arrives(motion: ns.Motion, dmp: ns.ConstrainedDMP, step: float | None) -> None:
+    # Chords of 7 ms cut the bends of a motion that takes a second.
+    share = 2e-4 if step == 7e-3 else 1e-5
+    off = np.linalg.norm(motion.positions[-1] - dmp.goal_position)
+    assert off <= share * motion.path_length
+    assert degrees(motion.rotations[-1], dmp.goal_rotation) <= 300 * share
+
+
+# It began and ended at 6 mm/s and 0.5 rad/s.
+@pytest.mark.parametrize("hold_position", [False, True])
+def test_what_rests_at_its_ends_rests_there_on_the_way_to_another_goal(hold_position: bool) -> None:
+    dmp = ns.learn(gentle_cut(), [BLADE], hold_position=hold_position)
+    new = dmp.adapt(goal_position=dmp.goal_position + [0, 0.02, 0])
+    assert np.abs(new.initial_state().linear_velocity).max() == 0
+    for step in STEPS:
+        motion = rolled_out(new, step)
+        for at in (0, -1):
+            assert_ends(motion, at, 0, 0)
+        assert_arrives(motion, new, step)
+    # Nor is it turned any faster for that.
+    assert peak_rate(new.rollout()) <= 1.05 * peak_rate(dmp.rollout())
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("of", [numerical, lambda: ns.learn(gentle_cut(), [BLADE])])
+def test_the_velocities_at_the_ends_are_its_own_turned_with_the_tool(of: Any, seed: int) -> None:
+    dmp, rng = of(), np.random.default_rng(seed)
+    start = Goal.beside(dmp, rng, dmp.rollout().path_length, farthest=0.2, turned=30)
+    goal = Goal.beside(dmp, rng, dmp.rollout().path_length)
+    first = dmp.start_position + start.position - dmp.goal_position
+    held = start.rotation * dmp.goal_rotation.inv() * dmp.start_rotation
+    new = dmp.adapt(
+        goal_position=goal.position,
+        goal_rotation=goal.rotation,
+        start_position=first,
+        start_rotation=held,
+    )
+    free = ns.ConstrainedDMP(dmp.law).rollout(time_step=dmp.duration / 1000)
+    for step in STEPS:
+        motion = rolled_out(new, step)
+        for at, turned in ((0, held), (-1, goal.rotation)):
+            turn = turned * free.rotations[at].inv()
+            # What is next to rest is at rest.
+            linear, angular = (
+                turn.apply(v) * (np.linalg.norm(v) > 1e-3 * np.linalg.norm(of_steps, axis=1).max())
+                for v, of_steps in zip(
+                    end_velocities(free, at), free.step_velocities(), strict=True
+                )
+            )
+            lateral = turned.as_matrix()[:, 1]
+            assert_ends(motion, at, linear - lateral * (lateral @ linear), angular)
+        assert_arrives(motion, new, step)
+
+
+def test_velocities_at_the_ends_may_be_left_open() -> None:
+    dmp = ns.learn(gentle_cut(), [BLADE])
+    goal = dmp.goal_position + [0, 0.02, 0]
+    kept = dmp.adapt(goal_position=goal).rollout()
+    free = dmp.adapt(goal_position=goal, start_velocity="free", goal_velocity="free").rollout()
+    for at in (0, -1):
+        assert (
+            np.linalg.norm(end_velocities(free, at)[1])
+            > 0.1
+            > 100 * np.linalg.norm(end_velocities(kept, at)[1])
+        )
+
+
+@pytest.mark.parametrize("kept", ["position", "rotation", "free"])
+def test_an_end_that_is_not_kept_whole_rests_if_the_motion_did(kept: Any) -> None:
+    dmp = ns.learn(gentle_cut(), [BLADE])
+    goal = dmp.goal_position + [0, 0.02, 0]
+    for step in STEPS:
+        motion = rolled_out(dmp.adapt(goal_position=goal, start=kept, end=kept), step)
+        for at in (0, -1):
+            assert_ends(motion, at, 0, 0)
 
 
 # -------------------------------------------------------------------- on the way
@@ -534,6 +661,7 @@ def test_whatever_the_scaling_the_goal_is_reached(scaling: Any, seed: int) -> No
 
 # A blade's motion turned as a whole is a blade's motion, if its rotations turn too; stretched as a
 # whole it is one with the rotations as they are.
+@pytest.mark.filterwarnings("ignore:the motion takes")
 @pytest.mark.parametrize("scaling", ["difference", "rotation-dilation"])
 @pytest.mark.parametrize("factor", [0.1, 0.5, 3.0])
 def test_a_goal_farther_along_the_way_stretches_the_cut(scaling: Any, factor: float) -> None:
@@ -563,6 +691,7 @@ def test_goals_at_the_start_or_opposite_to_it_are_reached(scaling: Any, part: fl
     assert_reaches(new.rollout(), goal, turned, dmp.rollout().path_length)
 
 
+@pytest.mark.filterwarnings("ignore:the motion takes")
 @given(st.floats(-np.pi, np.pi), st.floats(0.3, 3.0))
 @settings(max_examples=15)
 def test_a_turned_and_stretched_way_turns_and_stretches_the_whole_motion(
@@ -614,6 +743,7 @@ class Case:
     turned: Rotation
     end: Any = "pose"
     position: float = POSITION
+    start_velocity: Any = None
 
 
 def posed(constraints: Any, given_: ns.PoseTrajectory, shift: Any, turn: Any) -> Case:
@@ -678,6 +808,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "curved needle": lambda: replace(
         posed(ns.Needle(curvature=0.5), cut(), [0.03, 0.02, 0.0], [0, 0, 0]),
         end="position",
+        # Along a bend of its own it cannot leave as it did.
+        start_velocity="free",
         # Its turning is tied to its way step by step, and the projection took shorter steps.
         position=3e-3,
     ),
@@ -722,7 +854,12 @@ def learned(name: str) -> tuple[Case, ns.ConstrainedDMP]:
 def test_goals_are_reached_under_any_constraint(name: str) -> None:
     case, dmp = learned(name)
     length = dmp.rollout().path_length
-    new = dmp.adapt(goal_position=case.goal, goal_rotation=case.turned, end=case.end)
+    new = dmp.adapt(
+        goal_position=case.goal,
+        goal_rotation=case.turned,
+        end=case.end,
+        start_velocity=case.start_velocity,
+    )
     motion = new.rollout()
     turned = case.turned if case.end == "pose" else motion.rotations[-1]
     assert_reaches(motion, case.goal, turned, length * case.position / POSITION)

@@ -141,6 +141,13 @@ class Boundary(Value):
             rotation if self.rotation is None else self.rotation,
         )
 
+    def twist_or(self, linear: Floats, angular: Floats) -> tuple[Floats, Floats]:
+        """Return its linear and angular velocity; the given ones where they are free."""
+        return (
+            linear if self.linear_velocity is None else self.linear_velocity,
+            angular if self.angular_velocity is None else self.angular_velocity,
+        )
+
     # ---------------------------------------------------------------- what it is
 
     @property
@@ -152,6 +159,12 @@ class Boundary(Value):
     def is_pose(self) -> bool:
         """Whether both position and rotation must be reached."""
         return self.position is not None and self.rotation is not None
+
+    @property
+    def moves(self) -> bool:
+        """Whether a velocity must be reached that is not rest."""
+        velocities = self.linear_velocity, self.angular_velocity
+        return any(velocity is not None and velocity.any() for velocity in velocities)
 
     @property
     def has_twist(self) -> bool:
@@ -166,6 +179,42 @@ _NO_VIA = "via is a list of (at, position), (at, position, rotation) or Boundary
 def sample_of(at: float, count: int) -> int:
     """Return the sample nearest to a fraction of a motion of ``count`` samples."""
     return round(at * (count - 1))
+
+
+def end_twist(trajectory: PoseTrajectory, at: float) -> tuple[Floats, Floats]:
+    """Return linear (m/s) and angular velocity (rad/s) with which samples start or end.
+
+    Parameters
+    ----------
+    trajectory : PoseTrajectory
+        Of equal steps.
+    at : 0 or 1
+    """
+    found = []
+    for steps in trajectory.step_velocities():
+        near = (steps if at == 0 else steps[::-1])[:3]
+        # Those of steps belong to their middles: a parabola through them.
+        found.append(np.asarray(_TO_THE_END[len(near)] @ near))
+    return found[0], found[1]
+
+
+def kept_twist(trajectory: PoseTrajectory, at: float) -> tuple[Floats, Floats]:
+    """Return :func:`end_twist`, where what rests but for rounding is at rest."""
+    linear, angular = (
+        velocity if np.linalg.norm(velocity) > _AT_REST * speeds.max() else np.zeros(3)
+        for velocity, speeds in zip(
+            end_twist(trajectory, at),
+            (np.linalg.norm(steps, axis=1) for steps in trajectory.step_velocities()),
+            strict=True,
+        )
+    )
+    return linear, angular
+
+
+_AT_REST = 1e-3
+"""Of the peak: a fit leaves a hundredth of that of a motion at rest, and nobody sees it move."""
+_TO_THE_END = {1: np.ones(1), 2: np.array([3, -1]) / 2, 3: np.array([15, -10, 3]) / 8}
+"""Weights of the nearest steps in the velocity at an end, by how many there are."""
 
 
 def twist(name: str, value: ArrayLike) -> tuple[Floats, Floats]:

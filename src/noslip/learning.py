@@ -10,7 +10,7 @@ from typing import Literal, ParamSpec
 import numpy as np
 
 from noslip import _arguments
-from noslip.boundary import Boundary, End
+from noslip.boundary import Boundary, End, kept_twist
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
@@ -182,10 +182,16 @@ def learn(
         require_consistent(system, demonstration)
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
 
+    # A tool at rest does not turn.
+    turning = {
+        at: None if any(np.any(kept_twist(d, at)) for d in recorded) else np.zeros(3)
+        for at in (0.0, 1.0)
+    }
+
     def projected(demonstration: PoseTrajectory) -> ProjectedTrajectory:
-        ends = (
-            Boundary.keeping(demonstration, 0.0, start),
-            Boundary.keeping(demonstration, 1.0, end),
+        ends = tuple(
+            replace(Boundary.keeping(demonstration, at, kept), angular_velocity=turning[at])
+            for at, kept in ((0.0, start), (1.0, end))
         )
         request = Request(demonstration, system, ends, weights, hold_position)
         return project_heeding_what_it_can(request)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +12,16 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._values import Value
-from noslip.adapting.ends import asked, placed, require_feasible
+from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
 from noslip.boundary import Boundary, End
-from noslip.errors import ConvergenceError, InputError
+from noslip.errors import (
+    CompromiseWarning,
+    ConstraintError,
+    ConvergenceError,
+    InputError,
+    MissedError,
+    warn,
+)
 from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps, fit
 from noslip.law.law import Law
 from noslip.law.scaling import Scaling, scaled
@@ -30,6 +37,9 @@ from noslip.verification import followed_with, verify
 
 MOST_SAMPLES = 2001
 """An adapted motion is as smooth as its primitive; more samples than these add nothing."""
+_FAST, _SAME_SPEED, _GROWTHS = 2.0, 1 + 1e-3, 3
+"""How many times as fast as its law a motion may be to a goal that is far, what counts as the same
+speed, and how often a duration grows: at once in most cases, since shape and duration are apart."""
 FEWEST_SAMPLES = 20
 """Fewer do not show where a motion bends once."""
 
@@ -61,10 +71,10 @@ def adapt(
     *,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
-    goal_velocity: ArrayLike | None = None,
+    goal_velocity: Velocity = None,
     start_position: ArrayLike | None = None,
     start_rotation: Rotation | None = None,
-    start_velocity: ArrayLike | None = None,
+    start_velocity: Velocity = None,
     duration: float | None = None,
     via: Iterable[Boundary | Sequence[Any]] = (),
     scaling: Scaling = "none",
@@ -87,11 +97,15 @@ def adapt(
     goal_position, start_position : array, shape (3,), optional
         Meters; those of the law by default.
     goal_rotation, start_rotation : Rotation, optional
-    goal_velocity, start_velocity : 0, array of shape (3,) or (6,), optional
+    goal_velocity, start_velocity : 0, array of shape (3,) or (6,), or "free", optional
         At rest (0), or linear velocity (m/s), then angular (rad/s), world frame; projected onto
-        the constraints.  By default whatever suits the motion.
+        the constraints.  By default that of the law, turned with the tool where constraints tie
+        velocities to it: what rests at an end rests there, and a blade that ends moving forward
+        moves forward in its new heading.  "free" is whatever suits the motion; so it is by default
+        where the motion does not rest at an end of which ``start`` or ``end`` keeps but a part.
     duration : float, optional
-        tau (s).
+        tau (s).  By default that of the law, or what it takes to a goal so far that the motion
+        would be more than twice as fast.
     via : sequence of (at, position), (at, position, rotation) or Boundary
         Points or poses to pass, at fractions of the duration.
     scaling : "none", "difference" or "rotation-dilation"
@@ -116,41 +130,82 @@ def adapt(
     MissedError
         If the law's motion misses the goal, a via point or a hard limit.
     """
-    tau = law.duration
     if duration is not None:
-        tau = _arguments.positive("duration", duration, "seconds")
+        duration = _arguments.positive("duration", duration, "seconds")
     count = samples_of(law, samples)
+    named = {
+        "start": (start_position, start_rotation, start_velocity),
+        "goal": (goal_position, goal_rotation, goal_velocity),
+    }
     free = law
     if scaling != "none":
         free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
-    first = placed(
-        asked("start", start_position, start_rotation, start_velocity),
-        (law.start_position, free.start_rotation),
-        rule.system,
-        rule.inverse_metric,
-        law.begin,
-    )
-    last = placed(
-        asked("goal", goal_position, goal_rotation, goal_velocity),
-        (law.goal_position, free.goal_rotation),
-        rule.system,
-        rule.inverse_metric,
-        law.begin + tau,
-    )
-    request = Request(
-        rollout(free, Rule(), duration=tau, time_step=tau / (count - 1)),
-        rule.system,
-        (first.part(start), *Boundary.vias(via), last.part(end)),
-        Weights(position_weight, position_smoothing, rotation_smoothing),
-        begin=law.begin,
-    )
-    for passed in request.fixed.values():
-        if 0 < passed.at < 1:
-            time = request.begin + passed.at * tau
-            require_feasible(request.system, f"via at {passed.at:g}", time, passed)
-    moved = through(request.reference, request.boundaries)
-    request = replace(request, reference=moved)
-    return carried_out(free, rule, request, law.steps, tau, exact_start=True)
+    passed = Boundary.vias(via)
+
+    def planned(tau: float) -> Adapted:
+        own = rollout(free, Rule(), duration=tau, time_step=tau / (count - 1))
+
+        def reached(name: Literal["start", "goal"], *of_law: Any, at: float, kept: End) -> Boundary:
+            place = placed(asked(name, *named[name]), of_law, rule.system, rule.inverse_metric, at)
+            if named[name][2] is not None:
+                return place.part(kept)
+            return moving(place, own, rule, at, kept)
+
+        first = reached("start", law.start_position, free.start_rotation, at=law.begin, kept=start)
+        last = reached("goal", law.goal_position, free.goal_rotation, at=law.begin + tau, kept=end)
+        weights = Weights(position_weight, position_smoothing, rotation_smoothing)
+        ends = (first, *passed, last)
+        request = Request(own, rule.system, ends, weights, begin=law.begin)
+        for place in passed:
+            time = request.begin + place.at * tau
+            require_feasible(request.system, f"via at {place.at:g}", time, place)
+        request = replace(request, reference=through(own, request.boundaries))
+        return carried_out(free, rule, request, law.steps, tau, exact_start=True)
+
+    return _in_time(planned, law, duration)
+
+
+def _in_time(planned: Callable[[float], Adapted], law: Law, duration: float | None) -> Adapted:
+    """Plan a motion in its duration, or in a longer one in which it is not much too fast.
+
+    Warns
+    -----
+    CompromiseWarning
+        If it takes longer, or is too fast for a path so long.
+    """
+
+    def fastest(motion: PoseTrajectory) -> float:
+        return float(np.linalg.norm(motion.step_velocities()[0], axis=1).max())
+
+    usual, tau = fastest(rollout(law, Rule())), duration or law.duration
+    found = planned(tau)
+
+    def excess() -> float:
+        """Speed over what is fast enough, that neither the path nor the duration makes up for."""
+        peak = fastest(found.projected.trajectory) / usual / _FAST if usual else 0.0
+        return min(peak, peak * found.law.duration / law.duration)
+
+    if excess() <= _SAME_SPEED:
+        return found
+    peak, needed = fastest(found.projected.trajectory), tau * excess()
+    told = f"it would move at {peak:.3g} m/s, {peak / usual:.3g} times as fast as its law does"
+    if duration is None:
+        try:
+            # Rules with a time of their own do not just take longer.
+            for _ in range(_GROWTHS):
+                if excess() > _SAME_SPEED:
+                    found = planned(found.law.duration * excess())
+            warn(
+                f"the motion takes {found.law.duration:.3g} s, not {law.duration:.3g}, in which "
+                f"{told}; give a duration if it may",
+                CompromiseWarning,
+            )
+            return found
+        except (ConstraintError, ConvergenceError, MissedError):
+            pass
+    told = told.replace("it would move", "the motion moves")
+    warn(f"{told}; a duration of {needed:.3g} s or more mends that", CompromiseWarning)
+    return found
 
 
 def samples_of(law: Law, samples: int | None) -> int:
@@ -206,8 +261,7 @@ def carried_out(
         return replace(found, duration=duration, steps=steps, begin=request.begin)
 
     found, _ = followed_with(fitted, [trajectory], law.basis.count, MOST_BASIS_FUNCTIONS)
-    if exact_start and request.leads_in:
-        start = np.concatenate(request.twist_at(0)) * duration
-        found = replace(found, start_velocity=start)
+    if exact_start and 0 in request.twists:
+        found = replace(found, start_velocity=np.concatenate(request.twists[0]) * duration)
     asked = [boundary for boundary in request.boundaries if boundary.at > 0]
     return Adapted(found, request, projected, verify(found, rule, asked))

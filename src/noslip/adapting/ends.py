@@ -12,27 +12,31 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.boundary import Boundary, twist
+from noslip.boundary import Boundary, End, kept_twist, twist
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConstraintError
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
+from noslip.rule import Rule
+from noslip.trajectory import PoseTrajectory
 
 _OFF = 1e-9
 """Residual of a boundary pose that is none (m or rad): above rounding, below any tool's play."""
+Velocity = ArrayLike | Literal["free"] | None
+"""Of an end: at rest (0), as given, whatever suits the motion, or that of the law."""
 
 
 def asked(
     what: Literal["start", "goal"],
     position: ArrayLike | None,
     rotation: Rotation | None,
-    velocity: ArrayLike | None = None,
+    velocity: Velocity = None,
 ) -> Boundary:
     """Return the boundary that arguments ``start_position``, ``start_rotation``, ... ask for.
 
     Parameters
     ----------
-    velocity : 0, array of shape (3,) or (6,), optional
+    velocity : 0, array of shape (3,) or (6,), or "free", optional
         At rest; linear (m/s); linear, then angular (rad/s).
 
     Raises
@@ -44,7 +48,9 @@ def asked(
         position = _arguments.vector(f"{what}_position", position)
     if rotation is not None:
         rotation = _arguments.rotation(f"{what}_rotation", rotation)
-    linear, angular = (None, None) if velocity is None else twist(f"{what}_velocity", velocity)
+    linear, angular = None, None
+    if velocity is not None and not (isinstance(velocity, str) and velocity == "free"):
+        linear, angular = twist(f"{what}_velocity", velocity)
     return Boundary(0.0 if what == "start" else 1.0, position, rotation, linear, angular)
 
 
@@ -85,18 +91,51 @@ def placed(
     found = replace(boundary, position=position, rotation=rotation)
     if not is_start:
         require_feasible(system, "goal", time, found)
-    if boundary.linear_velocity is None or boundary.angular_velocity is None:
-        return found
+    return allowed(found, system, inverse_metric, time) if found.has_twist else found
+
+
+def allowed(
+    boundary: Boundary, system: ConstraintSystem, inverse_metric: Sequence[float], time: float
+) -> Boundary:
+    """Return a pose with a twist with the nearest twist that the constraints allow there."""
+    position, rotation = boundary.pose_or(np.zeros(3), Rotation.identity())
     linear, angular, _ = project_velocities(
-        equalities,
+        system.equalities,
         time,
         position,
         rotation.as_quat(scalar_first=True),
-        boundary.linear_velocity,
-        boundary.angular_velocity,
+        *boundary.twist_or(np.zeros(3), np.zeros(3)),
         inverse_metric=inverse_metric,
     )
-    return replace(found, linear_velocity=linear, angular_velocity=angular)
+    return replace(boundary, linear_velocity=linear, angular_velocity=angular)
+
+
+def moving(boundary: Boundary, own: PoseTrajectory, rule: Rule, time: float, kept: End) -> Boundary:
+    """Return what is kept of a start or goal, with the twist that a motion has there.
+
+    Where constraints tie velocities to the tool, the twist turns along with its rotation.  What
+    they do not allow of it is taken away; what is at rest but for rounding is at rest.  A pose that
+    is not kept whole leaves a twist open that is not at rest.
+
+    Parameters
+    ----------
+    boundary : Boundary
+        A whole pose.
+    own : PoseTrajectory
+        The motion without constraints.
+    """
+    assert boundary.position is not None and boundary.rotation is not None
+    linear, angular = kept_twist(own, boundary.at)
+    if "velocity" in rule.system.equalities.row_levels:
+        turn = boundary.rotation * own.rotations[0 if boundary.at == 0 else -1].inv()
+        linear, angular = turn.apply(linear), turn.apply(angular)
+    found = allowed(
+        replace(boundary, linear_velocity=linear, angular_velocity=angular),
+        rule.system,
+        rule.inverse_metric,
+        time,
+    )
+    return (boundary if found.moves and kept != "pose" else found).part(kept)
 
 
 def require_feasible(system: ConstraintSystem, what: str, time: float, boundary: Boundary) -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.adapting.adaptation import FEWEST_SAMPLES, Adapted, carried_out, samples_of
-from noslip.adapting.ends import asked, placed
+from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
 from noslip.boundary import Boundary, End
 from noslip.errors import InputError
 from noslip.law.law import Law
@@ -42,6 +42,7 @@ def replan(
     *,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
+    goal_velocity: Velocity = None,
     duration: float | None = None,
     end: End = "pose",
     samples: int = REPLANNED_SAMPLES,
@@ -63,6 +64,9 @@ def replan(
         measured in place of what was expected.
     goal_position, goal_rotation
         The state's own by default.
+    goal_velocity : 0, array of shape (3,) or (6,), or "free", optional
+        As for :func:`noslip.adapting.adapt`; that of the motion by default, and at rest where next
+        to nothing of it is left.
     duration : float, optional
         Of what remains (s); by default what is left, and longer where the way is.
     end : "free", "position", "rotation" or "pose"
@@ -80,8 +84,9 @@ def replan(
     nominal = rollout(law, rule, duration=state.duration, time_step=state.duration / (count - 1))
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
     request = Request(nominal, rule.system, weights=weights)
-    goal = asked("goal", goal_position, goal_rotation)
+    goal = asked("goal", goal_position, goal_rotation, goal_velocity)
     system = rule.system
+    is_given = duration is not None
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
     done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
@@ -93,8 +98,13 @@ def replan(
     samples = min(len(nominal), max(round(duration / step) + 1, FEWEST_SAMPLES))
     rest = _rest(nominal, done, samples, duration)
     own = state.goal_position, state.goal_rotation
-    last = placed(goal, own, system, (1.0,) * 6, state.time + duration).part(end)
-    first = _start(request, state, nominal, done)
+    at_end = state.time + duration
+    last = placed(goal, own, system, rule.inverse_metric, at_end)
+    if goal_velocity is None:
+        ends_as = rest if is_given or _is_over(nominal, done) else nominal
+        last = moving(last, ends_as, rule, at_end, end)
+    last = last.part(end)
+    first = allowed(_start(request, state, nominal, done), system, rule.inverse_metric, state.time)
     assert first.position is not None
     # Back onto the path, not just to its end, if the way there is long enough.
     moved = through(rest, [last])
@@ -143,13 +153,18 @@ def _start(request: Request, state: State, nominal: PoseTrajectory, done: float)
 def _rest(nominal: PoseTrajectory, done: float, samples: int, duration: float) -> PoseTrajectory:
     """What remains of a motion of which a fraction is done, over another duration."""
     times = np.linspace(0.0, duration, samples)
-    if (1 - done) * nominal.duration < 4 * nominal.period:
+    if _is_over(nominal, done):
         # Next to nothing: it stays where it ends.
         last = Rotation.concatenate([nominal.rotations[-1]] * samples)
         return PoseTrajectory(times, np.repeat(nominal.positions[-1:], samples, axis=0), last)
     fractions = np.linspace(done, 1.0, samples)
     rest = nominal.resampled(times=nominal.times[0] + nominal.duration * fractions)
     return PoseTrajectory(times, rest.positions, rest.rotations, name="re-planned")
+
+
+def _is_over(nominal: PoseTrajectory, done: float) -> bool:
+    """Whether too little is left of a motion to resample it."""
+    return (1 - done) * nominal.duration < 4 * nominal.period
 
 
 def _velocities_now(nominal: PoseTrajectory, done: float, state: State) -> tuple[Floats, Floats]:

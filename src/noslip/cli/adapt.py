@@ -54,7 +54,8 @@ Point = Annotated[str | None, options.optional("X,Y,Z", "Meters.")]
 Velocity = Annotated[
     str | None,
     options.optional(
-        "VX,VY,VZ[,WX,WY,WZ]", "m/s and rad/s, 0 at rest; by default whatever suits the motion."
+        "VX,VY,VZ[,WX,WY,WZ]",
+        "m/s and rad/s, 0 at rest, free for whatever suits; by default the primitive's own.",
     ),
 ]
 """An option that is a twist."""
@@ -131,10 +132,10 @@ def run(
     asked: Options = {
         "goal_position": options.vector("--goal-position", goal_position),
         "goal_rotation": options.rotation("--goal-rotation", goal_rotation),
-        "goal_velocity": _twist("--goal-velocity", goal_velocity),
+        "goal_velocity": _velocity("--goal-velocity", goal_velocity),
         "start_position": options.vector("--start-position", start_position),
         "start_rotation": options.rotation("--start-rotation", start_rotation),
-        "start_velocity": _twist("--start-velocity", start_velocity),
+        "start_velocity": _velocity("--start-velocity", start_velocity),
         "via": tuple(map(_via, via)),
         "duration": duration,
         "scaling": scaling,
@@ -258,9 +259,9 @@ def _goal(dmp: ConstrainedDMP, asked: Options) -> Boundary:
     return Boundary(1.0, *given.pose_or(dmp.goal_position, dmp.goal_rotation)).part(asked["end"])
 
 
-def _twist(option: str, text: str | None) -> Floats | None:
-    if text is None:
-        return None
+def _velocity(option: str, text: str | None) -> Floats | str | None:
+    if text in (None, "free"):
+        return text
     values = options.numbers(option, text, (1, 3, 6))
     if not np.isfinite(values).all():
         raise InputError(f"{option}: expected finite numbers (m/s, rad/s), got {text!r}")

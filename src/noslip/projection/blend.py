@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.boundary import Boundary, sample_of
+from noslip.boundary import Boundary, end_twist, sample_of
 from noslip.trajectory import PoseTrajectory
 
 
@@ -70,58 +69,57 @@ def through(free: PoseTrajectory, boundaries: Iterable[Boundary]) -> PoseTraject
     ----------
     free : PoseTrajectory
     boundaries : Boundary, several
-        One with a twist is an end's and names a whole pose.
+        One with a twist is an end's.
     """
     wanted = {sample_of(boundary.at, len(free)): boundary for boundary in boundaries}
-    # Velocities of the samples: those of a rollout belong to the step before.
-    own = PoseTrajectory(free.times, free.positions, free.rotations)
     positions, rotations, times = free.positions, free.rotations, free.times
-    shifts = {
+    rest = dict.fromkeys((float(times[0]), float(times[-1])), np.zeros(3))
+    shifts = rest | {
         float(times[k]): b.position - positions[k]
         for k, b in wanted.items()
         if b.position is not None
     }
-    turns = {
+    turns = rest | {
         float(times[k]): (rotations[k].inv() * b.rotation).as_rotvec()
         for k, b in wanted.items()
         if b.rotation is not None
     }
     faster: list[Floats | None] = []
     turning: list[Floats | None] = []
-    for k in (0, len(free) - 1):
-        linear = wanted[k].linear_velocity if k in wanted else None
-        angular = wanted[k].angular_velocity if k in wanted else None
-        faster.append(None if linear is None else linear - own.linear_velocities[k])
-        turning.append(
-            None
-            if angular is None
-            else _rate_of_turn(
-                turns[float(times[k])], rotations[k], angular - own.angular_velocities[k]
-            )
-        )
-    if shifts:
-        positions = positions + spread(shifts, times, *faster)
-        for k, b in wanted.items():
-            if b.position is not None:
-                positions[k] = b.position
-    if turns:
-        rotations = rotations * Rotation.from_rotvec(spread(turns, times, *turning))
-    moved = PoseTrajectory(times, positions, rotations, name=free.name)
-    velocities = moved.linear_velocities.copy(), moved.angular_velocities.copy()
+    for k, at in ((0, 0.0), (len(free) - 1, 1.0)):
+        own = end_twist(free, at)
+        linear, angular = wanted[k].twist_or(*own) if k in wanted else own
+        faster.append(linear - own[0])
+        turn = turns[float(times[k])]
+        after = rotations[k] * Rotation.from_rotvec(turn)
+        # R Exp(turn) rotates at Exp(-turn) w + J turn' in its own frame, J the right Jacobian.
+        turning.append(inverse_left_jacobian(-turn, after.inv().apply(angular - own[1])))
+    positions = positions + spread(shifts, times, *faster)
     for k, b in wanted.items():
-        for found, asked in zip(velocities, (b.linear_velocity, b.angular_velocity), strict=True):
-            if asked is not None:
-                found[k] = asked
-    return replace(moved, linear_velocities=velocities[0], angular_velocities=velocities[1])
+        if b.position is not None:
+            positions[k] = b.position
+    rotations = rotations * Rotation.from_rotvec(spread(turns, times, *turning))
+    return PoseTrajectory(times, positions, rotations, name=free.name)
 
 
-def _rate_of_turn(turn: Floats, before: Rotation, missing: Floats) -> Floats:
-    """Rate of a turn in the tool's frame that adds an angular velocity (rad/s, world frame).
+def inverse_left_jacobian(turn: Floats, rate: Floats) -> Floats:
+    """Return the rate of a rotation vector from the angular velocity of its rotation.
 
-    ``R Exp(turn)`` rotates at ``Exp(-turn) w + J turn'`` in its own frame, with the right Jacobian
-    J of SO(3); its inverse to third order.
+    ``w = J turn'`` with the left Jacobian J of SO(3), whose inverse is this in closed form.
+
+    Parameters
+    ----------
+    turn : array, shape (3,)
+        Rotation vector, shorter than a whole turn (rad).
+    rate : array, shape (3,)
+        w (rad/s).
     """
-    after = before * Rotation.from_rotvec(turn)
-    rate = after.inv().apply(missing)
+    angle = np.linalg.norm(turn)
     once = np.cross(turn, rate)
-    return np.asarray(rate + once / 2 + np.cross(turn, once) / 12)
+    half = angle / 2
+    curved = 1 / 12 if angle < _SMALL_TURN else (1 - half / np.tan(half)) / angle**2
+    return np.asarray(rate - once / 2 + curved * np.cross(turn, once))
+
+
+_SMALL_TURN = 1e-3
+"""Below it (rad) the closed form loses to rounding what it gains on its limit."""

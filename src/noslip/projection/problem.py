@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.boundary import Boundary
+from noslip.boundary import Boundary, end_twist
 from noslip.projection.band import Band
-from noslip.projection.blend import spread
+from noslip.projection.blend import inverse_left_jacobian, spread
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.stage import Entries, Stage
@@ -78,7 +78,6 @@ class Problem:
     Parameters
     ----------
     request : Request
-        Without velocities at its ends, see :meth:`Request.with_steps_beyond`.
     turns : array, shape (N, 3)
         First guess of the correction (rad).
     """
@@ -113,6 +112,10 @@ class Problem:
         else:
             self.reference = Rotation.from_rotvec(turns) * trajectory.rotations
 
+        self.twists = request.twists
+        self._turned_reference = PoseTrajectory(
+            trajectory.times, trajectory.positions, self.reference
+        )
         self.fixed = self._fix(boundaries)
         weights = request.weights
         self._weigh(weights.position, weights.position_smoothing, weights.rotation_smoothing)
@@ -126,9 +129,6 @@ class Problem:
             holds_position = boundary.position is not None or hold_position
             decided[k] = holds_position and boundary.rotation is not None
         for k in takewhile(lambda k: decided[k], range(count)):
-            self.active[k] = False
-        # Nor is the step from a goal to the sample beyond it.
-        for k in takewhile(lambda k: decided[k] and decided[k - 1], range(count - 1, 0, -1)):
             self.active[k] = False
         # An acceleration is that from the step before a sample to the step after it.
         self.active[-1] &= levels != "acceleration"
@@ -178,8 +178,26 @@ class Problem:
         self.bending = np.full(self.unknowns, position_smoothing / h**3)
         self.bending[:3] = rotation_smoothing / h**3
         # Of the step that leads from a sample to the next.
-        slow = 1 / (1 + (relative[1:] / _SLOW) ** 2)
-        self.slope = _SLOPE * slow[:, None] / h
+        self.slope = np.zeros((self.count - 1, self.unknowns))
+        self.slope[:, :3] = _SLOPE / h / (1 + (relative[1:, None] / _SLOW) ** 2)
+        # Where a velocity is asked for, the correction bends as if mirrored there: half a second
+        # difference, 2 (z_1 - z_0 - h z'), that leads on to the step beyond.
+        for k in self.twists:
+            self.slope[min(k, self.count - 2)] += 2 * self.bending
+
+    def _changes(self) -> Floats:
+        """What each step changes of the correction, less what velocities at the ends ask for."""
+        changes = np.diff(self.z, axis=0)
+        for k, asked in self.twists.items():
+            turn = self.z[k, :3]
+            linear, angular = end_twist(self._turned_reference, min(k, 1))
+            # R = Exp(turn) R_ref turns with Exp(turn) w_ref + J turn'.
+            rate = asked[1] - Rotation.from_rotvec(turn).apply(angular)
+            wanted = inverse_left_jacobian(turn, rate)
+            if self.unknowns == 6:
+                wanted = np.concatenate([wanted, (asked[0] - linear) / self.length])
+            changes[min(k, self.count - 2)] -= self.time_step * wanted
+        return changes
 
     def _stage_parameters(self) -> Floats:
         quaternions = continuous_quaternions(self.reference)
@@ -269,7 +287,7 @@ class Problem:
 
     def is_solved(self) -> bool:
         """Whether the trajectory as given satisfies everything: then it is the nearest."""
-        if self.z.any():
+        if self.z.any() or self._changes().any():
             return False
         value, _ = self._constraints.slope(self.z, self.parameters)
         scaled = np.where(self.active, value * self.row_scale, 0.0)
@@ -298,8 +316,7 @@ class Problem:
         for j in range(self.unknowns):
             band.add_bending(j, self.bending[j])
             band.add(0, j, j, self.weights[:, j])
-        for j in range(3):
-            band.add_slope(j, self.slope[:, 0])
+            band.add_slope(j, self.slope[:, j])
         scaled_active = self.active * self.row_scale
         for (row, column), entries in jacobian.items():
             entries = entries * scaled_active[:, row]
@@ -339,9 +356,9 @@ class Problem:
         gradient[2:] += bend
         gradient[1:-1] -= 2 * bend
         gradient[:-2] += bend
-        change = self.slope * np.diff(self.z[:, :3], axis=0)
-        gradient[1:, :3] += change
-        gradient[:-1, :3] -= change
+        change = self.slope * self._changes()
+        gradient[1:] += change
+        gradient[:-1] -= change
         return gradient
 
     def result(self, converged: bool, iterations: int, multipliers: Floats) -> ProjectedTrajectory:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import Value
-from noslip.boundary import Boundary, sample_of
+from noslip.boundary import Boundary, end_twist, sample_of
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.trajectory import PoseTrajectory
@@ -78,7 +77,7 @@ class Request(Value):
     system : ConstraintSystem
         Equalities and limits that the result satisfies.
     boundaries : tuple of Boundary
-        Each of another sample.  One with a twist is an end's, and names a whole pose.
+        Each of another sample.  One with a twist is an end's, and names a whole pose or is at rest.
     weights : Weights
     hold_position : bool
         Only the orientation gives way; no boundary then has another position than the reference.
@@ -117,15 +116,16 @@ class Request(Value):
             moved = boundary.position is not None and np.any(
                 np.abs(boundary.position - reference.positions[k]) > _SAME * reference.path_length
             )
-            if self.hold_position and (moved or boundary.has_twist):
+            if self.hold_position and (moved or boundary.linear_velocity is not None):
                 raise InputError(
                     "hold_position=True keeps every position and velocity; no boundary can ask for "
                     "another one"
                 )
-            if boundary.has_twist and not (boundary.is_pose and boundary.at in (0, 1)):
+            is_end = boundary.at in (0, 1) and (boundary.is_pose or not boundary.moves)
+            if boundary.has_twist and not is_end:
                 raise InputError(
                     f"a velocity at {boundary.at:g} of the motion: it can be asked for at an end "
-                    "(0 or 1) whose position and rotation are both given"
+                    "(0 or 1) whose position and rotation are both given, or that is at rest"
                 )
 
     @property
@@ -146,93 +146,14 @@ class Request(Value):
             found[k] = boundary
         return found
 
-    # ---------------------------------------------------------------- velocities at the ends
-
     @property
-    def leads_in(self) -> bool:
-        """Whether a velocity is asked for at the start."""
-        return 0 in self.fixed and self.fixed[0].has_twist
-
-    @property
-    def leads_out(self) -> bool:
-        """Whether a velocity is asked for at the goal."""
-        last = len(self.reference) - 1
-        return last in self.fixed and self.fixed[last].has_twist
-
-    def with_steps_beyond(self) -> Request:
-        """Return the request with poses in place of velocities at the ends.
-
-        Where a velocity is asked for, a sample is added a step before the start or a step after
-        the goal.  The reference goes on there as it moves at that end.
-        """
-        reference, h = self.reference, self.time_step
-        before = [self._beyond(0, -1)] if self.leads_in else []
-        after = [self._beyond(len(reference) - 1, 1)] if self.leads_out else []
-        if not before and not after:
-            return self
-        own = [*((p, R) for p, R, _ in before), *((p, R) for p, R, _ in after)]
-        places = [0] * len(before) + [len(reference)] * len(after)
-        times = [reference.times[0] - h] * len(before) + [reference.times[-1] + h] * len(after)
-        quaternions = [R.as_quat() for _, R in own]
-        longer = PoseTrajectory(
-            np.insert(reference.times, places, times),
-            np.insert(reference.positions, places, [p for p, _ in own], axis=0),
-            Rotation.from_quat(np.insert(reference.rotations.as_quat(), places, quaternions, 0)),
-            name=reference.name,
-        )
-        last = len(longer) - 1
-        inner = (
-            replace(
-                boundary,
-                at=(k + len(before)) / last,
-                linear_velocity=None,
-                angular_velocity=None,
-            )
+    def twists(self) -> dict[int, tuple[Floats, Floats]]:
+        """Linear and angular velocity asked for, by sample; the reference's where not named."""
+        return {
+            k: boundary.twist_or(*end_twist(self.reference, boundary.at))
             for k, boundary in self.fixed.items()
-        )
-        outer = (boundary for _, _, boundary in (*before, *after))
-        return replace(
-            self,
-            reference=longer,
-            boundaries=(*inner, *outer),
-            begin=self.begin - h * len(before),
-        )
-
-    def twist_at(self, k: int) -> tuple[Floats, Floats]:
-        """Linear and angular velocity asked for at an end; the reference's where not named."""
-        boundary, reference = self.fixed[k], self.reference
-        linear, angular = boundary.linear_velocity, boundary.angular_velocity
-        return (
-            reference.linear_velocities[k] if linear is None else linear,
-            reference.angular_velocities[k] if angular is None else angular,
-        )
-
-    def _beyond(self, k: int, side: int) -> tuple[Floats, Rotation, Boundary]:
-        """Where the reference and the result are a step before (side -1) or after (1) an end.
-
-        An end's velocity is that of the instant, half a step from the middle of the step beyond: in
-        between lies half a step of the reference's acceleration.
-        """
-        boundary, reference, h = self.fixed[k], self.reference, self.time_step
-        assert boundary.position is not None and boundary.rotation is not None
-        near, next_ = (0, 1) if side < 0 else (-1, -2)
-        stated = reference.linear_velocities[k], reference.angular_velocities[k]
-        own, asked = [], []
-        for steps, has, wanted in zip(
-            reference.step_velocities(), stated, self.twist_at(k), strict=True
-        ):
-            change = (steps[near] - steps[next_]) / 2
-            own.append(side * h * (has + change))
-            asked.append(side * h * (wanted + change))
-        return (
-            reference.positions[k] + own[0],
-            Rotation.from_rotvec(own[1]) * reference.rotations[k],
-            Boundary(
-                0.0 if side < 0 else 1.0,
-                boundary.position + asked[0],
-                Rotation.from_rotvec(asked[1]) * boundary.rotation,
-            ),
-        )
+            if boundary.has_twist
+        }
 
     @property
     def time_step(self) -> float:

@@ -123,13 +123,12 @@ def project(request: Request) -> ProjectedTrajectory:
 
     The result's trajectory has at its ends the velocities that were asked for.
     """
-    longer = request.with_steps_beyond()
-    best = _attempt(replace(longer, system=request.system.equalities))
+    best = _attempt(replace(request, system=request.system.equalities))
     if best.converged and request.system.limits.size:
-        best = _heed_limits(longer, best)
-    if _swing(best, longer):
+        best = _heed_limits(request, best)
+    if _swing(best, request):
         best = replace(best, converged=False)
-    return best if longer is request else _without_steps_beyond(best, request)
+    return replace(best, trajectory=_with_twists(best.trajectory, request))
 
 
 def project_heeding_what_it_can(request: Request) -> ProjectedTrajectory:
@@ -202,34 +201,13 @@ def _swing(result: ProjectedTrajectory, request: Request) -> float:
     return largest if largest > _SWINGING else 0.0
 
 
-def _without_steps_beyond(longer: ProjectedTrajectory, request: Request) -> ProjectedTrajectory:
-    """Return the result without the samples that stand for velocities at the ends."""
-    count = len(request.reference)
-    first = int(request.leads_in)
-    kept = slice(first, first + count)
-    trajectory = longer.trajectory[kept]
+def _with_twists(trajectory: PoseTrajectory, request: Request) -> PoseTrajectory:
+    """Return a trajectory that says of its ends what was asked for."""
     velocities = trajectory.linear_velocities.copy(), trajectory.angular_velocities.copy()
-    for k, moves in ((0, request.leads_in), (count - 1, request.leads_out)):
-        if moves:
-            for found, asked in zip(velocities, request.twist_at(k), strict=True):
-                found[k] = asked
-    residuals, margins = longer.residuals[kept].copy(), longer.margins[kept].copy()
-    if request.leads_in:
-        # No step leads to the first sample.
-        residuals[0, request.system.equalities.row_is_velocity] = 0.0
-        at_position = np.array(request.system.limits.row_levels, dtype=object) == "position"
-        margins[0, ~at_position] = np.inf
-    return replace(
-        longer,
-        trajectory=replace(
-            trajectory, linear_velocities=velocities[0], angular_velocities=velocities[1]
-        ),
-        turns=longer.turns[kept],
-        residual=float(np.abs(residuals).max(initial=0.0)),
-        residuals=residuals,
-        multipliers=longer.multipliers[kept],
-        margins=margins,
-    )
+    for k, asked in request.twists.items():
+        for found, wanted in zip(velocities, asked, strict=True):
+            found[k] = wanted
+    return replace(trajectory, linear_velocities=velocities[0], angular_velocities=velocities[1])
 
 
 # ---------------------------------------------------------------- attempts
