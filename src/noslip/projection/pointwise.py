@@ -60,8 +60,9 @@ _REACHED, _STOPPING = 1e-7, 0.1
 """Violation, so relative, up to which a hard limit is kept; how much less that of a stop is."""
 _MISSED, _ROUNDING = 1e-10, 1e-14
 """Residual at which an equality is missed, besides what the rounding of positions makes of it."""
-_SMALL_TURN, _LARGEST_TURN = 0.01, 0.5
-"""Correction of a step's turn (rad) in which rows are near linear, and the longest."""
+_SMALL_TURN, _LARGEST_TURN = 0.02, 0.5
+"""Correction of a step's turn (rad) in which rows are near linear, and the longest: half as much
+lets tools that pass an obstacle slide off their path, twice as much is not always converged."""
 _STRAIGHT = 0.01
 """Largest share of the rotation in corrections of what is left, over that of the position."""
 _STILL = 1e-11
@@ -249,7 +250,7 @@ class _Step:
                 parts = _columns(self.weights, rows, impulses)
                 velocities = self.unconstrained + ca.sum2(parts)
                 if iteration == 0 and self.shared and not self.is_linear:
-                    self._stiffen(ca.sum2(parts)[3:])
+                    self._stiffen(ca.sum2(parts))
             else:
                 # Straight onto the constraint: quadratic, where the nearest point is linear.
                 if self.shared and not self.is_linear:
@@ -278,14 +279,21 @@ class _Step:
             parts += ca.repmat(change / parts.shape[1], 1, parts.shape[1])
         return velocities, impulses, parts, yielding
 
-    def _stiffen(self, turning: Expression) -> None:
+    def _stiffen(self, change: Expression) -> None:
         """Weigh rotation more where the metric would turn the tool beyond what rows are linear in.
 
         A rotation that is cheap beside a lever would turn it so far that Newton's method, of few
-        passes, does not converge; the position takes over what the rotation leaves.
+        passes, does not converge; the position takes over what the rotation leaves.  A row whose
+        correction is the rotation's by r, the position's by 1 (in the metric), turns by ``f (1 + r)
+        / (1 + f r)`` times as much with the rotation's inverse weights times f: that f is taken
+        which leaves the small turn.
         """
-        turn = self.s.time_step * ca.norm_2(turning + _SMALLEST_PIVOT)
-        factor = ca.fmin(1, (_SMALL_TURN / (turn + _SMALLEST_PIVOT)) ** 2)
+        turn = self.s.time_step * ca.norm_2(change[3:] + _SMALLEST_PIVOT)
+        masses = ca.DM([1 / weight if weight else 0.0 for weight in self.metric])
+        work = masses * change**2
+        ratio = ca.sum1(work[3:]) / (ca.sum1(work[:3]) + _SMALLEST_PIVOT)
+        left = ca.fmin(1, _SMALL_TURN / (turn + _SMALLEST_PIVOT))
+        factor = left / (1 + ratio * (1 - left))
         self.weights = ca.vertcat(self.weights[:3], factor * self.weights[3:])
 
     def _balance(self, rows: Expression) -> None:
