@@ -42,8 +42,10 @@ class RecordingResult:
         What the projection leaves of the residual.
     position_change_m, rotation_change_deg : float or None
         By which the projection moves the recording (rms).
+    motion_duration_s : float or None
+        Of the primitive's motion: longer than the recording where limits on its speed ask for it.
     residual_peak, residual_rms : float or None
-        Of the primitive's motion.
+        Of the same motion.
     holds : bool or None
         Whether that motion keeps every constraint and limit, to ``check``'s default tolerance.
     least_margins : str
@@ -80,6 +82,7 @@ class RecordingResult:
     projected_residual: float | None = None
     position_change_m: float | None = None
     rotation_change_deg: float | None = None
+    motion_duration_s: float | None = None
     residual_peak: float | None = None
     residual_rms: float | None = None
     holds: bool | None = None

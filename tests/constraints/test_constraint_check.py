@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from learned import under
 from measures import steps
 from motions import planar_cut
 from noslip import (
@@ -448,7 +449,8 @@ def test_a_check_finds_the_margins_of_a_rollout() -> None:
         positions=np.column_stack([np.sin(2 * times), times**2, 0 * times]),
         rotations=Rotation.from_euler("z", times),
     )
-    dmp = learn(motion, [AccelerationLimit(linear=3.0), SpeedLimit(speed=2.0)], basis_functions=20)
+    limits = [AccelerationLimit(linear=3.0), SpeedLimit(speed=2.0)]
+    dmp = under(learn(motion, basis_functions=20), limits)
     rollout = dmp.rollout()
     found = step_residuals(rollout, dmp.constraints)
     # The first step's acceleration is known to the rollout alone, from its initial velocity.

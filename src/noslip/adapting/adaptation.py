@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from functools import wraps
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +16,7 @@ from noslip import _arguments
 from noslip._values import Value
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
 from noslip.boundary import Boundary, End
+from noslip.constraints.system import ConstraintSystem
 from noslip.errors import (
     CompromiseWarning,
     ConstraintError,
@@ -32,6 +35,7 @@ from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
+from noslip.runtime.timing import timed, unhurried
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import followed_with, verify
 
@@ -65,6 +69,50 @@ class Adapted(Value):
     motion: Motion
 
 
+Adapting = TypeVar("Adapting", bound=Callable[..., Adapted])
+
+
+def _in_time(adapting: Adapting) -> Adapting:
+    """Let time give way before the path, or refuse a duration in which neither may."""
+
+    @wraps(adapting)
+    def in_time(law: Law, rule: Rule, *, duration: float | None = None, **options: Any) -> Adapted:
+        usual = duration
+
+        def carried_out(shaping: ConstraintSystem, factor: float) -> Adapted:
+            nonlocal usual
+            asked = usual if factor == 1 or usual is None else factor * usual
+            found = adapting(law, replace(rule, system=shaping), duration=asked, **options)
+            usual = usual or found.law.duration
+            return found
+
+        def own_motion(found: Adapted, timeless: ConstraintSystem) -> Motion:
+            return rollout(found.law, replace(rule, system=timeless))
+
+        if not any(timed(rule.system)):
+            return carried_out(rule.system, 1.0)
+        with warnings.catch_warnings():
+            # What becomes of the last one is told below.
+            warnings.simplefilter("ignore", CompromiseWarning)
+            found, pace = unhurried(rule.system, carried_out, own_motion, longer=duration is None)
+        if pace.factor > 1 and duration is not None:
+            # So it is asked for: the path is reshaped, if that helps.
+            try:
+                found = adapting(law, rule, duration=duration, **options)
+            except (ConvergenceError, MissedError) as error:
+                raise MissedError(pace.refused(duration)) from error
+            kept = pace.name not in found.projected.left_out
+            warn((pace.reshaped if kept else pace.refused)(duration), CompromiseWarning)
+            return found
+        if pace.factor > 1:
+            warn(pace.told(found.law.duration), CompromiseWarning)
+        asked = [boundary for boundary in found.request.boundaries if boundary.at > 0]
+        return replace(found, motion=verify(found.law, rule, asked))
+
+    return cast(Adapting, in_time)
+
+
+@_in_time
 def adapt(
     law: Law,
     rule: Rule,
@@ -105,7 +153,9 @@ def adapt(
         where the motion does not rest at an end of which ``start`` or ``end`` keeps but a part.
     duration : float, optional
         tau (s).  By default that of the law, or what it takes to a goal so far that the motion
-        would be more than twice as fast.
+        would be more than twice as fast; and as much longer as limits on speeds, rates and
+        accelerations need that the path stays as it is, told by a warning.  If given, the path is
+        reshaped for such limits.
     via : sequence of (at, position), (at, position, rotation) or Boundary
         Points or poses to pass, at fractions of the duration.
     scaling : "none", "difference" or "rotation-dilation"
@@ -128,7 +178,8 @@ def adapt(
     ConvergenceError
         If the projection does not converge.
     MissedError
-        If the law's motion misses the goal, a via point or a hard limit.
+        If the law's motion misses the goal, a via point or a hard limit, or such a limit cannot be
+        kept in the duration given; the message says in which it can.
     """
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")

@@ -226,7 +226,8 @@ def run(
         "residual_peak": merits[0]["residual_peak"],
         "least_margins": merits[0]["least_margins"],
         "demonstrations": [
-            {"name": d.name, **c} for d, c in zip(demonstrations, merits, strict=True)
+            {"name": d.name, "duration": d.duration, **c}
+            for d, c in zip(demonstrations, merits, strict=True)
         ],
         "projection": [vars(record) for record in primitive.record],
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import cached_property, lru_cache
+from itertools import compress
 from threading import RLock
 from typing import Any, TypeVar
 from weakref import WeakValueDictionary
@@ -120,25 +121,25 @@ class ConstraintSystem:
     @cached_property
     def equalities(self) -> ConstraintSystem:
         """Those of the constraints that must be zero."""
-        return self._part("zero", lambda c: c.relation == "zero")
+        return self.part([c.relation == "zero" for c in self.constraints])
 
     @cached_property
     def limits(self) -> ConstraintSystem:
         """Those of the constraints that must not be negative."""
-        return self._part("nonnegative", lambda c: c.relation == "nonnegative")
+        return self.part([c.relation == "nonnegative" for c in self.constraints])
 
     @cached_property
     def of_poses(self) -> ConstraintSystem:
         """Those of the constraints that are declared of the pose."""
-        return self._part("position", lambda c: c.level == "position")
+        return self.part([c.level == "position" for c in self.constraints])
 
-    def _part(self, key: str, belongs: Callable[[Constraint], bool]) -> ConstraintSystem:
-        chosen = [i for i, c in enumerate(self.constraints) if belongs(c)]
-        if len(chosen) == len(self.constraints):
+    def part(self, chosen: Sequence[bool]) -> ConstraintSystem:
+        """Return those of the constraints that are chosen; they keep their names."""
+        if all(chosen):
             return self
-        constraints = tuple(self.constraints[i] for i in chosen)
-        names = tuple(self.names[i] for i in chosen)
-        return self.owned(key, lambda: _named(constraints, names))
+        constraints = tuple(compress(self.constraints, chosen))
+        names = tuple(compress(self.names, chosen))
+        return self.owned(("part", *chosen), lambda: _named(constraints, names))
 
     @property
     def edged(self) -> Constraint | None:

@@ -24,6 +24,7 @@ from noslip.runtime.lost import require_defined
 from noslip.runtime.motion import Asked, Motion
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
+from noslip.runtime.timing import require_time, timed
 
 T = TypeVar("T")
 
@@ -59,7 +60,8 @@ def rollout(
         Meters; the demonstrated ones by default.
     goal_rotation, start_rotation : Rotation, optional
     duration : float, optional
-        tau (s).  The motion keeps its shape; only its speed changes.
+        tau (s).  The motion keeps its shape; only its speed changes.  Soft limits on that speed
+        may then give way, with a warning.
     time_step : float, optional
         Seconds.  By default the motion has the steps that it was planned on, whatever its duration:
         those of the demonstration, or a multiple (200 or more, and 4 a basis function).  If the
@@ -75,6 +77,12 @@ def rollout(
     -------
     Motion
         ``times`` start at 0, or where a re-planned motion begins.
+
+    Raises
+    ------
+    MissedError
+        If a hard limit on velocities or accelerations cannot be kept in the duration given; the
+        message says in which it can.
     """
     state = initial_state(
         law,
@@ -99,6 +107,23 @@ def rollout(
             )
         wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
         steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
+    if duration is not None and state.duration < law.duration and any(timed(rule.system)):
+        usual = rollout(
+            law,
+            rule,
+            goal_position=goal_position,
+            goal_rotation=goal_rotation,
+            start_position=start_position,
+            start_rotation=start_rotation,
+            project_start=project_start,
+            pull_in=pull_in,
+        )
+        require_time(usual, rule.system, state.duration)
+    return integrate(law, rule, state, steps, time_step)
+
+
+def integrate(law: Law, rule: Rule, state: State, steps: int, time_step: float) -> Motion:
+    """Carry a state to the end of its duration, in steps of which the last may be shorter."""
     stepper, system = stepper_of(rule), rule.system
     states = np.empty((steps + 1, stepper.carried.size))
     # The acceleration of the first sample is that of the step which leaves it.
