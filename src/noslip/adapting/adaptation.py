@@ -72,7 +72,7 @@ class Adapted(Value):
 Adapting = TypeVar("Adapting", bound=Callable[..., Adapted])
 
 
-def _in_time(adapting: Adapting) -> Adapting:
+def _giving_time(adapting: Adapting) -> Adapting:
     """Let time give way before the path, or refuse a duration in which neither may."""
 
     @wraps(adapting)
@@ -112,7 +112,7 @@ def _in_time(adapting: Adapting) -> Adapting:
     return cast(Adapting, in_time)
 
 
-@_in_time
+@_giving_time
 def adapt(
     law: Law,
     rule: Rule,
