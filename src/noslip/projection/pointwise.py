@@ -517,10 +517,12 @@ def _residual_after(
     constraint stays on it to rounding.
 
     The margin of a limit may shrink like that, which is a barrier of relative degree one or two;
-    two things are kept besides.  It never falls below zero from above, however fast the limit is
-    approached (c < 0).  And standing still is always allowed, so that limits which allow rest never
+    three things are kept besides.  It never falls below zero from above, however fast the limit is
+    approached (c < 0).  Standing still is always allowed, so that limits which allow rest never
     contradict each other: at position level no more is asked for than to come no closer, at
-    velocity level no more than not to violate it, unless a rate is named.
+    velocity level no more than not to violate it, unless a rate is named.  And a tool outside of a
+    limit of poses, though its way out is stopped at that rate, comes in as onto an equality, at
+    :attr:`StepSymbols.residual_rate` unless one is named: from rest by d at ``rate d / e`` at most.
     """
     before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
     state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
@@ -549,22 +551,27 @@ def _residual_after(
         if level == "acceleration":
             targets.append(ca.SX(0))
             continue
-        left = ca.exp(-rate * dt)
         if level == "velocity":
             found = middle[i] if values is None else ca.if_else(previous > 0, values[i], now[i])
             asked = ca.exp(-rate * s.kick) * found
             targets.append(asked if named[i] or not is_limit else ca.fmin(asked, 0))
             continue
-        # No step has led to the start; there the velocities tell.
-        change = ca.if_else(
-            previous > 0,
-            (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous,
-            (drift[i] + rate * now[i]) * dt,
-        )
-        asked = left * (now[i] + change)
+
+        def decayed(rate: Expression, i: int = i) -> Expression:
+            # No step has led to the start; there the velocities tell.
+            change = ca.if_else(
+                previous > 0,
+                (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous,
+                (drift[i] + rate * now[i]) * dt,
+            )
+            return ca.exp(-rate * dt) * (now[i] + change)
+
+        asked = decayed(rate)
         if is_limit:
-            kept = ca.fmin(ca.fmax(asked, left * now[i]), now[i])
-            asked = ca.if_else(now[i] >= 0, kept, asked)
+            inside = ca.fmin(ca.fmax(asked, ca.exp(-rate * dt) * now[i]), now[i])
+            slowly = asked if named[i] else decayed(s.residual_rate)
+            outside = ca.fmax(slowly, ca.fmin(asked, now[i]))
+            asked = ca.if_else(now[i] >= 0, inside, outside)
         targets.append(asked)
     return ca.vertcat(*targets)
 
