@@ -580,6 +580,7 @@ def test_adapting_commutes_with_moving_the_scene(scaling: Any, seed: int) -> Non
     assert off <= 1e-6 * length and angle <= 1e-3
 
 
+@pytest.mark.filterwarnings("ignore:.*other units:noslip.errors.RecordingWarning")
 @pytest.mark.parametrize("scaling", ["none", "difference", "rotation-dilation"])
 @pytest.mark.parametrize("size", [1e-3, 1e3])
 def test_adapting_knows_no_unit_of_length(scaling: Any, size: float) -> None:
