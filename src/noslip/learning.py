@@ -82,7 +82,7 @@ def learn(
     ridge: float = 1e-6,
     hold_position: bool = False,
     start: End = "free",
-    end: End = "free",
+    end: End | Literal["auto"] = "auto",
     position_weight: float = LEARNING.position,
     position_smoothing: float = LEARNING.position_smoothing,
     rotation_smoothing: float = LEARNING.rotation_smoothing,
@@ -120,7 +120,8 @@ def learn(
         Project by the orientation alone, as in the paper.  By default the position gives way too,
         by a fraction of a thousandth of the path, which spares the tool sharp turns.
     start, end : "free", "position", "rotation" or "pose"
-        What of the demonstrations' first and last sample the projection must keep.
+        What of the demonstrations' first and last sample the projection must keep.  By default the
+        position where each ends ("auto"), unless a constraint on poses may want another.
     position_weight, position_smoothing, rotation_smoothing : float
         See :func:`noslip.project_trajectory`.
     metric : "auto", "position", "shared" or 6 positive weights
@@ -201,9 +202,10 @@ def learn(
     }
 
     def projected(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
+        last = _kept_end(system, demonstration) if end == "auto" else end
         ends = tuple(
             replace(Boundary.keeping(demonstration, at, kept), angular_velocity=turning[at])
-            for at, kept in ((0.0, start), (1.0, end))
+            for at, kept in ((0.0, start), (1.0, last))
         )
         request = Request(demonstration, shaping, ends, weights, hold_position)
         return project_heeding_what_it_can(request)
@@ -254,6 +256,16 @@ def learn(
     _tell(record, sampled, rotation_smoothing)
     demonstrated = fitted(sampled, count, pace.factor) if system.size else law
     return ConstrainedDMP(law, rule, demonstrated, record, Spread.about(law, followed))
+
+
+def _kept_end(system: ConstraintSystem, demonstration: PoseTrajectory) -> End:
+    """What of its last sample a demonstration keeps by default."""
+    poses, last = system.of_poses, demonstration[-2:]
+    if poses.equalities.size:
+        return "free"
+    still = np.zeros((2, 3))
+    margins = poses.residuals(last.clock, last.positions, last.quaternions, still, still)
+    return "position" if np.all(margins[-1] > 0) else "free"
 
 
 def _tell(

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -71,7 +71,13 @@ class Learning:
         ),
     ] = False
     start: options.Kept = "free"
-    end: options.Kept = "free"
+    end: Annotated[
+        Literal["auto", "free", "position", "rotation", "pose"],
+        typer.Option(
+            help="The same of the other end; auto is the position, unless a constraint on poses "
+            "may want another."
+        ),
+    ] = "auto"
     position_weight: options.PositionWeight = LEARNING.position
     position_smoothing: options.PositionSmoothing = LEARNING.position_smoothing
     rotation_smoothing: options.RotationSmoothing = LEARNING.rotation_smoothing
