@@ -102,6 +102,19 @@ def rollout(
         pull_in=pull_in,
         goal_form=goal_form,
     )
+    if duration is not None and state.duration < law.duration and any(timed(rule.system)):
+        usual = rollout(
+            law,
+            rule,
+            goal_position=goal_position,
+            goal_rotation=goal_rotation,
+            start_position=start_position,
+            start_rotation=start_rotation,
+            project_start=project_start,
+            pull_in=pull_in,
+            goal_form=goal_form,
+        )
+        require_time(usual, rule.system, state.duration)
     return motion_from(law, rule, state, time_step)
 
 
@@ -119,18 +132,6 @@ def motion_from(law: Law, rule: Rule, state: State, time_step: float | None = No
             )
         wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
         steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
-    if duration is not None and state.duration < law.duration and any(timed(rule.system)):
-        usual = rollout(
-            law,
-            rule,
-            goal_position=goal_position,
-            goal_rotation=goal_rotation,
-            start_position=start_position,
-            start_rotation=start_rotation,
-            project_start=project_start,
-            pull_in=pull_in,
-        )
-        require_time(usual, rule.system, state.duration)
     return integrate(law, rule, state, steps, time_step)
 
 
