@@ -25,10 +25,10 @@ def require_defined(system: ConstraintSystem, times: Floats, states: Floats) -> 
     ConstraintError
         If there is one; not if start, goal or time are out of what can be computed with.
     """
-    finite = np.isfinite(states).all(axis=1)
+    finite = np.isfinite(states)
     if finite.all():
         return
-    last = int(np.argmin(finite)) - 1
+    last = int(np.argmin(finite.all(axis=1))) - 1
     p, q, v, w = (states[last, STATE[name]] for name in STATE)
     # Where it is, and where it would be in the middle and at the end of the next step.
     ahead = np.array([0.0, 0.5, 1.0])[:, None] * (times[last + 1] - times[last])
