@@ -53,7 +53,7 @@ def _told(
     @wraps(function)
     def told(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> Motion:
         motion = function(law, rule, *args, **options)
-        if options:
+        if options.keys() - {"time_step"}:
             tell(motion, rule)
         return motion
 
