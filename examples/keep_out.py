@@ -24,8 +24,7 @@ nerve = ns.KeepOutSphere(center=CENTER, radius=RADIUS)
 vessel = ns.constraints.KeepOutCapsule(start=START, end=END, radius=WIDTH)
 
 rules = [nerve, vessel, ns.Blade(), ns.constraints.PlaneContact()]
-# Around them the blade has to turn, which a metric that shares the correction lets it do.
-dmp = ns.learn(hand, rules, metric="shared")
+dmp = ns.learn(hand, rules)
 motion = dmp.rollout()
 motions = {"demonstration": hand, "learned motion": motion}
 print(f"least margins {motion.margins.min(axis=0)} m ({', '.join(motion.limit_names)})")

@@ -1,6 +1,7 @@
-"""How fast a tool may move, turn and accelerate."""
+"""How fast a tool may move, turn and accelerate: it takes the time that it needs."""
 
 import argparse
+import warnings
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -40,7 +41,10 @@ panels = {
 figure = style.new_figure(6.0, 2.8)
 found = []
 for ax, (label, (limit, size, allowed)) in zip(figure.subplots(1, 3), panels.items(), strict=True):
-    motion = ns.learn(hand, [limit]).rollout()
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        motion = ns.learn(hand, [limit]).rollout()
+    print(*(warning.message for warning in told), sep="\n")
     missed = np.linalg.norm(motion.positions[-1] - hand.positions[-1])
     found.append(f"{style.number(size(motion).max())} of {style.number(size(hand).max())}")
     print(

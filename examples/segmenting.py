@@ -61,7 +61,8 @@ for i, reason in far.items():
     print(f"{segments.pieces[i].name}: {reason}")
 segments = segments.without(far)
 
-motion = ns.learn(segments.pieces, [ns.Blade()]).rollout()
+pieces = [ns.prepare(piece, relative=True) for piece in segments.pieces]
+motion = ns.learn(pieces, [ns.Blade()]).rollout()
 residual = np.abs(motion.constraint_residuals).max()
-print(f"learned from {len(segments.pieces)} pieces, residual at most {residual:.1e} m/s")
+print(f"learned from {len(pieces)} pieces, residual at most {residual:.1e} m/s")
 save_figure(recording_cuts(segments), out)

@@ -629,6 +629,7 @@ def test_adapting_commutes_with_moving_the_scene(scaling: Any, seed: int) -> Non
     assert off <= 1e-6 * length and angle <= 1e-3
 
 
+@pytest.mark.filterwarnings("ignore:.*other units:noslip.errors.RecordingWarning")
 @pytest.mark.parametrize("scaling", ["none", "difference", "rotation-dilation"])
 @pytest.mark.parametrize("size", [1e-3, 1e3])
 def test_adapting_knows_no_unit_of_length(scaling: Any, size: float) -> None:
@@ -947,7 +948,6 @@ LIMITS: dict[str, tuple[Callable[[int], Any], list[float]]] = {
         lambda p: ns.KeepOutSphere(center=(0.6, 0.25, 0.1), radius=0.1, priority=p),
         [1.05, 0.25, 0.05],
     ),
-    "speed": (lambda p: ns.SpeedLimit(speed=0.65, priority=p), [1.2, 0.2, 0.05]),
 }
 
 
@@ -1006,23 +1006,21 @@ def test_a_rotation_that_no_motion_can_end_in_is_refused_by_name() -> None:
 
 
 # Two and a half meters in 2 s at no more than 0.9 m/s.
-def test_a_goal_too_far_for_a_hard_speed_limit_is_no_silent_failure() -> None:
-    dmp = ns.learn(cut(), [BLADE, ns.SpeedLimit(speed=0.9)], basis_functions=40)
+@pytest.mark.parametrize("priority", [0, 1])
+def test_a_goal_too_far_for_a_speed_limit_takes_longer_or_is_refused(priority: int) -> None:
+    limit = ns.SpeedLimit(speed=0.9, priority=priority)
+    dmp = ns.learn(cut(), [BLADE, limit], basis_functions=40)
     goal = [2.5, 0.2, 0.0]
-    with pytest.raises(
-        (ns.errors.ConvergenceError, ns.errors.ConstraintError), match="speed-limit"
-    ):
-        dmp.adapt(goal_position=goal)
-    in_time = dmp.adapt(goal_position=goal, duration=8.0).rollout()
-    assert in_time.margins.min() >= -KEPT
-    assert_reaches(in_time, goal, dmp.goal_rotation, in_time.path_length)
-
-
-def test_a_soft_limit_that_cannot_be_heeded_is_named() -> None:
-    dmp = ns.learn(cut(), [BLADE, ns.SpeedLimit(speed=0.9, priority=1)], basis_functions=40)
-    new = dmp.adapt(goal_position=[2.5, 0.2, 0.0])
-    assert new.record[0].left_out == ("speed-limit",)
-    assert np.abs(new.rollout().constraint_residuals).max() <= RESIDUAL
+    told = r"takes 4\.\d+ s instead of 3\.\d+ s.*'speed-limit'"
+    with pytest.warns(ns.errors.CompromiseWarning, match=told):
+        longer = dmp.adapt(goal_position=goal)
+    for there in (longer, dmp.adapt(goal_position=goal, duration=8.0)):
+        motion = there.rollout()
+        assert motion.margins.min() >= -KEPT
+        assert_reaches(motion, goal, dmp.goal_rotation, motion.path_length)
+    # A soft limit goes on pushing, so that the goal would be missed.
+    with pytest.raises(ns.errors.MissedError, match="'speed-limit' cannot be kept in 2 s"):
+        dmp.adapt(goal_position=goal, duration=2.0)
 
 
 # -------------------------------------------------------------------- the clock

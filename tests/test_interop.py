@@ -287,7 +287,7 @@ def test_noisy_recordings_carry_over_too(theirs: Any) -> None:
     made = to_movement_primitives(dmp)
     assert_apart(their_solution(made), our_solution(dmp), 1e-6, 1e-3)
     fewer = to_movement_primitives(dmp, weights=100)
-    assert_apart(their_solution(fewer), our_solution(dmp), 2e-3, 0.5)
+    assert_apart(their_solution(fewer), our_solution(dmp), 3e-3, 0.5)
 
 
 def test_their_own_steps_come_nearer_with_the_step(theirs: Any) -> None:
@@ -330,7 +330,7 @@ def test_a_new_goal_has_the_same_effect_in_both(theirs: Any) -> None:
     made = to_movement_primitives(dmp)
     assert_apart(their_solution(made, goal), our_solution(dmp, goal), 1e-6, 1e-4)
     made.configure(goal_y=goal)
-    ours = dmp.rollout(goal_position=goal[:3], goal_rotation=turned)
+    ours = dmp.rollout(goal_position=goal[:3], goal_rotation=turned, goal_form="paper")
     assert_apart(their_steps(made), to_pqs(ours), 3e-3, 0.3)
 
 

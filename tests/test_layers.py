@@ -10,7 +10,7 @@ import noslip
 
 SOURCE = Path(noslip.__file__).parent
 LAYERS = [
-    {"_arguments", "_files", "_typing", "_values", "_version", "errors"},
+    {"_arguments", "_extras", "_files", "_typing", "_values", "_version", "errors"},
     {"_pose_checks", "_pose_csv", "_pose_npz", "named_columns"},
     {"trajectory", "rotations", "edge", "boundary"},
     {"scale"},

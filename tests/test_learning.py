@@ -274,7 +274,7 @@ def test_without_constraints_a_pose_primitive_is_learned() -> None:
 
 
 @pytest.mark.parametrize("start", [0.0, 1234.5])
-@pytest.mark.parametrize(("count", "samples"), [(25, 217), (301, 301), (1200, 1200)])
+@pytest.mark.parametrize(("count", "samples"), [(25, 409), (301, 601), (1200, 1200)])
 def test_any_rate_and_start_time_will_do(count: int, samples: int, start: float) -> None:
     demonstration = cut(2, count)
     late = PoseTrajectory(

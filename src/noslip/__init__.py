@@ -4,6 +4,8 @@ What a start needs is here; the rest is where its folder says: ``noslip.constrai
 ``noslip.recordings``, ``noslip.demonstrations``, ``noslip.robots``, ``noslip.errors``.
 """
 
+from typing import Any
+
 from noslip import constraints, demonstrations, errors, recordings, robots
 from noslip._version import __version__
 from noslip.boundary import Boundary
@@ -19,7 +21,7 @@ from noslip.constraints import (
     position_constraint,
     velocity_constraint,
 )
-from noslip.constraints.check import check
+from noslip.constraints.check import CheckReport, check
 from noslip.control import Controller
 from noslip.demonstrations import prepare, segment
 from noslip.errors import NoslipError, NoslipWarning
@@ -32,6 +34,32 @@ from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
+
+
+def _plot(motion: PoseTrajectory, constraints: Any = ()) -> Any:
+    """Draw it: path, pose over time, and what constraints say of it; return the figure.
+
+    Parameters
+    ----------
+    constraints : Constraint or several, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        :func:`noslip.figures.save_figure` writes it.
+    """
+    # Matplotlib takes as long to import as all the rest.
+    from noslip.figures import compare_motions
+
+    return compare_motions(motion, constraints)
+
+
+def _plot_report(report: CheckReport) -> Any:
+    """Draw what was checked, with residuals and margins over time; return the figure."""
+    return _plot(report.trajectory, report.system)
+
+
+PoseTrajectory.plot.function, CheckReport.plot.function = _plot, _plot_report
 
 __all__ = [
     "Blade",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields
+import html
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, Field, fields
+from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,15 @@ class Value:
 
     Two are equal if they are of one type and all fields are equal, number by number.  Copies and
     pickles carry the fields alone: what a cached property holds is found again when it is needed.
+    Their repr is one short line, without what fields have by default.
     """
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        keep_repr(cls)
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
@@ -38,6 +48,62 @@ class Value:
             object.__setattr__(self, name, value)
 
 
+LONGEST_REPR = 118
+"""A line of a terminal or a log."""
+
+
+def keep_repr(cls: type) -> None:
+    """Make a class's repr its own: a dataclass then writes no other."""
+    cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+
+
+def short_repr(value: Any) -> str:
+    """Return a dataclass's type and fields in one line; of large arrays the shape."""
+    given = {
+        f.name: getattr(value, f.name) for f in fields(value) if f.repr and _is_given(value, f)
+    }
+    return call_text(type(value).__name__, given)
+
+
+def call_text(name: str, arguments: Mapping[str, Any]) -> str:
+    """Return a call in one line, its last arguments left out where it grows too long."""
+    texts = [f"{key}={_short(value)}" for key, value in arguments.items()]
+    line = f"{name}({', '.join(texts)})"
+    while len(line) > LONGEST_REPR and texts:
+        texts.pop()
+        line = f"{name}({', '.join([*texts, '...'])})"
+    return line
+
+
+def _is_given(value: Any, f: Field[Any]) -> bool:
+    default = f.default if f.default_factory is MISSING else f.default_factory()
+    return default is MISSING or not is_same(getattr(value, f.name), default)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, Rotation):
+        turn = value.as_rotvec(degrees=True)
+        return f"Rotation({_short(turn)}°)" if turn.ndim == 1 else f"{len(turn)} rotations"
+    if isinstance(value, np.ndarray):
+        if value.ndim != 1 or value.size > 7:
+            return f"array{value.shape}"
+        # Not -0.
+        return f"({', '.join(f'{number:.4g}' for number in np.round(value, 12) + 0.0)})"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (tuple, list)) and value and all(isinstance(v, float) for v in value):
+        return _short(np.array(value))
+    if isinstance(value, (tuple, list, Mapping)) and len(value) > 3:
+        return f"<{len(value)}>"
+    return str(value) if isinstance(value, np.generic) else shortened(repr(value))
+
+
+def shortened(text: str, longest: int = 80) -> str:
+    """Return a text, its middle left out where it is long; what matters of paths is at the ends."""
+    half = longest // 2
+    return text if len(text) <= longest else f"{text[: half - 3]}...{text[-half:]}"
+
+
 def is_same(a: Any, b: Any) -> bool:
     """Whether two fields are equal: arrays and rotations number by number, others by ``==``."""
     if isinstance(a, Rotation) and isinstance(b, Rotation):
@@ -56,3 +122,28 @@ def _hashable(value: Any) -> Any:
         return tuple(map(_hashable, value))
     # -0.0 and 0.0 are equal: so must their hashes be.
     return (value.shape, (value + 0.0).tobytes()) if isinstance(value, np.ndarray) else value
+
+
+class Supplied:
+    """A method that a higher layer supplies: a motion can be drawn, and knows nothing of drawing.
+
+    Parameters
+    ----------
+    doc : str
+        What it does.
+    """
+
+    def __init__(self, doc: str) -> None:
+        self.__doc__ = doc
+        self.function: Callable[..., Any]
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        return self if instance is None else MethodType(self.function, instance)
+
+
+def html_table(heading: str, rows: Iterable[Sequence[str]]) -> str:
+    """Return a small table of texts for a notebook; what names hold is told, not run."""
+    cells = (
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f"<table><caption>{html.escape(heading)}</caption>{''.join(cells)}</table>"

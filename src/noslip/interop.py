@@ -14,13 +14,14 @@ from scipy.linalg import lstsq
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from noslip import _arguments
+from noslip._extras import need
 from noslip._pose_checks import MAX_NORM_ERROR
 from noslip._typing import Floats
-from noslip.errors import InputError, MissingDependencyError
+from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.clock import Phase
-from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps
+from noslip.law.fitting import FEWEST_STEPS, MOST_BASIS_FUNCTIONS
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.layout import FORCE
@@ -203,7 +204,7 @@ def to_movement_primitives(
         If the motion turns more than 135 degrees away from its goal: noslip leads it there by a
         goal that moves, CartesianDMP has none.
     """
-    cartesian_dmp = _cartesian_dmp()
+    cartesian_dmp = need("interop", "movement_primitives.dmp", "interop").CartesianDMP
     if not isinstance(dmp, ConstrainedDMP):
         raise InputError(f"dmp must be a ConstrainedDMP, got {_arguments.short(dmp)}")
     law, tau = dmp.law, dmp.duration
@@ -275,7 +276,7 @@ def from_movement_primitives(
         If start or goal are missing, a number is not finite, or alpha_y or beta_y differ between
         dimensions, which we have one of.
     """
-    if not isinstance(dmp, _cartesian_dmp()):
+    if not isinstance(dmp, need("interop", "movement_primitives.dmp", "interop").CartesianDMP):
         raise InputError(f"dmp must be a CartesianDMP, got {_arguments.short(dmp)}")
     tau = _arguments.positive("execution_time_", dmp.execution_time_, "seconds")
     own_step = _arguments.positive("dt_", dmp.dt_, "seconds")
@@ -315,20 +316,9 @@ def from_movement_primitives(
         velocity,
         Goal(goal[:3], Winding(goal[None, 3:])),
         duration=tau,
-        steps=own * -(-fewest_steps(count) // own),
+        steps=own * -(-FEWEST_STEPS // own),
     )
     return ConstrainedDMP(law)
-
-
-def _cartesian_dmp() -> Any:
-    """CartesianDMP, imported only where it is needed."""
-    try:
-        from movement_primitives.dmp import CartesianDMP
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"movement_primitives cannot be imported ({error}); pip install 'noslip[interop]'"
-        ) from error
-    return CartesianDMP
 
 
 def _fractions(*counts: int) -> Floats:

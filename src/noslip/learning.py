@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import wraps
+from functools import partial, wraps
 from typing import Literal, ParamSpec
 
 import numpy as np
@@ -34,7 +34,9 @@ from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule
+from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
+from noslip.runtime.timing import stretched, unhurried
 from noslip.scale import require_motion
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
@@ -52,6 +54,9 @@ FAR_FROM_MEAN = 0.25
 FAR_TURN = 67.5
 """Degrees (rms) by which the constraint may turn the tool without a warning: three quarters of what
 a wrong axis does; the numerical example, which never turns its tool, is turned by 65."""
+
+Fitted = tuple[Law, float, list[PoseTrajectory], list[ProjectedTrajectory | None]]
+"""A law, how far it leaves what it follows, that, and the projections that led there."""
 
 
 def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]:
@@ -77,7 +82,7 @@ def learn(
     ridge: float = 1e-6,
     hold_position: bool = False,
     start: End = "free",
-    end: End = "free",
+    end: End | Literal["auto"] = "auto",
     position_weight: float = LEARNING.position,
     position_smoothing: float = LEARNING.position_smoothing,
     rotation_smoothing: float = LEARNING.rotation_smoothing,
@@ -95,6 +100,10 @@ def learn(
     them), one primitive is fitted to all projected ones, and the Udwadia-Kalaba coupling term keeps
     its motion on the constraints at every step.
 
+    Time gives way before the path: where the demonstrations' timing breaks a limit on speeds, rates
+    or accelerations, the primitive takes the least duration, its law's, in which its motion keeps
+    it; a warning tells both.
+
     Parameters
     ----------
     demonstrations : PoseTrajectory or several
@@ -111,7 +120,8 @@ def learn(
         Project by the orientation alone, as in the paper.  By default the position gives way too,
         by a fraction of a thousandth of the path, which spares the tool sharp turns.
     start, end : "free", "position", "rotation" or "pose"
-        What of the demonstrations' first and last sample the projection must keep.
+        What of the demonstrations' first and last sample the projection must keep.  By default the
+        position where each ends ("auto"), unless a constraint on poses may want another.
     position_weight, position_smoothing, rotation_smoothing : float
         See :func:`noslip.project_trajectory`.
     metric : "auto", "position", "shared" or 6 positive weights
@@ -182,42 +192,53 @@ def learn(
         require_consistent(system, demonstration)
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
 
+    sampled = [evenly_sampled(d, fewest) for d in recorded]
+    most = MOST_BASIS_FUNCTIONS if basis_functions == "auto" else fewest
+    duration = float(np.mean([d.duration for d in recorded]))
     # A tool at rest does not turn.
     turning = {
         at: None if any(np.any(kept_twist(d, at)) for d in recorded) else np.zeros(3)
         for at in (0.0, 1.0)
     }
 
-    def projected(demonstration: PoseTrajectory) -> ProjectedTrajectory:
+    def projected(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
+        last = _kept_end(system, demonstration) if end == "auto" else end
         ends = tuple(
             replace(Boundary.keeping(demonstration, at, kept), angular_velocity=turning[at])
-            for at, kept in ((0.0, start), (1.0, end))
+            for at, kept in ((0.0, start), (1.0, last))
         )
-        request = Request(demonstration, system, ends, weights, hold_position)
+        request = Request(demonstration, shaping, ends, weights, hold_position)
         return project_heeding_what_it_can(request)
 
-    sampled = [evenly_sampled(d, fewest) for d in recorded]
-    results = []
-    for index, demonstration in enumerate(sampled):
-        results.append(projected(demonstration) if system.size else None)
-        if progress is not None:
-            progress(index + 1, len(recorded))
-    followed = [d if r is None else r.trajectory for d, r in zip(sampled, results, strict=True)]
-
-    def fitted(several: Sequence[PoseTrajectory], count: int) -> Law:
+    def fitted(several: Sequence[PoseTrajectory], count: int, factor: float = 1.0) -> Law:
         constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
         law = fit(several, basis_functions=count, **constants)
-        duration = float(np.mean([d.duration for d in recorded]))
-        law = replace(law, duration=duration, steps=default_steps(recorded[0], count))
+        law = replace(law, duration=factor * duration, steps=default_steps(recorded[0], count))
         return _begun_on(law, system) if project_start else law
 
-    most = MOST_BASIS_FUNCTIONS if basis_functions == "auto" else fewest
-    law, off = followed_with(fitted, followed, fewest, most)
+    def carried_out(shaping: ConstraintSystem, factor: float) -> Fitted:
+        """Learn under what shapes the path, run through slower by a factor."""
+        results = []
+        for index, demonstration in enumerate(stretched(d, factor) for d in sampled):
+            results.append(projected(demonstration, shaping) if system.size else None)
+            if progress is not None:
+                progress(index + 1, len(recorded))
+        followed = [d if r is None else r.trajectory for d, r in zip(sampled, results, strict=True)]
+        slower = partial(fitted, factor=factor)
+        law, off = followed_with(slower, followed, fewest, most)
+        if system.size and len(followed) > 1:
+            # Feasible motions have a mean that is not: it is projected as they were.
+            mean = rollout(law, Rule(), time_step=law.duration / (len(followed[0]) - 1))
+            law = slower([projected(mean, shaping).trajectory], law.basis.count)
+        return law, off, followed, results
+
+    def own_motion(found: Fitted, timeless: ConstraintSystem) -> Motion:
+        return rollout(found[0], replace(rule_along(found[2]), system=timeless))
+
+    (law, off, followed, results), pace = unhurried(system, carried_out, own_motion)
+    if pace.factor > 1:
+        warn(pace.told(law.duration), CompromiseWarning)
     count = law.basis.count
-    if system.size and len(followed) > 1:
-        # Feasible motions have a mean that is not: it is projected as they were.
-        mean = rollout(law, Rule(), time_step=law.duration / (len(followed[0]) - 1))
-        law = fitted([projected(mean).trajectory], count)
     rule = rule_along(followed)
     goal = Boundary(1.0, law.goal_position, law.goal_rotation)
     # With fewer basis functions than it takes, by choice, it comes as near as these can.
@@ -233,8 +254,18 @@ def learn(
             CompromiseWarning,
         )
     _tell(record, sampled, rotation_smoothing)
-    demonstrated = fitted(sampled, count) if system.size else law
+    demonstrated = fitted(sampled, count, pace.factor) if system.size else law
     return ConstrainedDMP(law, rule, demonstrated, record, Spread.about(law, followed))
+
+
+def _kept_end(system: ConstraintSystem, demonstration: PoseTrajectory) -> End:
+    """What of its last sample a demonstration keeps by default."""
+    poses, last = system.of_poses, demonstration[-2:]
+    if poses.equalities.size:
+        return "free"
+    still = np.zeros((2, 3))
+    margins = poses.residuals(last.clock, last.positions, last.quaternions, still, still)
+    return "position" if np.all(margins[-1] > 0) else "free"
 
 
 def _tell(

@@ -12,7 +12,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip._values import Value
+from noslip._values import Value, html_table, shortened
 from noslip.adapting import Adapted, adapt, replan
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
@@ -53,7 +53,7 @@ def _told(
     @wraps(function)
     def told(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> Motion:
         motion = function(law, rule, *args, **options)
-        if options:
+        if options.keys() - {"time_step"}:
             tell(motion, rule)
         return motion
 
@@ -134,11 +134,27 @@ class ConstrainedDMP(Value):
             object.__setattr__(self, "demonstrated", self.law)
 
     def __repr__(self) -> str:
-        names = ", ".join(self.system.names) or "no constraints"
+        held = ", ".join(self.system.names) or "no constraints"
+        if self.system.size:
+            held += f"; {self.rule.yielding} gives way"
         return (
-            f"{type(self).__name__}({self.law.basis.count} basis functions, "
-            f"{self.duration:.6g} s, {self.steps} steps, {names})"
+            f"{type(self).__name__}({self.law.basis.count} basis functions, {self.duration:.6g} s, "
+            f"{self.steps} steps, {shortened(held, 58)})"
         )
+
+    def _repr_html_(self) -> str:
+        start, goal = (
+            " ".join(f"{x:.4g}" for x in p) for p in (self.start_position, self.goal_position)
+        )
+        rows = {
+            "constraints": ", ".join(map(repr, self.constraints)) or "none",
+            "gives way": self.rule.yielding if self.system.size else "",
+            "duration": f"{self.duration:.4g} s, {self.steps} steps",
+            "from, to": f"{start}; {goal} m",
+            "basis functions": f"{self.law.basis.count}",
+            "made by": ", ".join(origin.verb for origin in self.history),
+        }
+        return html_table(type(self).__name__, rows.items())
 
     # ---------------------------------------------------------------- what it is
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from noslip._values import Value
+from noslip._values import Value, short_repr
 from noslip.projection.result import ProjectedTrajectory
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import Deviation
@@ -93,6 +93,8 @@ class LearningRecord:
     rotation_change: float = 0.0
     smoothing: float = 0.0
     left_out: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     @classmethod
     def of(

@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
+from noslip._extras import need
 from noslip._files import write_beside
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import NamedColumns, number, records_text
-from noslip.recordings._extras import need
 from noslip.recordings.tables import arrow_table
 
 FORMATS = (".csv", ".parquet")
@@ -42,8 +42,10 @@ class RecordingResult:
         What the projection leaves of the residual.
     position_change_m, rotation_change_deg : float or None
         By which the projection moves the recording (rms).
+    motion_duration_s : float or None
+        Of the primitive's motion: longer than the recording where limits on its speed ask for it.
     residual_peak, residual_rms : float or None
-        Of the primitive's motion.
+        Of the same motion.
     holds : bool or None
         Whether that motion keeps every constraint and limit, to ``check``'s default tolerance.
     least_margins : str
@@ -80,6 +82,7 @@ class RecordingResult:
     projected_residual: float | None = None
     position_change_m: float | None = None
     rotation_change_deg: float | None = None
+    motion_duration_s: float | None = None
     residual_peak: float | None = None
     residual_rms: float | None = None
     holds: bool | None = None

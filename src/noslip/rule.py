@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from noslip import _arguments
-from noslip._values import Value
+from noslip._values import LONGEST_REPR, Value, shortened
 from noslip.constraints.system import ConstraintSystem
 from noslip.projection.pointwise import POSITION_ONLY, Push
 
@@ -41,6 +41,16 @@ class Rule(Value):
     push: Push = None  # type: ignore[assignment]
     stabilization: float = STABILIZATION
     barrier_rate: float = BARRIER_RATE
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.system.names) or "no constraints"
+        return shortened(f"Rule({names}; {self.yielding} gives way)", LONGEST_REPR)
+
+    @property
+    def yielding(self) -> str:
+        """Who gives way at run time: "position", "rotation", or "position and rotation"."""
+        parts = {"position": self.inverse_metric[:3], "rotation": self.inverse_metric[3:]}
+        return " and ".join(name for name, weights in parts.items() if any(weights))
 
     def __post_init__(self) -> None:
         checked = {

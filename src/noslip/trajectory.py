@@ -19,7 +19,7 @@ from noslip._files import write_beside
 from noslip._pose_csv import csv_text, read_csv
 from noslip._pose_npz import npz_bytes, read_npz
 from noslip._typing import Floats
-from noslip._values import Value
+from noslip._values import Supplied, Value, html_table, shortened
 from noslip.errors import InputError
 
 UNIFORM_TOLERANCE = 1e-6
@@ -117,9 +117,25 @@ class PoseTrajectory(Value):
 
     def __repr__(self) -> str:
         return (
-            f"{type(self).__name__}({self.name!r}, {len(self)} samples, "
+            f"{type(self).__name__}({shortened(repr(self.name), 50)}, {len(self)} samples, "
             f"{self.duration:.6g} s, path {self.path_length:.6g} m)"
         )
+
+    def _facts(self) -> dict[str, str]:
+        """What a notebook tells of it, as label and text."""
+        ends = np.round(self.positions[[0, -1]], 6) + 0.0
+        first, last = (" ".join(f"{x:.4g}" for x in position) for position in ends)
+        return {
+            "samples": f"{len(self)}",
+            "duration": f"{self.duration:.4g} s",
+            "path": f"{self.path_length:.4g} m",
+            "from, to": f"{first}; {last} m",
+        }
+
+    def _repr_html_(self) -> str:
+        return html_table(f"{type(self).__name__} {self.name}", self._facts().items())
+
+    plot = Supplied("Draw it, and what constraints say of it; return the figure.")
 
     @property
     def duration(self) -> float:

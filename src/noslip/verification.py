@@ -145,8 +145,7 @@ def verify(law: Law, rule: Rule, asked: Sequence[Boundary], *, strict: bool = Tr
     motions = [motion]
     if fine < 0.9 * motion.period:
         motions.append(rollout(law, rule, time_step=fine))
-    # What fails comes first.
-    wrong = max((w for found in motions for w in _misses(found, rule, asked)), default=None)
+    wrong = _worst(w for found in motions for w in _misses(found, rule, asked))
     if wrong is not None:
         is_failure, text = wrong
         text += f"; {_remedy(law, rule, asked)}"
@@ -163,7 +162,7 @@ def tell(motion: Motion, rule: Rule) -> None:
     -----
     CompromiseWarning
     """
-    wrong = max(_misses(motion, rule, [_goal_of(motion)]), default=None)
+    wrong = _worst(_misses(motion, rule, [_goal_of(motion)]))
     if wrong is not None:
         warn(f"{wrong[1]}; adapt to a goal, and a way there is planned", CompromiseWarning)
 
@@ -187,6 +186,11 @@ def require_hard_limits(law: Law, rule: Rule) -> None:
 def _goal_of(motion: Motion) -> Boundary:
     goal = motion.asked.start
     return Boundary(1.0, goal.goal_position, goal.goal_rotation)
+
+
+def _worst(misses: Iterator[tuple[bool, str]]) -> tuple[bool, str] | None:
+    """The first failure, else the first thing that was compromised on."""
+    return max(misses, key=lambda miss: miss[0], default=None)
 
 
 def _misses(motion: Motion, rule: Rule, asked: Sequence[Boundary]) -> Iterator[tuple[bool, str]]:

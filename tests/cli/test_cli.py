@@ -50,6 +50,51 @@ def test_check_says_violated_with_the_measured_slip_and_exits_with_one(noslip, s
     assert slip == pytest.approx(0.1 * np.sin(np.radians(20)), rel=0.02)
 
 
+def test_what_slips_slowly_does_not_hold(noslip, slipping, tmp_path):
+    # 34 mm of 100 mm, at a fiftieth of a millimeter a second.
+    cut = ns.load_demonstrations(slipping)[0]
+    slow = tmp_path / "slow.csv"
+    ns.PoseTrajectory(2500 * cut.times, cut.positions, cut.rotations).to_csv(slow)
+    result = noslip("check", slow, "--constraint", "blade")
+    assert result.code == 1
+    assert "blade: VIOLATED  peak 6.84e-06 m/s" in result.out
+    assert "(34 % of its way, more than 1 %)" in result.out
+    # Allowed to slip that share, nothing is known: no moment was as fast as the tolerance.
+    asked = ("check", slow, "--constraint", "blade", "--slip-share", 0.4)
+    result = noslip(*asked)
+    assert result.code == 0
+    assert "blade: HOLDS" in result.out
+    waver = cut.rotations * Rotation.from_euler(
+        "z", np.where(np.arange(len(cut)) % 40, -20, 20), degrees=True
+    )
+    ns.PoseTrajectory(2500 * cut.times, cut.positions, waver).to_csv(slow)
+    result = noslip("check", slow, "--constraint", "blade", "--slip-share", 0.1)
+    assert result.code == 1
+    assert "blade: UNDECIDED" in result.out and "give a smaller one" in result.out
+    (report,) = json.loads(
+        noslip("check", slow, "--constraint", "blade", "--slip-share", 0.1, "--json").out
+    )
+    assert report["verdict"] == "undecided: blade"
+    assert not report["satisfied"]
+
+
+def test_a_rule_that_is_undefined_is_told_in_one_line(noslip, tmp_path):
+    rules = tmp_path / "rules.py"
+    rules.write_text(
+        "import casadi as ca\nimport noslip as ns\n@ns.velocity_constraint\n"
+        "def heading(m):\n    return ca.atan2(m.linear_velocity[1], m.linear_velocity[0])\n"
+    )
+    positions = np.outer(np.clip(np.arange(100), 20, 80), [1e-3, 0, 0])
+    rests = ns.PoseTrajectory(0.01 * np.arange(100), positions, Rotation.identity(100))
+    rests.to_csv(tmp_path / "rests.csv")
+    for command in (["check"], ["learn", "--out", tmp_path / "cut.json"]):
+        result = noslip(*command, tmp_path / "rests.csv", "--constraint", f"{rules}:heading")
+        assert result.code == 2
+        assert result.err.startswith("noslip: error: constraint 'heading' is nan at 0")
+        assert "atan2(" in result.err and ") is undefined" in result.err
+        assert result.err.count("\n") == 1
+
+
 def test_learned_motion_passes_the_check_that_its_recording_fails(noslip, primitive, tmp_path):
     motion = tmp_path / "motion.csv"
     assert noslip("rollout", primitive, "--out", motion).code == 0

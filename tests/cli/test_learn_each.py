@@ -38,7 +38,7 @@ def test_a_primitive_each_and_one_table(noslip, runs, tmp_path):
     assert (result.code, result.err) == (0, ""), "quiet when piped"
     learned, residual, wrote = result.out.splitlines()
     assert learned == "learned 3 of 3 recordings"
-    assert residual.startswith("residual of their motions: at most ")
+    assert residual.startswith("residual of their motions: below 1e-9 (")
     assert wrote == f"wrote {out} and {out / 'results.csv'}"
     for row in read_results(out / "results.csv"):
         motion = ns.load_primitive(row.primitive).rollout()

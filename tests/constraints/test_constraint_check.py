@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from learned import under
 from measures import steps
 from motions import planar_cut
 from noslip import (
@@ -67,7 +69,7 @@ def plane(motion: Instant) -> Any:
 # -------------------------------------------------------------------- slip in closed form
 
 
-@given(seeds, st.floats(1e-4, 5), st.floats(-1e4, 1e4))
+@given(seeds, st.floats(1e-4, 4), st.floats(-1e4, 1e4))
 def test_pure_sideways_motion_slips_all_its_way(seed: int, speed: float, start: float) -> None:
     turn = Rotation.random(random_state=seed)
     motion = straight(irregular(seed, start=start), speed, turn.apply([0, 1, 0]), turn)
@@ -157,6 +159,75 @@ def test_a_turning_blade_that_leads_its_path_slips_by_the_sine_of_its_lead(
     assert found.peak == pytest.approx(slips, rel=1e-8, abs=1e-12)
 
 
+@given(seeds, st.floats(1e-6, 9e-4), st.floats(0.0, np.pi / 2))
+def test_however_slowly_a_blade_slips_its_share_of_the_way_tells(
+    seed: int, speed: float, angle: float
+) -> None:
+    # 200 mm of a 200 mm path, at half a millimeter a second.
+    turn = Rotation.random(random_state=seed)
+    direction = turn.apply([np.cos(angle), np.sin(angle), 0])
+    report = check(straight(irregular(seed), speed, direction, turn), Blade())
+    found = report["blade"]
+    assert found.peak < report.constraints[0].tolerance
+    assert found.slip_share == pytest.approx(np.sin(angle), rel=1e-5, abs=1e-8)
+    assert found.verdict == ("violated" if np.sin(angle) > 0.01 else "holds")
+    assert f"{100 * found.slip_share:.2g} % of its way" in str(report) or found.peak < 1e-9
+
+
+def test_what_is_slower_than_the_tolerance_is_undecided() -> None:
+    # One step in 400 goes sideways, as fast as the others; none of all is as fast as 1 mm/s.
+    times = np.arange(402) / 4
+    ways = np.tile([1.25e-4, 0, 0], (401, 1))
+    ways[200] = [0, 1.25e-4, 0]
+    motion = PoseTrajectory(
+        times, np.vstack([np.zeros(3), np.cumsum(ways, axis=0)]), Rotation.identity(402)
+    )
+    report = check(motion, Blade())
+    assert report["blade"].verdict == "undecided"
+    assert not report.satisfied
+    assert report.verdict == "undecided: blade"
+    assert report.to_dict()["constraints"][0]["verdict"] == "undecided"
+    assert "slower than that tolerance" in str(report)
+    assert check(motion, Blade(), tolerance=1e-4).verdict == "violated: blade"
+    fast = PoseTrajectory(times / 4, motion.positions, motion.rotations)
+    assert check(fast, Blade(), tolerance=1e-2).verdict == "undecided: blade"
+    assert check(fast, Blade()).verdict == "violated: blade"
+
+
+def test_the_way_is_that_of_the_point_that_must_not_slip() -> None:
+    # Turning about its origin, a blade goes nowhere, and its tip, ahead of it, goes sideways only.
+    times = np.arange(401) / 4
+    still = np.zeros((401, 3))
+    motion = PoseTrajectory(times, still, Rotation.from_euler("z", 1e-3 * times))
+    found = check(motion, Blade(reference_point=(0.1, 0, 0)))["blade"]
+    assert (found.slip_share, found.verdict) == (pytest.approx(1.0), "violated")
+    at_rest = check(motion, Blade())["blade"]
+    assert (at_rest.slip_share, at_rest.verdict) == (None, "holds")
+
+
+def test_turning_is_no_slip() -> None:
+    @velocity_constraint
+    def no_spin(motion: Instant) -> Any:
+        return motion.angular_velocity[2]
+
+    times = np.arange(401) / 4
+    along = np.outer(times, [1e-3, 0, 0])
+    motion = PoseTrajectory(times, along, Rotation.from_euler("z", 5e-4 * times))
+    found = check(motion, no_spin)["no spin"]
+    assert (found.unit, found.slip_distance, found.verdict) == ("rad/s", None, "holds")
+
+
+@given(seeds)
+def test_rounding_reads_as_no_slip(seed: int) -> None:
+    turn = Rotation.random(random_state=seed)
+    motion = straight(irregular(seed), 0.4, turn.apply([1, 0, 0]), turn)
+    flat = replace(motion, positions=motion.positions * [1, 1, 0] + [0, 0, 0.1 + 1e-13])
+    assert str(check(motion, Blade())).endswith("blade: HOLDS  no slip (below 1e-9 m/s)")
+    assert str(check(flat, plane)).endswith("plane: HOLDS  no residual (below 1e-9 m)")
+    edge = Box(lower=(None,) * 3, upper=(None, None, 0.1))
+    assert "box: HOLDS  reached at" in str(check(flat, edge))
+
+
 # -------------------------------------------------------------------- kinds of constraints
 
 
@@ -169,15 +240,32 @@ def test_position_level_is_a_distance_without_a_slip() -> None:
         rotations=Rotation.identity(len(times)),
     )
     found = check(motion, plane, tolerance=0.01)["plane"]
-    off = np.abs(heights[1:] - 0.1)
+    off = np.abs(heights - 0.1)
     assert found.level == "position"
     assert found.slip_distance is None
     assert found.peak == pytest.approx(off.max(), rel=1e-12)
-    assert found.worst_time == times[1:][np.argmax(off)]
+    assert found.worst_time == times[np.argmax(off)]
     periods = np.diff(times)
     assert found.share_above_tolerance == pytest.approx(
-        periods[off > 0.01].sum() / periods.sum(), rel=1e-12
+        periods[off[1:] > 0.01].sum() / periods.sum(), rel=1e-12
     )
+
+
+@given(seeds, st.sampled_from([0.0, 50.0]))
+def test_a_pose_is_asked_at_the_first_sample_too(seed: int, start: float) -> None:
+    # 50 mm above the plane where it begins, and on it ever after; and 50 mm below the table.
+    times = irregular(seed, start=start)
+    positions = np.column_stack([times, 0 * times, np.full_like(times, 0.1)])
+    positions[0, 2] += 0.05
+    motion = PoseTrajectory(times, positions, Rotation.identity(len(times)), name="late")
+    low = Box(lower=(None,) * 3, upper=(None, None, 0.1))
+    report = check(motion, [plane, low])
+    assert report.verdict == "violated: plane, box"
+    for found in report.constraints:
+        assert found.peak == pytest.approx(0.05)
+        assert found.worst_time == times[0]
+    assert check(motion[1:], [plane, low]).satisfied
+    assert "peak 50 mm at" in str(report)
 
 
 def test_rows_of_one_constraint_count_by_their_norm() -> None:
@@ -263,8 +351,7 @@ def wandering(seed: int, start: float = 0.0) -> PoseTrajectory:
 
 def margins_of(motion: PoseTrajectory) -> dict[str, Floats]:
     """The margins of LIMITS in each step, by NumPy; one column a row."""
-    # What is declared of the pose is asked where a step ends.
-    p = motion.positions[1:]
+    p = motion.positions
     _, _, _, v, w = steps(motion)
     middles = (motion.times[1:] + motion.times[:-1]) / 2
     a = np.diff(v, axis=0) / np.diff(middles)[:, None]
@@ -301,13 +388,16 @@ def test_a_limit_is_violated_by_what_its_margin_is_below_zero(seed: int, toleran
         violation = np.maximum(0.0, -least)
         assert (found.relation, found.slip_distance) == ("nonnegative", None)
         assert found.margin == pytest.approx(least.min(), rel=1e-6, abs=1e-9)
-        assert found.margin_time == found.worst_time == motion.times[1:][np.argmin(least)]
+        first = len(motion) - len(least)
+        assert found.margin_time == found.worst_time == motion.times[first:][np.argmin(least)]
         assert found.peak == pytest.approx(violation.max(), rel=1e-6, abs=1e-9)
+        # The first sample lasts no time.
+        violation = violation[-len(periods) :]
         mean = np.sqrt(violation**2 @ periods / periods.sum())
         assert found.rms == pytest.approx(mean, rel=1e-6, abs=1e-9)
         share = periods[violation > tolerance].sum() / periods.sum()
         assert found.share_above_tolerance == pytest.approx(share, abs=1e-12)
-        assert found.satisfied == (violation.max() <= tolerance)
+        assert found.satisfied == (np.maximum(0.0, -least).max() <= tolerance)
 
 
 @given(seeds)
@@ -359,7 +449,8 @@ def test_a_check_finds_the_margins_of_a_rollout() -> None:
         positions=np.column_stack([np.sin(2 * times), times**2, 0 * times]),
         rotations=Rotation.from_euler("z", times),
     )
-    dmp = learn(motion, [AccelerationLimit(linear=3.0), SpeedLimit(speed=2.0)], basis_functions=20)
+    limits = [AccelerationLimit(linear=3.0), SpeedLimit(speed=2.0)]
+    dmp = under(learn(motion, basis_functions=20), limits)
     rollout = dmp.rollout()
     found = step_residuals(rollout, dmp.constraints)
     # The first step's acceleration is known to the rollout alone, from its initial velocity.
@@ -405,10 +496,10 @@ def test_limits_are_told_by_their_margins() -> None:
     assert data["constraints"][2]["unit"] == "m/s"
 
 
-def test_quantities_without_unit_are_told_without() -> None:
+def test_angles_are_told_in_radians() -> None:
     report = check(wandering(6), ToolAxis(), tolerance=10)
-    assert report["tool-axis"].unit == "1"
-    assert f"peak {report.peak:.3g} at " in str(report)
+    assert report["tool-axis"].unit == "rad"
+    assert f"peak {report.peak:.3g} rad at " in str(report)
 
 
 def test_limits_of_ones_own_count_like_those_of_the_catalog() -> None:
@@ -419,7 +510,7 @@ def test_limits_of_ones_own_count_like_those_of_the_catalog() -> None:
     motion = wandering(8)
     found = check(motion, low)["low"]
     assert (found.level, found.unit) == ("position", "m")
-    assert found.margin == pytest.approx(0.02 - motion.positions[1:, 2].max())
+    assert found.margin == pytest.approx(0.02 - motion.positions[:, 2].max())
 
 
 def test_a_comparison_counts_equalities_and_limits_apart() -> None:
@@ -441,7 +532,8 @@ def report() -> Any:
     motion = straight(
         irregular(8), 0.02, np.array([0, 0.6, 0.8]), Rotation.identity(), name="cut 3.csv"
     )
-    return check(motion, [Blade(), plane, Blade(lateral="z")], tolerance=0.014)
+    rules = [Blade(), plane, Blade(lateral="z")]
+    return check(motion, rules, tolerance=0.014, slip_share=0.7)
 
 
 def test_a_report_tells_what_holds_and_what_does_not(report: Any) -> None:
@@ -467,7 +559,7 @@ def test_a_report_prints_a_line_a_constraint(report: Any) -> None:
     assert lines[1].startswith("  blade: HOLDS  peak 0.012 m/s at ")
     assert "slipped" in lines[1]
     assert lines[2].startswith("  plane: VIOLATED  peak ")
-    assert " m at " in lines[2]
+    assert " mm at " in lines[2]
     assert "slipped" not in lines[2]
     assert "above 0.014 m/s for 100% of the time" in lines[3]
 
@@ -498,8 +590,9 @@ def test_a_report_on_a_satisfied_motion_holds() -> None:
 def test_the_tolerance_decides(factor: float) -> None:
     motion = straight(irregular(2), 0.02, np.array([0, 1.0, 0]), Rotation.identity())
     peak = check(motion, Blade()).peak
-    assert check(motion, Blade(), tolerance=peak * factor).satisfied == (factor >= 1)
-    assert check(motion, Blade(), tolerance=peak).satisfied
+    for tolerance, wanted in ((peak * factor, factor >= 1), (peak, True)):
+        found = check(motion, Blade(), tolerance=tolerance, slip_share=1)
+        assert found.satisfied == wanted
 
 
 @pytest.mark.parametrize(
@@ -510,6 +603,7 @@ def test_the_tolerance_decides(factor: float) -> None:
         (lambda m: check(m, Blade(), tolerance=-1e-3), InputError, "tolerance"),
         (lambda m: check(m, Blade(), tolerance=np.nan), InputError, "tolerance"),
         (lambda m: check(m, Blade(), tolerance=np.inf), InputError, "tolerance"),
+        (lambda m: check(m, Blade(), slip_share=-0.1), InputError, "slip_share"),
         (lambda m: check(m, [Blade]), ConstraintError, "Blade()"),
     ],
 )

@@ -77,7 +77,7 @@ def test_a_decorated_function_is_an_inequality() -> None:
         (lambda m: m.position[0] - 0.1 * m.time, "position", "m"),
         (lambda m: [m.position[0], m.rotation[0, 0]], "position", "m"),
         (lambda m: m.linear_velocity[0], "velocity", "m/s"),
-        (lambda m: 1 - m.angular_velocity[2], "velocity", "m/s"),
+        (lambda m: 1 - m.angular_velocity[2], "velocity", "rad/s"),
         (lambda m: m.position[2] + m.linear_velocity[2], "velocity", "m/s"),
         (lambda m: [m.linear_velocity[0], m.linear_velocity[2]], "velocity", "m/s"),
         (lambda m: m.at((0, 0, 0.1)).position[2], "position", "m"),

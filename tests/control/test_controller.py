@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from learned import under
 from noslip._typing import Floats
 from noslip.control.steering import LARGEST_TURN, turn_that_allows
 from noslip.experiments.numerical_example import demonstration
@@ -287,7 +288,9 @@ CASES: dict[str, Any] = {
     "turning over": lambda: ns.learn(turning_over(), [ns.Blade()]),
     "steep phase": lambda: ns.learn(demonstration(), [ns.Blade()], alpha_s=10.0),
     "few basis functions": lambda: ns.learn(demonstration(), [ns.Needle()], basis_functions=9),
-    "limits": lambda: ns.learn(demonstration(), [ns.Blade(), ns.SpeedLimit(speed=2.0)]),
+    "limits": lambda: under(
+        ns.learn(demonstration(), ns.Blade()), [ns.Blade(), ns.SpeedLimit(speed=2.0)]
+    ),
     "breathing": lambda: ns.learn(demonstration(), [ns.constraints.InMovingFrame(ns.Blade())]),
     "off its surface": lambda: ns.learn(demonstration(), [ns.constraints.PlaneContact()]),
 }

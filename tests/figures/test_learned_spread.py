@@ -16,6 +16,7 @@ import noslip
 from noslip import figures
 from noslip.errors import InputError
 from noslip.figures.learned_spread import AGREED, SEEN, enlargement, turns
+from noslip.law.fitting import fit
 from noslip.spread import Spread
 
 SHARE = np.linspace(0, 1, 121)
@@ -47,6 +48,8 @@ def every_figure(dmp):
     resting = [
         noslip.PoseTrajectory([0.0, 1.0], rest + k * 1e-3, Rotation.identity(2)) for k in (0, 1)
     ]
+    law = fit(resting, basis_functions=5)
+    at_rest = noslip.ConstrainedDMP(law, spread=Spread.about(law, resting))
     return {
         "wide": figures.learned_spread(dmp),
         "high": figures.learned_spread(learned(high=True)),
@@ -56,7 +59,7 @@ def every_figure(dmp):
         "turned only": figures.learned_spread(learned(aside=0)),
         "moved only": figures.learned_spread(learned(turned=0)),
         "large": figures.learned_spread(learned(aside=0.05, turned=0.8)),
-        "resting": figures.learned_spread(noslip.learn(resting, basis_functions=5)),
+        "resting": figures.learned_spread(at_rest),
         "adapted": figures.learned_spread(dmp.adapt(goal_position=[0.2, 0.1, 0.05], duration=7)),
     }
 

@@ -284,7 +284,8 @@ NOT_YET_ARRIVED = (1 + CRITICAL_POLE) * np.exp(-CRITICAL_POLE)
 def test_a_new_goal_adds_the_attractors_own_response_and_nothing_else(seed: int) -> None:
     dmp = learn(Smooth(seed).sampled())
     shift = np.random.default_rng(seed).normal(size=3)
-    here, there = dmp.rollout(), dmp.rollout(goal_position=dmp.goal_position + shift)
+    here = dmp.rollout()
+    there = dmp.rollout(goal_position=dmp.goal_position + shift, goal_form="paper")
     x = CRITICAL_POLE * here.times / here.times[-1]
     response = 1 - (1 + x) * np.exp(-x)
     np.testing.assert_allclose(
@@ -317,7 +318,7 @@ def test_new_goal_rotations_are_reached_at_the_end(seed: int, angle: float) -> N
     # Turning little enough for a fixed goal; the tool need not be at rest at the end.
     axis = np.random.default_rng(seed).normal(size=3)
     turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
-    assert off_the_goal(Smooth(seed, turning=0.2).sampled(), turn) <= 5e-3
+    assert off_the_goal(Smooth(seed, turning=0.2).sampled(), turn) <= 8e-3
 
 
 # The error E = W R^T obeys dE/dt = [w_W] E - E [w]: it is the same for W X and R X, not for X W.
@@ -475,7 +476,7 @@ def test_a_rollout_is_the_repeated_step(seed: int, duration: float, moved: bool)
             "start_position": dmp.start_position + np.array([0.1, 0, 0]),
         }
     motion = dmp.rollout(**asked)
-    states = stepped(dmp, dmp.initial_state(**asked), [duration / 300] * 300)
+    states = stepped(dmp, dmp.initial_state(**asked), [duration / dmp.steps] * dmp.steps)
     for name, attribute in (
         ("times", "time"),
         ("positions", "position"),

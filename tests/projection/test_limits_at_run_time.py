@@ -18,8 +18,10 @@ from measures import assert_same_poses
 from noslip import ConstrainedDMP, Constraint, Motion
 from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
+from noslip.law import fit
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
+from noslip.runtime.rollout import integrate
 from strategies import seeds, triple, unit
 
 FULL = (1.0,) * 6
@@ -250,6 +252,44 @@ def test_a_start_outside_is_pulled_in_like_a_critically_damped_oscillator(
     assert gave_way.violation == pytest.approx(-expected.min(), abs=1e-12)
 
 
+@pytest.mark.parametrize("h", [1 / 200, 1 / 2000])
+@pytest.mark.parametrize("pull_in", [5.0, 20.0])
+@pytest.mark.parametrize("blade", [False, True])
+def test_a_start_outside_is_not_flung_in(h: float, pull_in: float, blade: bool) -> None:
+    # At rest, 30 mm within what is kept out; alone the law would not move.
+    off, start = 0.03, np.array([0.2, -0.1, 0.3])
+    rest = ns.PoseTrajectory(
+        np.linspace(0, 1, 51), start + np.zeros((51, 3)), Rotation.identity(51)
+    )
+    here = fit(rest, basis_functions=10)
+    sphere = ns.KeepOutSphere(center=triple(start - [0.02, 0, 0]), radius=0.02 + off)
+    plain = ConstrainedDMP(here)
+    rules = [ns.Blade(), sphere] if blade else [sphere]
+    motion = constrained(rules, plain=plain).rollout(time_step=h, pull_in=pull_in)
+    margin = motion.margins[:, 0]
+    assert margin[0] == pytest.approx(-off, abs=1e-9)
+    # The oscillator's own, whatever the step: its speed is greatest, rate off / e, at 1 / rate.
+    expected = -off * (1 + pull_in * motion.times) * np.exp(-pull_in * motion.times)
+    np.testing.assert_allclose(margin, expected, rtol=0, atol=0.02 * off)
+    speeds = np.linalg.norm(motion.linear_velocities, axis=1)
+    assert speeds.max() <= 1.02 * pull_in * off / np.e
+    assert np.all(np.diff(margin) >= -1e-9)
+
+
+def test_a_tool_outside_that_moves_out_is_stopped_at_the_barriers_rate() -> None:
+    off = 0.05
+    dmp = constrained([wall(-off)])
+    speed = float(dmp.initial_state().linear_velocity[0])
+    margin = dmp.rollout(time_step=1 / 2000).margins[:, 0]
+    rate = dmp.rule.barrier_rate
+    assert speed > 0.5
+    # Farther out by no more than that rate's oscillator would go.
+    t = np.linspace(0, 0.1, 10_000)
+    farthest = ((-off + (-speed - rate * off) * t) * np.exp(-rate * t)).min()
+    assert margin.min() >= farthest - 1e-6
+    assert farthest < -off
+
+
 def test_a_start_outside_of_a_velocity_limit_is_projected_onto_it() -> None:
     limit = ns.SpeedLimit(speed=0.3)
     assert np.linalg.norm(fitted().initial_state().linear_velocity) > 0.5
@@ -350,9 +390,11 @@ def test_two_hard_limits_that_cannot_both_hold_do_not_fling_the_tool_away(linear
 
 @pytest.mark.parametrize("priorities", [(0, 1, 2), (2, 1, 0), (1, 3, 2), (3, 2, 1), (2, 5, 9)])
 def test_contradicting_limits_give_way_in_the_order_of_their_priorities(priorities: Any) -> None:
-    # Three places of which each excludes the others; they are pulled in at 100 per duration.
+    # Three places of which each excludes the others; they are pulled in at 300 per duration.
     slabs = [
-        ns.constraints.Box(lower=(x, None, None), upper=(x + 0.02, None, None), priority=p)
+        ns.constraints.Box(
+            lower=(x, None, None), upper=(x + 0.02, None, None), priority=p, barrier_rate=300
+        )
         for x, p in zip((0.1, 0.2, 0.3), priorities, strict=True)
     ]
     motion = constrained(slabs).rollout()
@@ -652,7 +694,9 @@ def holds(dmp: ConstrainedDMP, seed: int) -> int:
     for trial, steps in enumerate((200, 1000, 300)):
         goal = dmp.goal_position + (rng.normal(size=3) * 0.2 * size if trial else 0)
         duration = float(10 ** rng.uniform(-1, 2)) if trial == 2 else 1.0
-        motion = dmp.rollout(goal_position=goal, duration=duration, time_step=duration / steps)
+        # As a controller steps it: a rollout is refused a duration too short for its limits.
+        state = dmp.initial_state(goal_position=goal, duration=duration)
+        motion = integrate(dmp.law, dmp.rule, state, steps, duration / steps)
         fast = max(1.0, 1 / duration)
         assert np.isfinite(motion.positions).all() and np.isfinite(motion.row_forces).all()
         assert np.abs(motion.constraint_residuals).max(initial=0) <= 1e-10 * fast, (seed, trial)

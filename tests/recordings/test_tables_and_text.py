@@ -161,7 +161,7 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch, name, module, extra) ->
         load_demonstrations(tmp_path / name)
     package = module.partition(".")[0]
     assert str(caught.value) == (
-        f"{tmp_path / name}: {package} is needed for such files and cannot be imported; "
+        f"{tmp_path / name}: {package} is needed and cannot be imported; "
         f"pip install 'noslip[{extra}]'"
     )
 

@@ -17,6 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from learned import under
 from noslip.experiments.numerical_example import demonstration
 from noslip.runtime import export
 
@@ -49,11 +50,11 @@ CASES: dict[str, Any] = {
     "steep phase": lambda: ns.learn(moving(), [ns.Blade()], alpha_s=12.0),
     "underdamped": lambda: ns.learn(moving(), [ns.Blade()], beta=10.0),
     "breathing": lambda: ns.learn(moving(), [ns.constraints.InMovingFrame(ns.Blade())]),
-    "limits": lambda: ns.learn(
-        demonstration(), [ns.Blade(), ns.DepthLimit(depth=0.1), ns.SpeedLimit(speed=3.0)]
+    "limits": lambda: under(
+        primitive("blade"), [ns.Blade(), ns.DepthLimit(depth=0.1), ns.SpeedLimit(speed=3.0)]
     ),
-    "a limit that pushes": lambda: ns.learn(
-        moving(),
+    "a limit that pushes": lambda: under(
+        ns.learn(moving(), ns.constraints.PlaneContact(normal=(0.1, 0, -1))),
         [ns.SpeedLimit(speed=0.11, priority=1), ns.constraints.PlaneContact(normal=(0.1, 0, -1))],
     ),
     "replanned": lambda: (dmp := primitive("blade")).replan(dmp.step(dmp.initial_state(), 1e-3)),

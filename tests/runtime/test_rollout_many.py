@@ -23,10 +23,10 @@ def primitive(name: str = "blade") -> ns.ConstrainedDMP:
     constraints: dict[str, Any] = {
         "blade": [ns.Blade()],
         "free": [],
-        "limits": [ns.Blade(), ns.SpeedLimit(speed=2.0)],
+        "limits": [ns.Blade(), ns.constraints.HalfSpace(point=(0.9, 0, 0), normal=(-1, 0, 0))],
         "breathing": [ns.constraints.InMovingFrame(ns.Blade())],
     }
-    return ns.learn(demonstration(), constraints[name])
+    return ns.learn(demonstration(), constraints[name], metric="position")
 
 
 def variants(dmp: ns.ConstrainedDMP) -> dict[str, Any]:

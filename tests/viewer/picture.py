@@ -35,7 +35,7 @@ rules = [
     ns.Blade(),
     ns.constraints.PlaneContact(),
 ]
-dmp = ns.learn(hand, rules, metric="shared")
+dmp = ns.learn(hand, rules)
 
 shown: dict = {"excision.json": dmp, "demonstration.csv": hand}
 if given.arm:

@@ -127,7 +127,7 @@ def test_a_new_goal_changes_path_residual_and_duration(primitive):
         assert np.linalg.norm(motion.positions[-1] - goal) < 1e-4
         assert np.abs(motion.constraint_residuals).max() < EXACT
         assert page.duration == pytest.approx(6.0, rel=1e-3)
-        assert "residual at most" in page.goals.note.content
+        assert "residual below 1e-9" in page.goals.note.content
         done(page, lambda: page._seek(5.9))
         done(page, page.goals.undo)
         assert page.time == page.duration == pytest.approx(4.0)

@@ -24,8 +24,7 @@ pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 from noslip.viewer.charts import CHART_POINTS, cursor, curves
 from noslip.viewer.colors import SLIP_COLORS, slip_colors
 from noslip.viewer.entries import extent, node_name
-from noslip.viewer.frames import Frame
-from noslip.viewer.shapes import Shape, shapes
+from noslip.viewer.shapes import Frame, Shape, shapes
 from noslip.viewer.tool import load_tool, scalpel
 from noslip.viewer.track import MOST_SEGMENTS, Track
 

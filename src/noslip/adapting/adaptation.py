@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from functools import wraps
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +16,7 @@ from noslip import _arguments
 from noslip._values import Value
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
 from noslip.boundary import Boundary, End
+from noslip.constraints.system import ConstraintSystem
 from noslip.errors import (
     CompromiseWarning,
     ConstraintError,
@@ -32,6 +35,7 @@ from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
+from noslip.runtime.timing import timed, unhurried
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import followed_with, pose_at, verify
 
@@ -70,6 +74,50 @@ class Adapted(Value):
     motion: Motion
 
 
+Adapting = TypeVar("Adapting", bound=Callable[..., Adapted])
+
+
+def _giving_time(adapting: Adapting) -> Adapting:
+    """Let time give way before the path, or refuse a duration in which neither may."""
+
+    @wraps(adapting)
+    def in_time(law: Law, rule: Rule, *, duration: float | None = None, **options: Any) -> Adapted:
+        usual = duration
+
+        def carried_out(shaping: ConstraintSystem, factor: float) -> Adapted:
+            nonlocal usual
+            asked = usual if factor == 1 or usual is None else factor * usual
+            found = adapting(law, replace(rule, system=shaping), duration=asked, **options)
+            usual = usual or found.law.duration
+            return found
+
+        def own_motion(found: Adapted, timeless: ConstraintSystem) -> Motion:
+            return rollout(found.law, replace(rule, system=timeless))
+
+        if not any(timed(rule.system)):
+            return carried_out(rule.system, 1.0)
+        with warnings.catch_warnings():
+            # What becomes of the last one is told below.
+            warnings.simplefilter("ignore", CompromiseWarning)
+            found, pace = unhurried(rule.system, carried_out, own_motion, longer=duration is None)
+        if pace.factor > 1 and duration is not None:
+            # So it is asked for: the path is reshaped, if that helps.
+            try:
+                found = adapting(law, rule, duration=duration, **options)
+            except (ConvergenceError, MissedError) as error:
+                raise MissedError(pace.refused(duration)) from error
+            kept = pace.name not in found.projected.left_out
+            warn((pace.reshaped if kept else pace.refused)(duration), CompromiseWarning)
+            return found
+        if pace.factor > 1:
+            warn(pace.told(found.law.duration), CompromiseWarning)
+        asked = [boundary for boundary in found.request.boundaries if boundary.at > 0]
+        return replace(found, motion=verify(found.law, rule, asked))
+
+    return cast(Adapting, in_time)
+
+
+@_giving_time
 def adapt(
     law: Law,
     rule: Rule,
@@ -110,7 +158,9 @@ def adapt(
         where the motion does not rest at an end of which ``start`` or ``end`` keeps but a part.
     duration : float, optional
         tau (s).  By default that of the law, or what it takes to a goal so far that the motion
-        would be more than twice as fast.
+        would be more than twice as fast; and as much longer as limits on speeds, rates and
+        accelerations need that the path stays as it is, told by a warning.  If given, the path is
+        reshaped for such limits.
     via : sequence of (at, position), (at, position, rotation) or Boundary
         Points or poses to pass, at fractions of the duration.
     scaling : "none", "difference" or "rotation-dilation"
@@ -133,7 +183,8 @@ def adapt(
     ConvergenceError
         If the projection does not converge.
     MissedError
-        If the law's motion misses the goal, a via point or a hard limit.
+        If the law's motion misses the goal, a via point or a hard limit, or such a limit cannot be
+        kept in the duration given; the message says in which it can.
     """
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
@@ -220,7 +271,7 @@ def _in_time(planned: Callable[[float], Adapted], law: Law, duration: float | No
 def samples_of(functions: int, steps: int, samples: int | None) -> int:
     """Return how many samples an adaptation to a law of so many functions and steps takes."""
     if samples is None:
-        return _samples_for(functions, steps)
+        return min(max(steps, fewest_steps(functions)) + 1, MOST_SAMPLES)
     samples = _arguments.count("samples", samples, MOST_SAMPLES)
     if samples < FEWEST_SAMPLES:
         raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
@@ -237,12 +288,13 @@ def carried_out(
     functions: int | None = None,
     exact_start: bool = False,
 ) -> Adapted:
-    """Project a reference that meets its boundaries, fit a law of so many steps, and verify it.
+    """Project a reference that meets its boundaries, fit a law of so many steps or more, verify it.
 
     The fit begins with the velocity that leads onto the path, or exactly with what was asked for.
     What its motion misses of a via point, between two samples or by the fit, is aimed past it.
     """
     functions = functions or law.basis.count
+    steps = max(steps, fewest_steps(functions))
     asked = [boundary for boundary in request.boundaries if boundary.at > 0]
     aimed = request
     for _ in range(_AIMED):
@@ -260,7 +312,24 @@ def carried_out(
             f"{np.diff([0.0, *(b.at for b in asked)]).min():.2g} of the motion apart are too far "
             "from each other for that; leave more of it between them"
         )
-    return Adapted(found, request, projected, verify(found, rule, asked))
+    motion = verify(found, rule, asked)
+    if len(asked) > 1:
+        _tell_turning(motion, law, rule)
+    return Adapted(found, request, projected, motion)
+
+
+def _tell_turning(motion: Motion, law: Law, rule: Rule) -> None:
+    """Warn of a motion that turns much faster than its law, to pass what it was asked to."""
+    peak, usual = (
+        float(np.linalg.norm(m.step_velocities()[1], axis=1).max())
+        for m in (motion, rollout(law, rule))
+    )
+    if peak > _FAST * usual:
+        warn(
+            f"to pass its via points the motion turns at {peak:.3g} rad/s, not {usual:.3g}; give "
+            "it a longer duration, or via points farther apart or nearer to its path",
+            CompromiseWarning,
+        )
 
 
 def _aimed_past(aimed: Request, asked: Sequence[Boundary], motion: Motion) -> Request | None:
@@ -300,7 +369,7 @@ def _projected(request: Request) -> ProjectedTrajectory:
 
 def _fitted(trajectory: PoseTrajectory, law: Law, functions: int, steps: int) -> Law:
     """Fit a law like another one, of the basis functions that it takes."""
-    samples = _samples_for(functions, steps)
+    samples = min(steps + 1, MOST_SAMPLES)
     if len(trajectory) < samples:
         times = np.linspace(trajectory.times[0], trajectory.times[-1], samples)
         trajectory = trajectory.resampled(times=times)
@@ -315,7 +384,3 @@ def _fitted(trajectory: PoseTrajectory, law: Law, functions: int, steps: int) ->
         )
 
     return followed_with(fitted, [trajectory], functions, MOST_BASIS_FUNCTIONS)[0]
-
-
-def _samples_for(basis_functions: int, steps: int) -> int:
-    return min(max(steps, fewest_steps(basis_functions)) + 1, MOST_SAMPLES)

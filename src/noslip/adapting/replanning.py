@@ -14,7 +14,6 @@ from noslip.adapting.adaptation import FEWEST_SAMPLES, Adapted, carried_out, sam
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
 from noslip.boundary import Boundary, End
 from noslip.errors import InputError
-from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
 from noslip.projection.blend import through
 from noslip.projection.feasibility import project_pose
@@ -115,15 +114,14 @@ def replan(
     back = []
     if k < samples - 1:
         back = [Boundary.keeping(moved, k / (samples - 1), "pose")]
-    # The time step stays what it was, unless that is too long for the fit.
-    steps = round(law.steps * duration / state.duration)
-    steps = max(steps, fewest_steps(law.basis.count))
     request = replace(
         request,
         reference=through(moved, [first, *back, last]),
         boundaries=(first, last),
         begin=state.time,
     )
+    # The time step stays what it was, unless that is too long for the fit.
+    steps = round(law.steps * duration / state.duration)
     return carried_out(law, rule, request, steps, request.reference.duration)
 
 

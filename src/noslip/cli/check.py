@@ -19,7 +19,7 @@ from typing import Annotated
 import typer
 
 from noslip.cli import options, output
-from noslip.constraints.check import TOLERANCE, check
+from noslip.constraints.check import SLIP_SHARE, TOLERANCE, check
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 
@@ -34,20 +34,27 @@ def run(
             metavar="X", help="Largest violation that holds, in each constraint's unit (SI)."
         ),
     ] = TOLERANCE,
+    slip_share: Annotated[
+        float,
+        typer.Option(metavar="X", help="Largest share of its way that a tool may slip, 0 to 1."),
+    ] = SLIP_SHARE,
     as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:
     """Check recorded or rolled-out motions against constraints.
 
-    Reports, for each constraint, the peak and rms residual, the distance slipped, the worst moment,
-    the share of the time above the tolerance, and the verdict; for each limit its least margin and
-    when, or by how much it is violated.  Exits with 1 if any is violated.
+    Reports, for each constraint, the peak and rms residual, the distance slipped and its share of
+    the way, the worst moment, the share of the time above the tolerance, and the verdict; for each
+    limit its least margin and when, or by how much it is violated.  Undecided is what moves slower
+    than the tolerance.  Exits with 1 unless all hold.
     """
     system = ConstraintSystem(options.constraints(constraint))
     if not system.constraints:
         raise InputError("check needs at least one --constraint")
     motions = given.load(recordings)
-    reports = [check(motion, system, tolerance=tolerance) for motion in motions]
+    reports = [
+        check(motion, system, tolerance=tolerance, slip_share=slip_share) for motion in motions
+    ]
     if as_json:
         output.print_json([report.to_dict() for report in reports])
     else:

@@ -20,6 +20,7 @@ from rich.table import Table
 from noslip._files import write_beside
 from noslip._version import __version__
 from noslip.cli import options, output
+from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.experiments.excision import CONSTRAINT as EXCISION_CONSTRAINT
 from noslip.experiments.excision import Excision, run_excisions
@@ -143,7 +144,7 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
 
 
 _COLUMNS: list[tuple[str, Any]] = [
-    ("slips at most (m/s)", lambda c: f"{c.residual_peak:.1e}"),
+    ("slips at most (m/s)", lambda c: residual_text(c.residual_peak, "1", "<")),
     ("position rms (mm)", lambda c: f"{c.position_rms * 1e3:.3f}"),
     ("end (mm)", lambda c: f"{c.end_error * 1e3:.3f}"),
     ("rotation rms (deg)", lambda c: f"{np.degrees(c.rotation_rms):.1f}"),

@@ -20,6 +20,7 @@ from noslip._version import __version__
 from noslip.cli import options, output
 from noslip.codegen import library
 from noslip.constraints import Blade
+from noslip.constraints.check import residual_text
 from noslip.experiments.numerical_example import demonstration
 from noslip.learning import learn
 from noslip.runtime.stepper import stepper_of
@@ -74,7 +75,7 @@ def _steps() -> str:
     dmp = learn(demonstration(), [Blade()])
     if dmp.compile():
         residual = abs(dmp.rollout().constraint_residuals).max()
-        return f"machine code (tried: residual {residual:.1e} m/s)"
+        return f"machine code (tried: residual {residual_text(residual, 'm/s')})"
     if not library.wanted():
         why = f"NOSLIP_COMPILE is {os.environ['NOSLIP_COMPILE']}"
     else:

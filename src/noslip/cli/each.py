@@ -10,6 +10,7 @@ from typing import Any
 import typer
 
 from noslip.cli import output
+from noslip.constraints.check import residual_text
 from noslip.constraints.declaration import Constraint
 from noslip.errors import InputError
 from noslip.many import LearnedEach, cluster, find_recordings, learn_each
@@ -66,7 +67,8 @@ def _print_summary(learned: LearnedEach, out: Path) -> None:
     motions = [result for result in learned.results if result.residual_peak is not None]
     if motions:
         worst = max(motions, key=lambda result: result.residual_peak or 0.0)
-        typer.echo(f"residual of their motions: at most {worst.residual_peak:.2g} ({worst.name})")
+        peak = residual_text(worst.residual_peak or 0.0, "1", order="at most")
+        typer.echo(f"residual of their motions: {peak} ({worst.name})")
     loose = [result.name for result in motions if not result.holds]
     if loose:
         typer.echo(f"{len(loose)} violate a constraint or limit: {', '.join(loose[:5])}")

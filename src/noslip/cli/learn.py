@@ -16,14 +16,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.constraints.check import check, margin_text, quantity_text
+from noslip.constraints.check import check, margin_text, quantity_text, residual_text
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
 from noslip.learning import learn
@@ -71,7 +71,13 @@ class Learning:
         ),
     ] = False
     start: options.Kept = "free"
-    end: options.Kept = "free"
+    end: Annotated[
+        Literal["auto", "free", "position", "rotation", "pose"],
+        typer.Option(
+            help="The same of the other end; auto is the position, unless a constraint on poses "
+            "may want another."
+        ),
+    ] = "auto"
     position_weight: options.PositionWeight = LEARNING.position
     position_smoothing: options.PositionSmoothing = LEARNING.position_smoothing
     rotation_smoothing: options.RotationSmoothing = LEARNING.rotation_smoothing
@@ -226,7 +232,8 @@ def run(
         "residual_peak": merits[0]["residual_peak"],
         "least_margins": merits[0]["least_margins"],
         "demonstrations": [
-            {"name": d.name, **c} for d, c in zip(demonstrations, merits, strict=True)
+            {"name": d.name, "duration": d.duration, **c}
+            for d, c in zip(demonstrations, merits, strict=True)
         ],
         "projection": [vars(record) for record in primitive.record],
     }
@@ -249,7 +256,7 @@ def run(
                 "the edge trails, as recorded"
             )
     if system.equalities.size:
-        typer.echo(f"residual of its motion: {result['residual_peak']:.2g} (peak)")
+        typer.echo(f"residual of its motion: {residual_text(result['residual_peak'], '1')} (peak)")
     if system.limits.size:
         for limit in check(motion, system.limits).constraints:
             typer.echo(f"{limit.name} of its motion: {margin_text(limit)}")

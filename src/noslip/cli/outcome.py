@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
 
-from noslip.constraints.check import quantity_text
+from noslip.constraints.check import residual_text
 from noslip.named_columns import records_text
 
 
@@ -89,12 +89,12 @@ def _achieved(outcomes: list[Outcome]) -> list[str]:
             "angular_speed_ratio",
         )
     )
-    ends = [] if off is None else [quantity_text(off, "m")]
+    ends = [] if off is None else [residual_text(off, "m", below="")]
     ends += [] if turned is None else [f"{turned:.3g} degrees"]
     lines = [f"ends within {' and '.join(ends)} of the goal"] if ends else []
     times = "" if ratio is None else f", {ratio:.3g} times that of the original"
     return [
         *lines,
-        f"residual at most {residual:.2g}",
+        f"residual {residual_text(residual or 0.0, '1', order='at most')}",
         f"angular speed at most {speed:.3g} rad/s{times}",
     ]

@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import typer
 
 from noslip.cli import options, output
-from noslip.constraints.check import CheckReport, check, quantity_text
+from noslip.constraints.check import CheckReport, check, quantity_text, residual_text
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.recordings.formats import WRITTEN, listed_suffixes, write_recording
@@ -61,7 +61,7 @@ def run(
     duration: Annotated[float | None, options.optional("S", "Seconds.")] = None,
     time_step: Annotated[
         float | None,
-        options.optional("S", "Seconds; by default as many samples as demonstrated."),
+        options.optional("S", "Seconds; by default those of the plan."),
     ] = None,
     project_start: Annotated[
         ProjectStart,
@@ -131,7 +131,7 @@ def run(
     elif out is not None:
         typer.echo(
             f"wrote {out}: {len(motion)} samples, {motion.duration:.4g} s; ends "
-            f"{motion.end_error * 1e3:.3g} mm from the goal"
+            f"{residual_text(motion.end_error, 'm', below='less than')} from the goal"
         )
         if report:
             typer.echo(str(report))

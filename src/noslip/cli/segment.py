@@ -140,7 +140,8 @@ def run(
     if thresholds is not None:
         cuts["thresholds"] = tuple(options.numbers("--thresholds", thresholds, (2,)))
     if contact_column is not None:
-        cuts["contact"] = _column_at(whole, contact_column, given.sample_rate)
+        stamps, values = read_column(whole.name, contact_column, rate=given.sample_rate)
+        cuts["contact"] = np.interp(whole.times, stamps, values)
         cuts["in_contact"] = in_contact or "above"
     elif height is not None:
         cuts["contact"] = _height(whole, height)
@@ -195,12 +196,6 @@ def _require_consistent(
         raise InputError(f"--at {at} needs {' or '.join(sorted(wanted))}")
     if in_contact is not None and column is None:
         raise InputError("--in-contact is about --contact-column; give that, too")
-
-
-def _column_at(whole: PoseTrajectory, column: str, rate: float | None) -> Floats:
-    """A column of the recording's file at the prepared recording's samples."""
-    stamps, values = read_column(whole.name, column, rate=rate)
-    return np.interp(whole.times, stamps, values)
 
 
 def _height(whole: PoseTrajectory, text: str) -> Floats:

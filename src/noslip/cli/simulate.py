@@ -26,12 +26,12 @@ from noslip import robots
 from noslip._files import write_beside
 from noslip.cli import options, output
 from noslip.constraints.catalog import specification
+from noslip.constraints.check import residual_text
 from noslip.errors import InputError, MissingDependencyError
 from noslip.figures import executed_slip, joint_limits, save_figure
 from noslip.recordings import load_demonstrations, write_bag
 from noslip.robots.placement import Level
 from noslip.saving import load_primitive
-from noslip.trajectory import PoseTrajectory
 
 Dynamics = Literal["torque", "impedance", "none"]
 """How the arm is controlled."""
@@ -119,7 +119,10 @@ def run(
     dmp = load_primitive(primitive)
     arm = robots.named(robot, model=model, tool=tool)
     motion = dmp.rollout(duration=duration, time_step=robots.TIME_STEP)
-    placed = _placement(placement, motion, level)
+    placed = None
+    if placement != "auto":
+        *middle, yaw = options.numbers("--placement", placement, (4,))
+        placed = robots.Placement.of(motion, middle, yaw=yaw, level=level)
     with output.progress("tracking" if placed else "searching a placement, tracking", 1):
         tracked = robots.track(
             arm, motion, dmp.system, placement=placed, level=level, ramp=ramp, seed=seed
@@ -136,9 +139,9 @@ def run(
                 seed=seed,
             )
     # By these, the arm and what it held are found again: noslip view shows them.
-    middle, yaw = tracked.placement.numbers(motion, level)
+    path_middle, turn = tracked.placement.numbers(motion, level)
     found = robots.summary(tracked, execution) | {
-        "placed": [*middle.tolist(), yaw],
+        "placed": [*path_middle.tolist(), turn],
         "model": None if model is None else str(model.resolve()),
         "tool": tool,
         "constraints": [specification(constraint) for constraint in dmp.constraints],
@@ -154,13 +157,6 @@ def run(
     _print_summary(found)
     for path in written:
         typer.echo(f"wrote {path}")
-
-
-def _placement(text: str, motion: PoseTrajectory, level: Level) -> robots.Placement | None:
-    if text == "auto":
-        return None
-    x, y, z, yaw = options.numbers("--placement", text, (4,))
-    return robots.Placement.of(motion, [x, y, z], yaw=yaw, level=level)
 
 
 def _write(
@@ -228,9 +224,11 @@ def _print_summary(found: dict[str, Any]) -> None:
     for kind in ("kinematic", "dynamic"):
         if kind in found:
             run = found[kind]
-            slips = ", ".join(f"{name} {peak:.2g}" for name, peak in run["slip"].items())
+            slips = ", ".join(
+                f"{name} {residual_text(peak, '1')}" for name, peak in run["slip"].items()
+            )
             typer.echo(
-                f"{kind}: residual at most {slips or 'none'}; off the path by at most "
+                f"{kind}: residual {slips or 'none'}; off the path by at most "
                 f"{1e3 * run['position_error']:.3g} mm ({1e3 * run['lateral_error']:.3g} mm "
                 f"sideways) and {np.degrees(run['rotation_error']):.3g}°"
             )

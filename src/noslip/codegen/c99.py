@@ -10,6 +10,7 @@ import casadi as ca
 
 from noslip.law.layout import (
     BEGINNING,
+    DRIVE,
     PRIMITIVE,
     STEP,
     Field,
@@ -61,7 +62,13 @@ def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
     layout = output_layout(rows)
     outputs = layout.size if parts else layout["multipliers"].stop
     state = carried_layout(rows)
-    layouts = {"STATE": state, "STEP": STEP, "BEGINNING": BEGINNING, "OUTPUT": layout}
+    layouts = {
+        "STATE": state,
+        "STEP": STEP,
+        "BEGINNING": BEGINNING,
+        "DRIVE": DRIVE,
+        "OUTPUT": layout,
+    }
     offsets = "\n".join(_offsets(name, each) for name, each in layouts.items())
     text = template("noslip.c").replace("@OUTPUTS@", str(outputs)).replace("@OFFSETS@", offsets)
     return text + "\n" + _core(function, outputs)

@@ -102,7 +102,7 @@ class Library:
     Attributes
     ----------
     path : Path
-    run, step, forces, rollouts : callable
+    run, step, drives, rollouts : callable
         ``noslip_run`` and so on, of addresses and counts.
     sizes : tuple of 2 int
         Bytes of ``noslip_primitive`` and ``noslip_state``.
@@ -111,7 +111,7 @@ class Library:
     path: Path
     run: Callable[..., None]
     step: Callable[..., int]
-    forces: Callable[..., None]
+    drives: Callable[..., None]
     rollouts: Callable[..., None]
     sizes: tuple[int, int]
 
@@ -236,7 +236,7 @@ def _opened(path: Path) -> Library:
         path=path,
         run=function("noslip_run", *[pointer] * 4, count),
         step=function("noslip_step", *[pointer] * 2, ctypes.c_double, result=ctypes.c_int),
-        forces=function("noslip_forces", pointer, count, pointer),
+        drives=function("noslip_drives", pointer, count, pointer),
         rollouts=function("noslip_rollouts", *[pointer] * 3, *[count] * 2, pointer),
         sizes=(sizes[0], sizes[1]),
     )

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip._values import Supplied, html_table
 from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, row_units
+from noslip.constraints.edge_motion import edge_steps
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError
 from noslip.scale import require_motion
 from noslip.trajectory import PoseTrajectory
 
+Verdict = Literal["holds", "violated", "undecided"]
+
 TOLERANCE = 1e-3
 """By default a violation of more than 1e-3 counts, in the constraint's unit: 1 mm/s, or 1 mm."""
+SLIP_SHARE = 0.01
+"""Of its way, what a tool may slip by default: hands that follow a contour with a blade slip 5 to
+9 % (the eight recorded runs), a motion that holds the constraint nothing but rounding."""
+ROUNDING = 1e-9
+"""Residuals below this are told as none, in whatever unit: rounding leaves 1e-12 of a motion some
+meters from the origin in steps of 1 ms, and no tool can tell a nanometer."""
 MILLIMETERS_BELOW = 0.2
 """Margins (m) below this are printed in millimeters."""
 
@@ -40,16 +50,20 @@ class ConstraintCheck:
         least margin.
     peak, rms : float
         Largest, and time-weighted root mean square, violation.
-    slip_distance : float or None
-        Integral of the residual's size over time: the way slipped sideways (m).  Equalities of
-        velocity alone, their rows in m/s.
+    slip_distance, slip_share : float or None
+        Integral of the residual's size over time, the way slipped sideways (m); and its share of
+        the way of the tool's edge over its work (of the tool's origin, where no edge is named),
+        None at rest.  Equalities of velocity alone, their rows in m/s.
     worst_time : float
         When the violation is largest, or the margin least (s).
     share_above_tolerance : float
         Share of the time with a violation above the tolerance, 0 to 1.
-    tolerance : float
-    satisfied : bool
-        Whether the peak is within the tolerance.
+    tolerance, largest_slip_share : float
+        What it was judged by.
+    verdict : "holds", "violated" or "undecided"
+        Violated if the peak is above the tolerance, or the share slipped above the largest one.
+        Undecided if neither is, but the whole motion is slower than the tolerance: to slip fast, at
+        some moment, it had no speed.
     margin, margin_time : float or None
         Least margin of a limit, below zero where it is violated, and when (s).
     """
@@ -61,47 +75,56 @@ class ConstraintCheck:
     peak: float
     rms: float
     slip_distance: float | None
+    slip_share: float | None
     worst_time: float
     share_above_tolerance: float
     tolerance: float
-    satisfied: bool
+    largest_slip_share: float
+    verdict: Verdict
     margin: float | None = None
     margin_time: float | None = None
 
     @property
-    def verdict(self) -> str:
-        """``holds`` or ``violated``."""
-        return "holds" if self.satisfied else "violated"
+    def satisfied(self) -> bool:
+        """Whether it holds; False if that is undecided."""
+        return self.verdict == "holds"
+
+    @property
+    def finding(self) -> str:
+        """What was found, in a sentence without subject."""
+        above = f"for {self.share_above_tolerance:.0%} of the time"
+        peak, rms, tolerance = (
+            residual_text(value, self.unit) for value in (self.peak, self.rms, self.tolerance)
+        )
+        when = f"at {self.worst_time:.3g} s"
+        if self.margin is not None:
+            if self.satisfied:
+                return margin_text(self)
+            return f"by {peak} {when}, rms {rms}, by more than {tolerance} {above}"
+        if self.peak < ROUNDING:
+            return f"{'no residual' if self.slip_distance is None else 'no slip'} ({peak})"
+        slip = "" if self.slip_distance is None else f", slipped {1e3 * self.slip_distance:.3g} mm"
+        if self.slip_share is not None:
+            more = self.slip_share > self.largest_slip_share
+            than = f", more than {100 * self.largest_slip_share:.3g} %" if more else ""
+            slip += f" ({100 * self.slip_share:.2g} % of its way{than})"
+        found = f"peak {peak} {when}, rms {rms}{slip}, above {tolerance} {above}"
+        if self.verdict == "undecided":
+            found += (
+                "; the whole motion is slower than that tolerance, which says nothing of it: give "
+                "a smaller one"
+            )
+        return found
 
     def __str__(self) -> str:
-        verdict = f"{self.name}: {self.verdict.upper()}  "
-        above = f"for {self.share_above_tolerance:.0%} of the time"
-        if self.margin is None:
-            peak, rms, tolerance = (
-                with_unit(f"{value:{form}}", self.unit)
-                for value, form in ((self.peak, ".3g"), (self.rms, ".3g"), (self.tolerance, "g"))
-            )
-            slip = ""
-            if self.slip_distance is not None:
-                slip = f", slipped {self.slip_distance * 1e3:.3g} mm"
-            return (
-                f"{verdict}peak {peak} at {self.worst_time:.3g} s, rms {rms}{slip}, above "
-                f"{tolerance} {above}"
-            )
-        if self.satisfied:
-            return verdict + margin_text(self)
-        peak, rms, tolerance = (
-            quantity_text(value, self.unit) for value in (self.peak, self.rms, self.tolerance)
-        )
-        return (
-            f"{verdict}by {peak} at {self.worst_time:.3g} s, rms {rms}, by more than {tolerance} "
-            f"{above}"
-        )
+        return f"{self.name}: {self.verdict.upper()}  {self.finding}"
+
+    __repr__ = __str__
 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """The checks of one motion; printing it gives a table.
+    """The checks of one motion; it prints as a table, and a notebook shows it as one.
 
     Attributes
     ----------
@@ -111,12 +134,17 @@ class CheckReport:
         Seconds and meters.
     constraints : tuple of ConstraintCheck
         One for each constraint, in the order given.
+    trajectory : PoseTrajectory
+    system : ConstraintSystem
+        What was checked.
     """
 
     motion: str
     duration: float
     path_length: float
     constraints: tuple[ConstraintCheck, ...]
+    trajectory: PoseTrajectory = field(compare=False)
+    system: ConstraintSystem = field(compare=False)
 
     @property
     def satisfied(self) -> bool:
@@ -125,9 +153,13 @@ class CheckReport:
 
     @property
     def verdict(self) -> str:
-        """``holds``, or which constraints are violated."""
-        broken = [check.name for check in self.constraints if not check.satisfied]
-        return "holds" if not broken else f"violated: {', '.join(broken)}"
+        """``holds``, or which constraints are violated, or of which it is undecided."""
+        found = [
+            f"{verdict}: {', '.join(names)}"
+            for verdict in ("violated", "undecided")
+            if (names := [check.name for check in self.constraints if check.verdict == verdict])
+        ]
+        return "; ".join(found) or "holds"
 
     @property
     def worst(self) -> ConstraintCheck:
@@ -159,13 +191,24 @@ class CheckReport:
             "satisfied": self.satisfied,
             "verdict": self.verdict,
             "constraints": [
-                asdict(check) | {"verdict": check.verdict} for check in self.constraints
+                asdict(check) | {"satisfied": check.satisfied} for check in self.constraints
             ],
         }
 
     def __str__(self) -> str:
-        lines = [f"{self.motion}: {self.duration:.3g} s, path {self.path_length * 1e3:.4g} mm"]
-        return "\n".join(lines + [f"  {check}" for check in self.constraints])
+        return "\n".join([self._heading, *(f"  {check}" for check in self.constraints)])
+
+    __repr__ = __str__
+
+    @property
+    def _heading(self) -> str:
+        return f"{self.motion}: {self.duration:.3g} s, path {self.path_length * 1e3:.4g} mm"
+
+    def _repr_html_(self) -> str:
+        rows = [(check.name, check.verdict, check.finding) for check in self.constraints]
+        return html_table(self._heading, rows)
+
+    plot = Supplied("Draw residuals and margins over time; return the figure.")
 
 
 def check(
@@ -173,11 +216,12 @@ def check(
     constraints: ConstraintSystem | Constraint | Sequence[Constraint],
     *,
     tolerance: float = TOLERANCE,
+    slip_share: float = SLIP_SHARE,
 ) -> CheckReport:
     """Report how well a motion satisfies constraints, and by what margin it keeps limits.
 
-    The residual is that of the discrete motion, of each step from one sample to the next: at the
-    step's middle for what is declared of velocities, at its end for what is declared of the pose.
+    The residual is that of the discrete motion: at the middle of each step for what is declared of
+    velocities, at each sample for what is declared of the pose.
     A motion that satisfies the constraints in continuous time is found to, to second order in the
     step.  Nothing is filtered or differentiated further, so low-pass noisy recordings first.
 
@@ -188,10 +232,18 @@ def check(
     constraints : Constraint or several
     tolerance : float
         Largest violation that still counts as satisfied, in each constraint's own unit.
+    slip_share : float
+        Largest share of its way, 0 to 1, by which a tool may slip and still count as not slipping:
+        however slowly.  1 leaves the verdict to the tolerance.
 
     Returns
     -------
     CheckReport
+
+    Raises
+    ------
+    ConstraintError
+        If a constraint is undefined somewhere on the motion; the message says where, and by what.
     """
     if not isinstance(trajectory, PoseTrajectory):
         raise InputError(
@@ -200,16 +252,19 @@ def check(
         )
     require_motion(trajectory)
     tolerance = _arguments.positive("tolerance", tolerance)
+    slip_share = _arguments.not_negative("slip_share", slip_share)
     system = as_system(constraints)
     if not system.constraints:
         raise InputError("check needs at least one constraint")
-    residuals = step_residuals(trajectory, system)
+    residuals = sample_residuals(trajectory, system)
     parts = np.split(residuals, np.cumsum(system.rows)[:-1], axis=1)
     results = tuple(
-        _checked(trajectory, constraint, name, part, tolerance)
+        _checked(trajectory, constraint, name, part, tolerance, slip_share)
         for constraint, name, part in zip(system.constraints, system.names, parts, strict=True)
     )
-    return CheckReport(trajectory.name, trajectory.duration, trajectory.path_length, results)
+    return CheckReport(
+        trajectory.name, trajectory.duration, trajectory.path_length, results, trajectory, system
+    )
 
 
 def _checked(
@@ -218,38 +273,81 @@ def _checked(
     name: str,
     residuals: Floats,
     tolerance: float,
+    largest_slip_share: float,
 ) -> ConstraintCheck:
-    """Check one constraint by the residuals of all steps, shape (N - 1, rows)."""
-    periods = np.diff(trajectory.times)
+    """Check one constraint by the residuals of all samples, shape (N, rows)."""
+    # A step counts where it ends; the first sample of what is asked of poses, as long as no time.
+    periods = np.diff(trajectory.times, prepend=trajectory.times[0])
+    first = 0 if constraint.level == "position" else 1
+    residuals, periods, times = residuals[first:], periods[first:], trajectory.times[first:]
     units = row_units(constraint)
-    slip = margin = None
+    slip = share = margin = None
+    fastest = np.inf
     if constraint.relation == "nonnegative":
         worst, row = np.unravel_index(np.argmin(residuals), residuals.shape)
         margin, unit = float(residuals[worst, row]), units[row]
         # Not less than +0: a violation has no sign.
         size = np.maximum(-residuals.min(axis=1), 0.0)
     else:
-        size, unit = np.linalg.norm(residuals, axis=1), constraint.unit or UNITS[constraint.level]
+        size, unit = np.linalg.norm(residuals, axis=1), ", ".join(dict.fromkeys(units))
         worst = np.argmax(size)
         sideways = np.array([u == UNITS["velocity"] for u in units])
         if constraint.level == "velocity" and sideways.any():
             slip = float(np.linalg.norm(residuals[:, sideways], axis=1) @ periods)
-    when = float(trajectory.times[worst + 1])
+            speeds = _speeds(trajectory, constraint)
+            fastest, way = float(speeds.max()), float(speeds @ periods)
+            share = slip / way if way > 0 else None
+    peak, when = float(size[worst]), float(times[worst])
+    verdict: Verdict = "holds"
+    if peak > tolerance or (peak > ROUNDING and share is not None and share > largest_slip_share):
+        verdict = "violated"
+    elif fastest <= tolerance and peak > max(ROUNDING, largest_slip_share * fastest):
+        verdict = "undecided"
     return ConstraintCheck(
         name=name,
         level=constraint.level,
         relation=constraint.relation,
         unit=unit,
-        peak=float(size[worst]),
+        peak=peak,
         rms=float(np.sqrt(np.average(size**2, weights=periods))),
         slip_distance=slip,
+        slip_share=share,
         worst_time=when,
         share_above_tolerance=float(periods[size > tolerance].sum() / periods.sum()),
         tolerance=tolerance,
-        satisfied=bool(size[worst] <= tolerance),
+        largest_slip_share=largest_slip_share,
+        verdict=verdict,
         margin=margin,
         margin_time=None if margin is None else when,
     )
+
+
+def _speeds(trajectory: PoseTrajectory, constraint: Constraint) -> Floats:
+    """Speed in each step of the edge over its work, or else of the tool's origin (m/s)."""
+    if constraint.edge is None:
+        velocities = trajectory.step_velocities()[0]
+    else:
+        velocities = edge_steps(trajectory, constraint).velocities
+    return np.asarray(np.linalg.norm(velocities, axis=1))
+
+
+def sample_residuals(
+    trajectory: PoseTrajectory, constraints: ConstraintSystem | Constraint | Sequence[Constraint]
+) -> Floats:
+    """Residual, or margin, at each sample, shape (N, m).
+
+    Of the step that ends there, as :func:`step_residuals`; at the first sample its own of what is
+    declared of poses, and that of the first step of all else.
+    """
+    system = as_system(constraints)
+    steps = step_residuals(trajectory, system)
+    found = np.concatenate([steps[:1], steps])
+    poses = np.array(system.row_levels, dtype=object) == "position"
+    if poses.any():
+        still = np.zeros(3)
+        at = trajectory.clock[:1], trajectory.positions[:1], trajectory.quaternions[:1]
+        found[0, poses] = system.of_poses.residuals(*at, still, still)[0]
+    return found
 
 
 def step_residuals(
@@ -297,7 +395,19 @@ def with_unit(number: str, unit: str) -> str:
 def margin_text(limit: ConstraintCheck) -> str:
     """Say what a limit's least margin is, and when."""
     assert limit.margin is not None
+    if abs(limit.margin) < ROUNDING:
+        return f"reached at {limit.margin_time:.3g} s"
     return f"least margin {quantity_text(limit.margin, limit.unit)} at {limit.margin_time:.3g} s"
+
+
+def residual_text(size: float, unit: str, below: str = "below", order: str = "") -> str:
+    """Say how large a residual gets; all that rounding leaves reads alike, as "below 1e-9 m/s".
+
+    `order` goes before any other value, as in "at most".
+    """
+    if 0 <= size < ROUNDING:
+        return f"{below} {with_unit(f'{ROUNDING:.0e}'.replace('e-0', 'e-'), unit)}".lstrip()
+    return f"{order} {quantity_text(size, unit)}".lstrip()
 
 
 def quantity_text(value: float, unit: str) -> str:

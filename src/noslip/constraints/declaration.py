@@ -12,7 +12,7 @@ its expression, as data.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from functools import lru_cache
 from typing import Any, Literal, TypeVar
 
@@ -20,6 +20,7 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
+from noslip._values import call_text, keep_repr
 from noslip.constraints.expression import Instructions, Opaque
 from noslip.constraints.instant import AcceleratedInstant, Instant, motion_symbols
 from noslip.constraints.shape import Shape
@@ -80,6 +81,19 @@ class Constraint(ABC):
     def shape(self) -> Shape | None:
         """What it looks like; None, if it has no place."""
         return None
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        keep_repr(cls)
+
+    def __repr__(self) -> str:
+        """Its class and what it was given, the first field always; one's own by its name."""
+        if not is_registered(self):
+            return f"<{self.level} {_KINDS[self.relation]} {self.name!r}>"
+        first = next(f.name for f in fields(self) if not f.kw_only)  # type: ignore[arg-type]
+        value = getattr(self, first)
+        shown = {first: value.travel if isinstance(value, Edge) else value}
+        return call_text(type(self).__name__, shown | given_arguments(self))
 
     def __eq__(self, other: object) -> bool:
         if self is other or not isinstance(other, Constraint):
@@ -159,9 +173,6 @@ class DeclaredConstraint(Constraint):
         rotation = ca.reshape(rotation, 3, 3)
         return Instant(motion.time, position, rotation, *ca.vertsplit(velocities, 3))
 
-    def __repr__(self) -> str:
-        return described(self)
-
 
 _ATTRIBUTES = ["name", "level", "relation", "unit", "barrier_rate", "priority", "edge"]
 
@@ -213,9 +224,19 @@ def residual_instructions(constraint: Constraint) -> Instructions | Opaque:
         return Opaque(function, constraint, str(error))
 
 
-def described(constraint: Constraint) -> str:
-    """Level, kind and name, for people."""
-    return f"<{constraint.level} {_KINDS[constraint.relation]} {constraint.name!r}>"
+def given_arguments(constraint: Constraint) -> dict[str, Any]:
+    """Return the arguments of one of the catalog that are not its defaults, by name.
+
+    What it is about comes first, what all limits share last.
+    """
+    found = {}
+    for field in sorted(fields(constraint), key=lambda f: bool(f.kw_only)):  # type: ignore[arg-type]
+        value, factory = getattr(constraint, field.name), field.default_factory
+        if isinstance(value, Edge):
+            value = value.travel
+        if value != (field.default if factory is MISSING else factory()):
+            found[field.name] = value
+    return found
 
 
 _KINDS: dict[Relation, str] = {"zero": "constraint", "nonnegative": "inequality"}
@@ -245,9 +266,14 @@ def row_units(constraint: Constraint) -> list[str]:
     """For each row, the unit of its residual.
 
     Several in a constraint's ``unit`` are those of its rows, in order: ``"m/s, rad/s"`` of four
-    rows are two rows of each.
+    rows are two rows of each.  Of a constraint without one, rows about velocities that the linear
+    velocity has no part in are rad/s.
     """
-    rows = constraint_function(constraint).size1_out(0)
+    function = constraint_function(constraint)
+    rows = function.size1_out(0)
+    if constraint.unit is None and constraint.level == "velocity":
+        moving = set(function.jac_sparsity(0, 3).row())
+        return [UNITS["velocity"] if row in moving else "rad/s" for row in range(rows)]
     unit = constraint.unit or UNITS[constraint.level]
     units = unit.split(", ")
     if rows % len(units):

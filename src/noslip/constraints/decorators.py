@@ -13,7 +13,6 @@ from noslip.constraints.declaration import (
     Level,
     Relation,
     depends_on_velocity,
-    described,
     residual_instructions,
 )
 from noslip.constraints.expression import Instructions, Opaque
@@ -48,9 +47,6 @@ class _FunctionConstraint(Constraint):
 
     def residual(self, motion: Instant) -> Expression:
         return self.function(motion)
-
-    def __repr__(self) -> str:
-        return described(self)
 
 
 def _decorator(

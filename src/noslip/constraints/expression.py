@@ -7,7 +7,7 @@ and reading it back can do nothing but arithmetic.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -138,16 +138,24 @@ class Instructions:
                     work[result] = ca.vec(arguments[argument])[place]
                 elif name == _OUTPUT:
                     outputs[result] = work[operands[0]]
-                elif name in _UNARY:
-                    work[result] = ca.SX.unary(_CODES[name], work[operands[0]])
-                elif name in _BINARY:
-                    work[result] = ca.SX.binary(_CODES[name], *(work[k] for k in operands))
                 else:
-                    raise ValueError(f"unknown operation {name!r}")
+                    work[result] = self.applied(name, [work[k] for k in operands])
             return ca.vertcat(*(outputs[row] for row in range(len(outputs))))
         except Exception as error:
             reason = " ".join(str(error).split())
             raise ConstraintError(f"its expression cannot be read: {reason}") from error
+
+    @staticmethod
+    def applied(name: str, operands: Sequence[Expression]) -> Expression:
+        """Return the result of one operation."""
+        if name in _UNARY:
+            return ca.SX.unary(_CODES[name], *operands)
+        if name in _BINARY:
+            return ca.SX.binary(_CODES[name], *operands)
+        raise ValueError(f"unknown operation {name!r}")
+
+    def __repr__(self) -> str:
+        return f"<formula of {len(self.steps)} operations>"
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import cached_property, lru_cache
+from itertools import compress
 from threading import RLock
 from typing import Any, TypeVar
 from weakref import WeakValueDictionary
@@ -14,14 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from noslip._typing import Expression, Floats
+from noslip._values import LONGEST_REPR, shortened
 from noslip.constraints.declaration import (
     Constraint,
     Level,
-    Relation,
     constraint_function,
     declared,
     row_units,
 )
+from noslip.constraints.undefined import Watch
 from noslip.errors import ConstraintError
 from noslip.rotations import (
     quaternion_again,
@@ -89,6 +91,9 @@ class ConstraintSystem:
         self._hash = hash(self._identity)
         self._graphs = _graphs(self._identity)
 
+    def __repr__(self) -> str:
+        return shortened(f"ConstraintSystem({', '.join(self.names)})", LONGEST_REPR)
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ConstraintSystem):
             return NotImplemented
@@ -116,20 +121,25 @@ class ConstraintSystem:
     @cached_property
     def equalities(self) -> ConstraintSystem:
         """Those of the constraints that must be zero."""
-        return self._of_relation("zero")
+        return self.part([c.relation == "zero" for c in self.constraints])
 
     @cached_property
     def limits(self) -> ConstraintSystem:
         """Those of the constraints that must not be negative."""
-        return self._of_relation("nonnegative")
+        return self.part([c.relation == "nonnegative" for c in self.constraints])
 
-    def _of_relation(self, relation: Relation) -> ConstraintSystem:
-        chosen = [i for i, c in enumerate(self.constraints) if c.relation == relation]
-        if len(chosen) == len(self.constraints):
+    @cached_property
+    def of_poses(self) -> ConstraintSystem:
+        """Those of the constraints that are declared of the pose."""
+        return self.part([c.level == "position" for c in self.constraints])
+
+    def part(self, chosen: Sequence[bool]) -> ConstraintSystem:
+        """Return those of the constraints that are chosen; they keep their names."""
+        if all(chosen):
             return self
-        constraints = tuple(self.constraints[i] for i in chosen)
-        names = tuple(self.names[i] for i in chosen)
-        return self.owned(relation, lambda: _named(constraints, names))
+        constraints = tuple(compress(self.constraints, chosen))
+        names = tuple(compress(self.names, chosen))
+        return self.owned(("part", *chosen), lambda: _named(constraints, names))
 
     @property
     def edged(self) -> Constraint | None:
@@ -216,6 +226,7 @@ class ConstraintSystem:
     ) -> Floats:
         """Residuals of many instants, shape (N, m); arguments have time first."""
         return self._mapped(
+            "residual",
             self.function,
             times,
             positions,
@@ -226,24 +237,76 @@ class ConstraintSystem:
             angular_accelerations,
         )
 
-    def _mapped(self, function: ca.Function, times: ArrayLike, *given: ArrayLike | None) -> Floats:
+    def _mapped(
+        self, key: str, function: ca.Function, times: ArrayLike, *given: ArrayLike | None
+    ) -> Floats:
         """Residuals at many instants or steps; what is not given is zero."""
         count = np.size(times)
         if self.size == 0:
             return np.zeros((count, 0))
         still = np.zeros((3, count))
-        arguments = (
+        arguments = [
             still if a is None else np.asarray(a, dtype=np.float64).reshape(count, -1).T
             for a in (times, *given)
-        )
+        ]
         residuals = np.array(function.map(count)(*arguments)).T.reshape(count, self.size)
-        if not np.all(np.isfinite(residuals)):
-            sample, row = np.argwhere(~np.isfinite(residuals))[0]
-            raise ConstraintError(
-                f"constraint {self.row_names[row]!r} is {residuals[sample, row]} at "
-                f"instant {sample} of the motion; it must be finite wherever the tool may be"
-            )
+        counted = "step" if key == "of step" else "sample"
+        self._require_defined(key, function, residuals, np.ravel(times), arguments, counted)
         return residuals
+
+    def _require_defined(
+        self,
+        key: str,
+        function: ca.Function,
+        values: Floats,
+        times: Floats,
+        arguments: Sequence[ArrayLike],
+        counted: str = "",
+    ) -> None:
+        """Refuse values, shape (N, m or more), that are no numbers; say where, and by what.
+
+        Beyond the first m, they are derivatives.
+        """
+        undefined = ~np.isfinite(values)
+        watch: Watch = self.owned((key, "watch"), lambda: Watch(function))
+        if not (undefined.any() or watch.has_angles):
+            return
+        found = watch.first(*arguments)
+        if found is None and not undefined.any():
+            return
+        at, entry = (int(k) for k in (found or np.argwhere(undefined)[0])[:2])
+        what = found[2] if found else "it"
+        row = entry if entry < 2 * self.size else (entry - 2 * self.size) // 6
+        name = self.row_names[row % self.size]
+        verb = "is" if entry < self.size else "has a slope of"
+        where = f"{times[at]:.6g} s" + (f" ({counted} {at})" if counted else "")
+        value = values[at, entry] if undefined[at, entry] else np.nan
+        raise ConstraintError(
+            f"constraint {name!r} {verb} {value} at {where}: {what} is undefined; write it such "
+            "that it is a number wherever the tool may be, also at rest, as in sqrt(x + 1e-12)"
+        )
+
+    def require_slopes(
+        self,
+        times: ArrayLike,
+        positions: ArrayLike,
+        quaternions: ArrayLike,
+        linear_velocities: ArrayLike,
+        angular_velocities: ArrayLike,
+        counted: str = "",
+    ) -> None:
+        """Refuse instants, of shape (N, ...), at which a residual or its derivative is no number.
+
+        Parameters
+        ----------
+        counted : str
+            What the instants are counted as, such as "step".
+        """
+        parts = (positions, quaternions, linear_velocities, angular_velocities)
+        given = np.column_stack([np.ravel(times), *parts]).T
+        function = self.owned("instant", self._instant)
+        values = np.array(function.map(given.shape[1])(given)).T
+        self._require_defined("instant", function, values, given[0], [given], counted)
 
     def of_step(
         self,
@@ -303,6 +366,7 @@ class ConstraintSystem:
         """
         times = np.asarray(times, dtype=np.float64)
         return self._mapped(
+            "of step",
             self.owned("of step", self._step_residual),
             times[:-1],
             np.diff(times),
@@ -363,6 +427,9 @@ class ConstraintSystem:
             buffer.set_arg(0, given.data)
             buffer.set_res(0, found.data)
             evaluate()
+            if not np.isfinite(found[:size]).all():
+                function = self.owned("instant", self._instant)
+                self._require_defined("instant", function, found[None], given[:1], [given[:, None]])
         return found[:size], found[size : 2 * size], found[2 * size :].reshape(size, 6)
 
     def rows_at(self, instants: Floats) -> Floats:

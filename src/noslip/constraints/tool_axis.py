@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, pi
+from math import pi
 from typing import Any
 
 import casadi as ca
@@ -19,26 +19,35 @@ from noslip.constraints.fields import (
     number,
     other_axes,
     point,
+    safe_norm,
     settle,
     unit_vector,
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_normal
 from noslip.constraints.instant import Instant
 from noslip.errors import ConstraintError
+from noslip.rotations import quaternion_log
 
 _PARALLEL = 1e-6
-"""Angles (rad) this close to 0 or pi count as such; there, the cosine says nothing."""
+"""Angles (rad) this close to 0 or pi count as such; there, the angle has no one slope."""
+
+
+_TOPPLE, _NARROW = 1e-5, 1e-8
+"""By how much the axis is turned (rad) where it stands exactly the wrong way round, and the cosine
+within which it is, a turn of 1e-4 rad: above rounding, also in single precision, and far below what
+anyone sets an axis by."""
 
 
 @register
 @dataclass(frozen=True)
 class ToolAxis(Constraint):
-    """A body axis keeps its angle to a direction d: ``d . (R axis) = cos(angle)``.
+    """A body axis keeps its angle to a direction d: ``angle(R axis, d) = angle``.
 
     Holonomic, about the rotation; a glass carried upright, a torch at its work angle.  Along d
-    (angle 0 or pi) that equation is degenerate, and two take its place: ``(R e_1) . d =
-    (R e_2) . d = 0`` with e_1, e_2 the body axes perpendicular to the axis.  They hold for a tool
-    the other way round as well; it stays the way round it starts.
+    (angle 0 or pi) that equation is degenerate, and two take its place: the two parts of the
+    rotation vector that turns the axis into d, about the body axes e_1, e_2 perpendicular to it.
+    Both residuals grow with the angle all the way to pi, so that a tool held the other way round is
+    turned, by the shortest way; exactly the other way round, about a direction that is chosen.
 
     Parameters
     ----------
@@ -63,7 +72,7 @@ class ToolAxis(Constraint):
 
     name = "tool-axis"
     level = "position"
-    unit = "1"
+    unit = "rad"
 
     def __post_init__(self) -> None:
         settle(self, self.name, axis=axis, direction=direction, angle=_angle, reference_point=point)
@@ -71,16 +80,26 @@ class ToolAxis(Constraint):
             settle(self, self.name, surface=checked_surface)
 
     def residual(self, motion: Instant) -> Expression:
-        """Sines of the angle's two parts, or the difference of the cosines; no unit."""
+        """Angle's two parts from the wanted direction, or its difference from the angle (rad)."""
         if self.surface is None:
             toward = unit_vector(self.direction)
         else:
             toward = surface_normal(self.surface, motion.at(self.reference_point).position)
-        if min(self.angle, pi - self.angle) <= _PARALLEL:
-            return ca.vertcat(
-                *(ca.dot(body_axis(motion, e), toward) for e in other_axes(self.axis))
-            )
-        return ca.dot(body_axis(motion, self.axis), toward) - cos(self.angle)
+        cosine, sine, aside = (
+            ca.dot(body_axis(motion, e), toward) for e in (self.axis, *other_axes(self.axis))
+        )
+        parallel = min(self.angle, pi - self.angle) <= _PARALLEL
+        if parallel and self.angle > 1:
+            cosine, sine, aside = -cosine, -sine, -aside
+        # Where both sines vanish they name no direction; one is chosen.
+        wrong = 1 + cosine if parallel else 1 - ca.fabs(cosine)
+        turn = _TOPPLE * ca.exp(-wrong / _NARROW)
+        less = turn**2 / 2
+        cosine, sine = (1 - less) * cosine - turn * sine, (1 - less) * sine + turn * cosine
+        if parallel:
+            # The quaternion of the turn, but for its length: 1 + cos(a) : sin(a) is the half angle.
+            return quaternion_log(ca.vertcat(ca.fmax(1 + cosine, 0), sine, aside, 0))[:2]
+        return 2 * ca.atan2(safe_norm(ca.vertcat(sine, aside)), 1 + cosine) - self.angle
 
 
 def _angle(name: str, value: Any) -> float:

@@ -18,7 +18,7 @@ moment needs a way back, which only a new plan, and time, can give.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip._values import is_same
+from noslip._values import LONGEST_REPR, is_same, shortened
 from noslip.adapting import REPLANNED_SAMPLES, replan
 from noslip.control.steering import PATH, Guidance
 from noslip.errors import InputError, NoslipError
@@ -36,7 +36,7 @@ from noslip.law.layout import STATE
 from noslip.rule import Rule
 from noslip.runtime import engine
 from noslip.runtime.engine import Compiled, Memory, Virtual
-from noslip.runtime.rollout import initial_state, rollout
+from noslip.runtime.rollout import initial_state, motion_from, rollout
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 
@@ -111,6 +111,9 @@ class Controller:
     replan : bool
         Whether new plans are made, within a step, which then takes some 20 ms.  Without them a tool
         beyond the tolerance is waited for, and goals are refused.
+    braking : float
+        Seconds within which a motion that ends at speed comes to rest after its end, straight on or
+        as constraints lead it; 0 is at once.
 
     Attributes
     ----------
@@ -130,16 +133,22 @@ class Controller:
         angle_tolerance: float = ANGLE_TOLERANCE,
         samples: int = REPLANNED_SAMPLES,
         replan: bool = True,
+        braking: float = 0.0,
     ) -> None:
         self.law, self.rule, self.replans = dmp.law, dmp.rule, replan
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
         self.tolerance = _arguments.positive("tolerance", tolerance)
         self.angle_tolerance = _arguments.positive("angle_tolerance", angle_tolerance, "rad")
         self.samples = _arguments.count("samples", samples)
+        self.braking = _arguments.not_negative("braking", braking)
         self.memory = Memory(dmp.law.clock, dmp.rule.system)
         self._length = rollout(dmp.law, dmp.rule).path_length
         self._build()
         self.reset()
+
+    def __repr__(self) -> str:
+        text = f"Controller(time_step={self.time_step:g}, {self.law!r}, {self.rule!r})"
+        return shortened(text, LONGEST_REPR)
 
     def _build(self) -> None:
         """Build what is made of graphs, or shared."""
@@ -259,9 +268,6 @@ class Controller:
         if self._speed != self._wanted_speed:
             self._change_speed(h)
         before = data.item(engine.FRACTION)
-        # The last step ends where the motion does; a whole one would go beyond.
-        if not self.done:
-            h = min(h, (1.0 - before) * data.item(engine.DURATION))
         self._engine.step(h)
         if waits:
             data[engine.FRACTION] = before
@@ -312,6 +318,9 @@ class Controller:
             data[engine.VELOCITIES] = 0.0
         else:
             data[engine.VELOCITIES] *= new / old
+        if old > 0:
+            # What slips goes on as slowly.
+            data[self.memory.equalities] *= new / old
         data[engine.DURATION] = self.plan.duration * (1 / new if new > 0 else _STANDING)
         self._speed = new
 
@@ -333,18 +342,13 @@ class Controller:
 
     def _follow(self, plan: Law, state: State) -> None:
         self.plan = plan
-        begins = state.previous_step == 0.0
+        begun = state
+        if state.previous_step > 0:
+            goals = ("goal_position", "goal_rotation", "first_goal_position", "first_goal_rotation")
+            asked = {name: getattr(state, name) for name in goals}
+            begun = replace(initial_state(plan, self.rule, duration=state.duration), **asked)
         # On the loop's own steps: undisturbed, the tool is exactly on it.
-        motion = rollout(
-            plan,
-            self.rule,
-            goal_position=state.goal_position,
-            goal_rotation=state.goal_rotation,
-            start_position=state.position if begins else None,
-            start_rotation=state.rotation if begins else None,
-            duration=state.duration,
-            time_step=min(self.time_step, state.duration),
-        )
+        motion = motion_from(plan, self.rule, begun, min(self.time_step, state.duration))
         self._path = np.hstack(
             [
                 motion.positions[:-1],
@@ -357,6 +361,7 @@ class Controller:
         self._last = len(self._path) - 1
         self._between = motion.duration / len(self._path)
         self.memory.set(state)
+        self.memory.data[engine.BRAKING] = self.braking
         self._engine = self._engine_of(plan)
 
     def _engine_of(self, plan: Law) -> Virtual | Compiled:
@@ -374,17 +379,24 @@ class Controller:
         given, path = guidance.measured, guidance.path
         given[_POSITION], given[_QUATERNION] = measured.position, measured.quaternion
         given[_LINEAR], given[_ANGULAR] = measured.linear_velocity, measured.angular_velocity
-        path[: STATE.size] = self._path[k]
-        path[_PASSED], path[_NOW] = (place - k) * self._between, data.item(engine.TIME)
+        done = self.done
+        # After its end a tool is where it was sent.
+        path[: STATE.size] = data[engine.MOVING] if done else self._path[k]
+        path[_PASSED] = 0.0 if done else (place - k) * self._between
+        path[_NOW] = data.item(engine.TIME)
         guidance()
         if not guidance.is_finite:
             raise InputError(
                 "measured_state is not finite; leave it out where nothing was measured"
             )
+        off = guidance.distance > 1 or guidance.angle > 1
+        if done and not off and not self._goal_moved:
+            # What is measured of a tool that holds its pose must not move it.
+            data[engine.STEERING] = engine.NO_STEERING
+            return False
         data[engine.MOVING] = guidance.state
         if self._speed != 1.0:
             return False
-        off = guidance.distance > 1 or guidance.angle > 1
         wanted = (off or self._goal_moved) and self._may_replan
         if wanted and self._replan("goal" if self._goal_moved else "path"):
             return False

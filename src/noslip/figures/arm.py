@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from noslip._typing import Floats
+from noslip.constraints.check import residual_text
 from noslip.figures import style
 from noslip.figures.motion import TIME
 from noslip.robots.dynamics import Execution
@@ -98,9 +99,8 @@ def executed_slip(
     style.log_axis(panels[0], slips.values(), LEAST_SLIP)
     style.name_lines(figure, runs)
     name, run = list(runs.items())[-1]
-    most, away = map(style.number, (slips[name].max(), 1e3 * run.errors.position.max()))
-    found = (
-        f"{name}: {what} of the executed tool at most {most} {unit}, at most {away} mm off its path"
-    )
+    most = residual_text(float(slips[name].max()), unit, order="at most")
+    away = style.number(1e3 * run.errors.position.max())
+    found = f"{name}: {what} of the executed tool {most}, at most {away} mm off its path"
     style.write_title(figure, title or found[:1].upper() + found[1:])
     return figure

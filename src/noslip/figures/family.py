@@ -99,7 +99,11 @@ def adapted_family(
         raise InputError(f"goals lack {strangers[0]!r}, which adapted holds; name a goal for each")
     named({"original": original})
     numbers = {name: index for index, name in enumerate(goals, start=1)}
-    styles = _styles(motions)
+    styles = dict.fromkeys(motions, MANY)
+    if len(motions) <= MOST_NAMED:
+        # By number: some names, such as "regular", have styles of their own.
+        colors = style.line_styles(str(index) for index in range(len(motions)))
+        styles = dict(zip(motions, colors.values(), strict=True))
     system = as_system(constraints)
     panels = _measured(motions, goals, system)
 
@@ -216,14 +220,6 @@ def _finding(
 
 
 # ---------------------------------------------------------------- what is drawn
-
-
-def _styles(motions: Mapping[str, PoseTrajectory]) -> dict[str, dict[str, Any]]:
-    if len(motions) > MOST_NAMED:
-        return dict.fromkeys(motions, MANY)
-    # By number: some names, such as "regular", have styles of their own.
-    colors = style.line_styles(str(index) for index in range(len(motions)))
-    return dict(zip(motions, colors.values(), strict=True))
 
 
 def _views(family: Sequence[PoseTrajectory], goals: Iterable[Floats]) -> list[tuple[int, int]]:

@@ -10,7 +10,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.constraints.check import MILLIMETERS_BELOW, step_accelerations, with_unit
+from noslip.constraints.check import (
+    MILLIMETERS_BELOW,
+    ROUNDING,
+    residual_text,
+    step_accelerations,
+    with_unit,
+)
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
@@ -63,15 +69,10 @@ def roll_pitch_yaw(rotations: Rotation, near: ArrayLike | None = None) -> Floats
     """Extrinsic xyz Euler angles without jumps, shape (N, 3), degrees.
 
     ``R = Rz(yaw) Ry(pitch) Rx(roll)``.  Of all angles of a rotation, each sample takes those
-    nearest to the sample before, so a motion through a pitch of 90 degrees goes on beyond.  At
-    that pitch itself, where only roll minus yaw is defined, the roll keeps its last value.
-
-    Parameters
-    ----------
-    rotations : Rotation, length N
-    near : array, shape (3,), optional
-        Degrees to begin nearest to; by default the pitch begins within +-90, roll and yaw within
-        +-180 degrees.
+    nearest to the sample before, so a motion through a pitch of 90 degrees goes on beyond.  At that
+    pitch itself, where only roll minus yaw is defined, the roll keeps its last value.  Angles near
+    which to begin may be given; by default the pitch begins within +-90, roll and yaw within +-180
+    degrees.
     """
     R = rotations.as_matrix()
     level = np.hypot(R[:, 2, 1], R[:, 2, 2])
@@ -156,7 +157,12 @@ def scaled_unit(size: float, unit: str = "m") -> tuple[float, str]:
 
 
 def value_text(value: float, unit: str) -> str:
-    """Return a value with its unit, in millimeters if it is a small length or speed."""
+    """Return a value with its unit, in millimeters if it is a small length or speed.
+
+    What rounding leaves of a length or residual reads as its bound.
+    """
+    if abs(value) < ROUNDING:
+        return residual_text(0.0, unit, "<") if value else with_unit("0", unit)
     scale, shown = scaled_unit(abs(value), unit)
     return with_unit(number(scale * value), shown)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from noslip._typing import Floats
-from noslip.constraints.check import with_unit
+from noslip.constraints.check import ROUNDING, residual_text, with_unit
 from noslip.constraints.system import as_system
 from noslip.errors import InputError
 from noslip.figures.quantities import NEGLIGIBLE, Constraints, least_span, scaled_unit, value_text
@@ -83,6 +83,8 @@ class ConstraintRecord:
         """The largest residual, in its axis' unit, or violation of a limit."""
         if self.is_limit:
             return value_text(self.peak, self.unit or "1")
+        if self.peak < ROUNDING:
+            return residual_text(self.peak, self.unit or "1", below="")
         scale, unit = self.axis
         return with_unit(number(scale * self.peak), unit)
 

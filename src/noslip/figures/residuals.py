@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from noslip._typing import Floats
-from noslip.constraints.check import step_residuals, with_unit
+from noslip.constraints.check import ROUNDING, residual_text, sample_residuals, with_unit
 from noslip.constraints.system import as_system
 from noslip.figures.quantities import NEGLIGIBLE, Constraints, least_span, scaled_unit, value_text
 from noslip.figures.style import capitalized, number, short_name
@@ -30,7 +30,7 @@ class ResidualRow:
     is_slip, is_limit : bool
         Whether it is the lateral velocity of the tool; whether the values are the margin of a
         limit, which must not be negative.
-    times, values : dict of arrays, shape (N - 1,)
+    times, values : dict of arrays, shape (N - 1,), at position level (N,)
         By motion: seconds from its start to the end of each step; signed residual, or margin, of
         each step, as :func:`noslip.check` reports it.
     span : float
@@ -61,7 +61,7 @@ class ResidualRow:
         return f"{short_name(what)} ({self.unit})"
 
     def sizes(self, name: str) -> Floats:
-        """How large the violations of a motion are, shape (N - 1,)."""
+        """How large the violations of a motion are, as :attr:`values`."""
         return violations(self.values[name], self.is_limit)
 
     @property
@@ -107,6 +107,8 @@ class ResidualRow:
 
     def peak_text(self, name: str) -> str:
         """Say how large a motion's residual gets, as in "up to 3.48 m/s"."""
+        if self.peaks[name] < ROUNDING * self.scale:
+            return residual_text(0.0, self.own_unit, "less than")
         order = "at most" if self.hides(name) else "up to"
         return f"{order} {with_unit(number(self.peaks[name]), self.unit)}"
 
@@ -132,8 +134,7 @@ def residual_rows(
 ) -> list[ResidualRow]:
     """Residuals and margins of the steps of all motions, one entry a row of the constraints."""
     system = as_system(constraints)
-    times = {name: motion.times[1:] - motion.times[0] for name, motion in motions.items()}
-    residuals = {name: step_residuals(motion, system) for name, motion in motions.items()}
+    residuals = {name: sample_residuals(motion, system) for name, motion in motions.items()}
     tools = [c for c in system.constraints if c.edge is not None and c.edge.lateral is not None]
     sources = np.repeat(np.arange(len(system.constraints)), system.rows)
 
@@ -142,6 +143,8 @@ def residual_rows(
         zip(system.row_names, system.row_units, strict=True)
     ):
         source = system.constraints[sources[row]]
+        # No step leads to the first sample; only a pose can be asked of it.
+        first = 0 if source.level == "position" else 1
         is_slip = len(tools) == 1 and source is tools[0] and system.rows[sources[row]] == 1
         span = least_span(own_unit, motions.values())
         peak = max(float(np.abs(values[:, row]).max()) for values in residuals.values())
@@ -155,8 +158,8 @@ def residual_rows(
                 scale=scale,
                 is_slip=is_slip,
                 is_limit=source.relation == "nonnegative",
-                times=times,
-                values={name: scale * values[:, row] for name, values in residuals.items()},
+                times={name: (m.times - m.times[0])[first:] for name, m in motions.items()},
+                values={name: scale * values[first:, row] for name, values in residuals.items()},
                 span=scale * span,
             )
         )

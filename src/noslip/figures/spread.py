@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from noslip._typing import Floats
+from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.figures import style
 from noslip.figures.quantities import (
@@ -233,7 +234,10 @@ def _sampled(curves: Sequence[Curve]) -> Floats:
 
 
 def _residual_curves(residual: ResidualRow, motions: Mapping[str, PoseTrajectory]) -> list[Curve]:
-    return [(_percent(motion)[1:], residual.values[name]) for name, motion in motions.items()]
+    return [
+        (100 * residual.times[name] / motion.duration, residual.values[name])
+        for name, motion in motions.items()
+    ]
 
 
 def _plot_sizes(ax: Axes, residual: ResidualRow, curves: Sequence[Curve]) -> None:
@@ -243,7 +247,8 @@ def _plot_sizes(ax: Axes, residual: ResidualRow, curves: Sequence[Curve]) -> Non
         ax.plot(progress, size, color=style.PALETTE["vermillion"], **EACH)
     style.log_axis(ax, sizes, residual.span)
     ax.set_xlim(0, 100)
-    text = f"largest of all: {style.number(max(residual.peaks.values()))} {residual.unit}"
+    peak = max(residual.peaks.values()) / residual.scale
+    text = f"largest of all: {value_text(peak, residual.own_unit)}"
     middle: Any = {"ha": "center", "va": "top", "transform": ax.transAxes}
     ax.text(0.5, 0.9, text, fontsize=style.SMALL_FONT_SIZE, **middle)
     style.dress(ax, PROGRESS, residual.size_label)
@@ -255,26 +260,21 @@ def _spread_finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTraje
         paths = [motion.path_length for motion in motions.values()]
         return f"{count}: paths of {value_text(min(paths), 'm')} to {value_text(max(paths), 'm')}"
     worst = max(rows, key=prominence)
+    who = f"{style.capitalized(worst.name)} of {count}"
     if worst.is_limit:
-        return f"{style.capitalized(worst.name)} of {count}: {_limit_finding(worst)}"
-    peak = f"{style.number(max(worst.peaks.values()))} {worst.unit}"
+        broken = sum(not worst.keeps(name) for name in worst.values)
+        least = min(worst.margins.values()) / worst.scale
+        if not broken:
+            return f"{who}: kept by all, least margin {value_text(max(least, 0.0), worst.own_unit)}"
+        return f"{who}: violated by {broken}, by up to {value_text(-least, worst.own_unit)}"
+    largest = max(worst.peaks.values())
+    peak = f"{style.number(largest)} {worst.unit}"
     if all(map(worst.hides, motions)):
-        return f"{style.capitalized(worst.name)} of {count}: at most {peak}"
+        return f"{who}: {residual_text(largest / worst.scale, worst.own_unit, order='at most')}"
     mean = _sampled(_residual_curves(worst, motions)).mean(axis=0)
     at = int(np.argmax(np.abs(mean)))
     signed = f"{'+' if mean[at] > 0 else '−'}{style.number(abs(mean[at]))} {worst.unit}"
-    return (
-        f"{style.capitalized(worst.name)} of {count}: mean up to {signed} "
-        f"(at {GRID[at]:.0f} % of the time), largest {peak}"
-    )
-
-
-def _limit_finding(limit: ResidualRow) -> str:
-    broken = sum(not limit.keeps(name) for name in limit.values)
-    least = min(limit.margins.values()) / limit.scale
-    if not broken:
-        return f"kept by all, least margin {value_text(max(least, 0.0), limit.own_unit)}"
-    return f"violated by {broken}, by up to {value_text(-least, limit.own_unit)}"
+    return f"{who}: mean up to {signed} (at {GRID[at]:.0f} % of the time), largest {peak}"
 
 
 def _adjustment_finding(peaks: Floats, names: Sequence[str]) -> str:

@@ -106,11 +106,20 @@ def trial_styles(count: int) -> list[dict[str, Any]]:
     ]
 
 
+class Picture(Figure):
+    """A figure that a notebook shows by itself, though no window of pyplot knows it."""
+
+    def _repr_png_(self) -> bytes:
+        data = io.BytesIO()
+        self.savefig(data, format="png")
+        return data.getvalue()
+
+
 def new_figure(
     width: float, height: float, *, layout: Literal["constrained"] | None = "constrained"
 ) -> Figure:
     """Return an empty figure (inches), of no window and of no global state."""
-    figure = Figure(figsize=(width, height), dpi=DPI, layout=layout, facecolor="white")
+    figure = Picture(figsize=(width, height), dpi=DPI, layout=layout, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +35,33 @@ class Phase:
     def decay(self, fraction: float) -> float:
         """Factor by which the phase shrinks over a fraction of the duration; exact."""
         return float(np.exp(-self.alpha_s * fraction))
+
+    @staticmethod
+    def slowed(
+        fraction: float, time_step: float, duration: float, braking: float
+    ) -> tuple[float, float]:
+        """Slow down after the end: evenly, to rest within some seconds; 0 is at once.
+
+        Parameters
+        ----------
+        fraction : float
+            Of the duration, 1 or beyond.
+        time_step, duration, braking : float
+            Seconds.
+
+        Returns
+        -------
+        share : float
+            Of the speed, that a step leaves.
+        fraction : float
+            After it.
+        """
+        if not braking > 0:
+            return 0.0, fraction
+        speed = sqrt(max(0.0, 1 - 2 * (max(1.0, fraction) - 1) * duration / braking))
+        slower = max(0.0, speed - time_step / braking)
+        share = slower / speed if speed > 0 else 0.0
+        return share, 1 + (1 - slower * slower) * braking / (2 * duration)
 
     @staticmethod
     def is_over(fraction: float) -> bool:

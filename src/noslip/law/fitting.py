@@ -148,7 +148,7 @@ def default_steps(demonstration: PoseTrajectory, basis_functions: int) -> int:
 
     What is planned on the steps that are run ends where it was planned to end.
     """
-    own = max(1, round(demonstration.duration / demonstration.period))
+    own = max(len(demonstration) - 1, round(demonstration.duration / demonstration.period))
     return own * -(-fewest_steps(basis_functions) // own)
 
 

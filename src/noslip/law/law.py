@@ -13,6 +13,7 @@ from noslip._values import Value
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.clock import Phase
+from noslip.law.entry import goal_entry
 from noslip.law.forcing import ForcingTerm
 from noslip.law.layout import FORCE, STATE
 from noslip.law.space import POINT_SIZE, POSE, VELOCITY_SIZE, Goal, PoseSpace, frozen
@@ -27,8 +28,9 @@ class Law(Value):
     ``tau^2 p'' = alpha (beta (p_g - p) - tau p') + f_p(s)``
     ``tau^2 w'  = alpha (beta Log(R_g R^T) - tau w) + f_q(s)``
 
-    (the paper's eqs. 1 and 4).  There is no goal scaling: a new goal shifts the attractor, the
-    learned force stays, so a goal equal to the start is like any other.
+    (the paper's eqs. 1 and 4).  There is no goal scaling: a new goal moves the attractor
+    (:mod:`noslip.law.entry`), the learned force stays, so a goal equal to the start is like any
+    other.
 
     Attributes
     ----------
@@ -46,7 +48,7 @@ class Law(Value):
     duration : float
         Demonstrated (mean), seconds: the default tau.
     steps : int
-        Steps of a rollout by default: the demonstration's own, 200 or more.
+        Steps of a rollout by default: the demonstration's own, or a multiple.
     begin : float
         Time at its start (s), for constraints that depend on it; that of the state from which it
         was re-planned.
@@ -113,6 +115,8 @@ class Law(Value):
         step_fraction: float,
         goal_position: Floats,
         goal_rotation: Rotation,
+        first_goal_position: Floats,
+        first_goal_rotation: Rotation,
         before: float,
     ) -> dict[str, Floats]:
         """Where each of the coming steps is drawn to.
@@ -126,6 +130,8 @@ class Law(Value):
             ``dt / tau``.
         goal_position, goal_rotation : array, shape (3,), and Rotation
             To end at.
+        first_goal_position, first_goal_rotation : array, shape (3,), and Rotation
+            From where they move there, see :mod:`noslip.law.entry`.
         before : float
             The step before the first one, over tau; 0 at the start of the motion.
 
@@ -143,12 +149,25 @@ class Law(Value):
             self.offset_weights,
         )
         rotations, left_out = self.goal.winding.along(
-            begin, steps, step_fraction, self.attractor, before, goal_rotation
+            begin, steps, step_fraction, self.attractor, before, first_goal_rotation
         )
+        position, moved = goal_position, goal_position - first_goal_position
+        rotation_offset = offsets[:, FORCE["angular"]] + left_out
+        turn = np.zeros(3)
+        if goal_rotation is not first_goal_rotation:
+            turn = (goal_rotation * first_goal_rotation.inv()).as_rotvec()
+        if moved.any() or turn.any():
+            entry = goal_entry(self.attractor, begin, steps, step_fraction, before)
+            entered, drawn = (column[:, None] for column in entry)
+            position = goal_position + moved * (drawn - 1)
+            turned = Rotation.from_rotvec(entered * turn)
+            leading = turned * Rotation.from_quat(rotations, scalar_first=True)
+            rotations = np.asarray(leading.as_quat(scalar_first=True))
+            rotation_offset = turned.apply(rotation_offset) + (drawn - entered) * turn
         return {
-            "position_target": goal_position + offsets[:, FORCE["linear"]],
+            "position_target": position + offsets[:, FORCE["linear"]],
             "rotation_goal": rotations,
-            "rotation_offset": offsets[:, FORCE["angular"]] + left_out,
+            "rotation_offset": rotation_offset,
         }
 
     def turned(self, turn: Rotation) -> Law:

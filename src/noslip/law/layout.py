@@ -70,6 +70,9 @@ POINT, VELOCITY = (
 """The two halves of it."""
 FORCE = Layout(linear=3, angular=3)
 """A velocity, acceleration, force or learned weight; also its world-frame axes."""
+DRIVE = Layout(linear=3, angular=3, drawn=1)
+"""What drives a step by the phase alone: the learned force over ``alpha beta``, and how a new goal
+draws (:mod:`noslip.law.entry`)."""
 STEP = Layout(
     time_step=1,
     kick=1,
@@ -87,7 +90,14 @@ STEP = Layout(
 """What depends on the phase alone in one step; see :class:`noslip.law.step.StepSymbols`."""
 CLOCK = STEP.span("time_step", "gain")
 """The part of it that is alike in all spaces."""
-BEGINNING = Layout(goal_position=3, goal_quaternion=4, duration=1, pull_in=1)
+BEGINNING = Layout(
+    goal_position=3,
+    goal_quaternion=4,
+    first_goal_position=3,
+    first_goal_quaternion=4,
+    duration=1,
+    pull_in=1,
+)
 """What one motion of many has of its own, besides where it starts."""
 
 
@@ -168,16 +178,23 @@ def memory_fields(rows: int) -> tuple[Field, ...]:
         Field("previous_step", comment="s; 0 at the start"),
         Field("duration", comment="s"),
         Field("pull_in", comment="1/s"),
+        Field("braking", comment="s, to come to rest in after the end; 0: at once"),
         Field("goal_position", (3,)),
         Field("goal_quaternion", (4,)),
+        Field(
+            "first_goal_position",
+            (3,),
+            "from where the goal moves; the goal itself: as in the paper",
+        ),
+        Field("first_goal_quaternion", (4,)),
         Field("steering", (3,), "turn of the orientation's target, rad"),
         Field("acceleration", (FORCE.size,), "of the last step, m/s^2 and rad/s^2"),
         Field("force", (FORCE.size,), "the constraints' part of it"),
         Field("values", (rows,), "residuals, then margins"),
         Field("multipliers", (rows,)),
-        Field("known_fraction", comment="learned forces that the next step of the same length"),
-        Field("known_step", comment="needs again; not to be written to"),
-        Field("known", (2, FORCE.size)),
+        Field("known_fraction", comment="what drives the next step of the same length"),
+        Field("known_step", comment="again; not to be written to"),
+        Field("known", (2, DRIVE.size)),
         Field("known_winding", (4,)),
         Field("known_turn", (3,)),
         Field("known_lengths", (2,), "the last step and the one before, fractions"),

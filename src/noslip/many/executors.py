@@ -19,10 +19,10 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import closing, contextmanager
-from importlib import import_module
 from typing import Any
 
-from noslip.errors import InputError, MissingDependencyError, NoslipError
+from noslip._extras import need
+from noslip.errors import InputError, NoslipError
 from noslip.many.worker import as_line, learn_one
 from noslip.result_table import RecordingResult
 
@@ -180,15 +180,14 @@ def processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
 def _prepare_process() -> None:
     # Ctrl-C goes to all processes of a terminal; the one that waits for this one deals with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _end_with(parent: Any) -> None:
+def _end_with_parent() -> None:
     """Leave no process behind where the parent was killed."""
-    parent.join()
-    os._exit(1)
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _require_workers() -> None:
@@ -213,14 +212,9 @@ def cluster(address: str) -> Iterator[Executor]:
     MissingDependencyError, InputError
         If ``distributed`` is missing, or no scheduler or worker answers there.
     """
+    distributed = need("a cluster", "distributed", "cluster")
     try:
-        Client: Any = import_module("distributed").Client
-    except ImportError as error:
-        raise MissingDependencyError(
-            "a cluster needs dask.distributed: pip install 'noslip[cluster]'"
-        ) from error
-    try:
-        client = Client(address, timeout=_WORKERS_WITHIN / 3, set_as_default=False)
+        client = distributed.Client(address, timeout=_WORKERS_WITHIN / 3, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
             f"{address}: no Dask scheduler answers there ({' '.join(str(error).split())}); "

@@ -113,10 +113,11 @@ def learn_each(
     key = hashlib.sha256(settings.encode()).hexdigest()[:16]
     files = find_recordings(recordings, leave_out=[p for p in (target, own_table) if p])
 
+    primitives = {name: None if folder is None else folder / f"{name}.json" for name in files}
     book = _Table(target, list(files))
     tasks: dict[str, Task] = {}
     for name, file in files.items():
-        primitive = None if folder is None else folder / f"{name}.json"
+        primitive = primitives[name]
         if name in book.rows and _is_done(book.rows[name], file, primitive, key):
             continue
         if executor is not None:
@@ -135,17 +136,12 @@ def learn_each(
             for done, (name, reply) in enumerate(coming, start=kept + 1):
                 if isinstance(reply, str):
                     reply = RecordingResult(name=name, status="failed", message=reply, recording="")
-                written = ""
-                if folder is not None:
-                    primitive = folder / f"{name}.json"
-                    if reply.status == "learned":
-                        written = str(primitive)
-                    else:
-                        # What an earlier run wrote there is no primitive of this recording.
-                        primitive.unlink(missing_ok=True)
-                book.add(
-                    replace(reply, recording=str(files[name]), primitive=written, settings=key)
-                )
+                if (primitive := primitives[name]) is not None and reply.status == "failed":
+                    # What an earlier run wrote there is no primitive of this recording.
+                    primitive.unlink(missing_ok=True)
+                    primitive = None
+                recording, written = str(files[name]), str(primitive or "")
+                book.add(replace(reply, recording=recording, primitive=written, settings=key))
                 if progress is not None:
                     progress(done, len(files))
     finally:

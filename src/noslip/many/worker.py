@@ -76,6 +76,7 @@ class Worker:
             "path_length_m": demonstration.path_length,
             "recording_residual_peak": recorded.residual_peak,
             "recording_residual_rms": recorded.residual_rms,
+            "motion_duration_s": motion.duration,
             "residual_peak": merit.residual_peak,
             "residual_rms": merit.residual_rms,
             "holds": merit.satisfied,

@@ -51,7 +51,7 @@ def project_pose(
     ConstraintError
         If none is found; the message names the constraints.
     """
-    system = _at_position(as_system(constraints))
+    system = as_system(constraints).of_poses
     pose, residual = _nearest_pose(system, time, position, quaternion, inverse_metric)
     if residual > _APART:
         raise ConstraintError(
@@ -116,7 +116,7 @@ def _agree(
     linear: ArrayLike,
     angular: ArrayLike,
 ) -> bool:
-    places = _at_position(system)
+    places = system.of_poses
     pose, residual = _nearest_pose(places, time, position, quaternion, _EVERYTHING)
     if residual > _APART:
         return False
@@ -124,11 +124,6 @@ def _agree(
     moved = project_velocities(equalities, time, *pose, linear, angular, inverse_metric=_EVERYTHING)
     _, phi, _ = equalities.instant(time, *pose, *moved[:2])
     return bool(np.abs(phi).max(initial=0.0) <= _APART * max(1.0, np.abs(linear).max()))
-
-
-def _at_position(system: ConstraintSystem) -> ConstraintSystem:
-    chosen = [c for c in system.constraints if c.level == "position"]
-    return ConstraintSystem(chosen) if len(chosen) < len(system.constraints) else system
 
 
 def _nearest_pose(

@@ -10,7 +10,8 @@ the length that weighs as much as a radian.
   share ``ds^2 / (ds^2 + L^2)``: most of it while it moves fast, none at rest, where the position
   gives way instead.  Nothing is singular there and the angular acceleration stays bounded.
 - ``"auto"``, the default: the position where that can hold all that the demonstrations ask, else
-  shared.
+  shared.  Also where a limit on the position meets a rule on velocities: before an obstacle a blade
+  that may not turn can only stop.
 
 The rotation alone is no choice step by step: a heading asked for in the middle of each step,
 ``(theta_k + theta_k+1) / 2 = direction``, is passed by as much as it was missed before, for ever.
@@ -59,8 +60,9 @@ def inverse_metric(
     ----------
     system : ConstraintSystem
     metric : "auto", "position", "shared" or 6 positive weights
-        "auto" is "position" where that can hold every constraint all along the demonstrations, and
-        no limit is about turning (a tool that goes on turning cannot stand still for it), else
+        "auto" is "position" where that can hold every constraint all along the demonstrations, no
+        limit is about turning (a tool that goes on turning cannot stand still for it), and no limit
+        on the position meets a rule on velocities (past an obstacle a blade must turn), else
         "shared".
     length : float or None
         L (m); None is the usual one.
@@ -84,6 +86,7 @@ def inverse_metric(
             position = (
                 all(holdable_rows(system, POSITION_ONLY))
                 and not _limits_turning(system.limits)
+                and not _must_steer(system)
                 and all(_position_holds(system.equalities, each) for each in demonstrations)
             )
             name = "position" if position else "shared"
@@ -150,6 +153,11 @@ def _in_position(rows: Floats) -> Floats:
     count = kept.sum(axis=1)
     least = np.take_along_axis(held, np.clip(count, 1, held.shape[1])[:, None] - 1, axis=1)[:, 0]
     return np.where(count == 0, 1.0, np.where(count > 3, 0.0, least))
+
+
+def _must_steer(system: ConstraintSystem) -> bool:
+    """Whether a rule on velocities stands in the way of what a limit on the position asks."""
+    return "position" in system.limits.row_levels and "velocity" in system.equalities.row_levels
 
 
 def _limits_turning(limits: ConstraintSystem) -> bool:

@@ -62,6 +62,8 @@ def nearest(
         first = first or residual
         if residual <= tolerance or residual > _LOST * max(1.0, first):
             break
+        if not np.isfinite(rows[~is_limit]).all():
+            return change, np.inf
         if iteration < approaching:
             change = least_change(rows, rows @ change - value, is_limit, inverse_metric)
         else:

@@ -60,8 +60,9 @@ _REACHED, _STOPPING = 1e-7, 0.1
 """Violation, so relative, up to which a hard limit is kept; how much less that of a stop is."""
 _MISSED, _ROUNDING = 1e-10, 1e-14
 """Residual at which an equality is missed, besides what the rounding of positions makes of it."""
-_SMALL_TURN, _LARGEST_TURN = 0.01, 0.5
-"""Correction of a step's turn (rad) in which rows are near linear, and the longest."""
+_SMALL_TURN, _LARGEST_TURN = 0.02, 0.5
+"""Correction of a step's turn (rad) in which rows are near linear, and the longest: half as much
+lets tools that pass an obstacle slide off their path, twice as much is not always converged."""
 _STRAIGHT = 0.01
 """Largest share of the rotation in corrections of what is left, over that of the position."""
 _STILL = 1e-11
@@ -249,7 +250,7 @@ class _Step:
                 parts = _columns(self.weights, rows, impulses)
                 velocities = self.unconstrained + ca.sum2(parts)
                 if iteration == 0 and self.shared and not self.is_linear:
-                    self._stiffen(ca.sum2(parts)[3:])
+                    self._stiffen(ca.sum2(parts))
             else:
                 # Straight onto the constraint: quadratic, where the nearest point is linear.
                 if self.shared and not self.is_linear:
@@ -278,14 +279,21 @@ class _Step:
             parts += ca.repmat(change / parts.shape[1], 1, parts.shape[1])
         return velocities, impulses, parts, yielding
 
-    def _stiffen(self, turning: Expression) -> None:
+    def _stiffen(self, change: Expression) -> None:
         """Weigh rotation more where the metric would turn the tool beyond what rows are linear in.
 
         A rotation that is cheap beside a lever would turn it so far that Newton's method, of few
-        passes, does not converge; the position takes over what the rotation leaves.
+        passes, does not converge; the position takes over what the rotation leaves.  A row whose
+        correction is the rotation's by r, the position's by 1 (in the metric), turns by ``f (1 + r)
+        / (1 + f r)`` times as much with the rotation's inverse weights times f: that f is taken
+        which leaves the small turn.
         """
-        turn = self.s.time_step * ca.norm_2(turning + _SMALLEST_PIVOT)
-        factor = ca.fmin(1, (_SMALL_TURN / (turn + _SMALLEST_PIVOT)) ** 2)
+        turn = self.s.time_step * ca.norm_2(change[3:] + _SMALLEST_PIVOT)
+        masses = ca.DM([1 / weight if weight else 0.0 for weight in self.metric])
+        work = masses * change**2
+        ratio = ca.sum1(work[3:]) / (ca.sum1(work[:3]) + _SMALLEST_PIVOT)
+        left = ca.fmin(1, _SMALL_TURN / (turn + _SMALLEST_PIVOT))
+        factor = left / (1 + ratio * (1 - left))
         self.weights = ca.vertcat(self.weights[:3], factor * self.weights[3:])
 
     def _balance(self, rows: Expression) -> None:
@@ -509,10 +517,12 @@ def _residual_after(
     constraint stays on it to rounding.
 
     The margin of a limit may shrink like that, which is a barrier of relative degree one or two;
-    two things are kept besides.  It never falls below zero from above, however fast the limit is
-    approached (c < 0).  And standing still is always allowed, so that limits which allow rest never
+    three things are kept besides.  It never falls below zero from above, however fast the limit is
+    approached (c < 0).  Standing still is always allowed, so that limits which allow rest never
     contradict each other: at position level no more is asked for than to come no closer, at
-    velocity level no more than not to violate it, unless a rate is named.
+    velocity level no more than not to violate it, unless a rate is named.  And a tool outside of a
+    limit of poses, though its way out is stopped at that rate, comes in as onto an equality, at
+    :attr:`StepSymbols.residual_rate` unless one is named: from rest by d at ``rate d / e`` at most.
     """
     before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
     state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
@@ -541,22 +551,27 @@ def _residual_after(
         if level == "acceleration":
             targets.append(ca.SX(0))
             continue
-        left = ca.exp(-rate * dt)
         if level == "velocity":
             found = middle[i] if values is None else ca.if_else(previous > 0, values[i], now[i])
             asked = ca.exp(-rate * s.kick) * found
             targets.append(asked if named[i] or not is_limit else ca.fmin(asked, 0))
             continue
-        # No step has led to the start; there the velocities tell.
-        change = ca.if_else(
-            previous > 0,
-            (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous,
-            (drift[i] + rate * now[i]) * dt,
-        )
-        asked = left * (now[i] + change)
+
+        def decayed(rate: Expression, i: int = i) -> Expression:
+            # No step has led to the start; there the velocities tell.
+            change = ca.if_else(
+                previous > 0,
+                (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous,
+                (drift[i] + rate * now[i]) * dt,
+            )
+            return ca.exp(-rate * dt) * (now[i] + change)
+
+        asked = decayed(rate)
         if is_limit:
-            kept = ca.fmin(ca.fmax(asked, left * now[i]), now[i])
-            asked = ca.if_else(now[i] >= 0, kept, asked)
+            inside = ca.fmin(ca.fmax(asked, ca.exp(-rate * dt) * now[i]), now[i])
+            slowly = asked if named[i] else decayed(s.residual_rate)
+            outside = ca.fmax(slowly, ca.fmin(asked, now[i]))
+            asked = ca.if_else(now[i] >= 0, inside, outside)
         targets.append(asked)
     return ca.vertcat(*targets)
 

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.boundary import Boundary, end_twist
+from noslip.constraints.declaration import UNITS
 from noslip.projection.band import Band
 from noslip.projection.blend import inverse_left_jacobian, spread
 from noslip.projection.request import Request
@@ -64,6 +65,9 @@ _BARRIER_FALL, _SHORT_STEP_FALL, _LONG_STEP = 0.1, 0.8, 0.7
 """tau relative to the mean of mu s, after steps longer than this fraction, and after others."""
 _LEAST_SLACK = 1e-3
 """First slack of a limit that is violated, relative to the path's mean speed or length."""
+_APPROACH = 0.05
+"""Share of the samples over which a clearance grows from none, at the ends and where a pose is
+fixed."""
 _TO_THE_BOUNDARY = 0.99
 """Share of the way to where a slack or multiplier would vanish that a step may go."""
 
@@ -133,6 +137,12 @@ class Problem:
         # An acceleration is that from the step before a sample to the step after it.
         self.active[-1] &= levels != "acceleration"
         self.slack = np.ones((count, rows))
+        # None at what is fixed, which may lie on a limit.
+        places = [0, count - 1, *(k for k, b in boundaries.items() if b.position is not None)]
+        away = np.abs(np.arange(count)[:, None] - places).min(axis=1) / (_APPROACH * count)
+        units = np.array(self.equalities.row_units + self.limits.row_units, dtype=object)
+        cleared = self.is_limit & (levels == "position") & (units == UNITS["position"])
+        self.clearance = request.clearance * np.minimum(away, 1.0)[:, None] * cleared
 
     def begin_at(self, trajectory: PoseTrajectory) -> None:
         """Take a trajectory as the first guess."""
@@ -205,11 +215,18 @@ class Problem:
         following = np.concatenate([np.arange(1, self.count), [self.count - 1]])
         positions = self.given.positions
         # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
-        velocities = np.diff(positions, axis=0, prepend=positions[:1]) / self.time_step
+        velocities = np.diff(positions, axis=0) / self.time_step
+        # No step leads to the first sample; nothing is asked of one, but a rule may be undefined at
+        # rest: it is taken as the step after it.
+        velocities = np.concatenate([velocities[:1], velocities])
+        earlier = quaternions[previous]
+        first, second = self.reference[0], self.reference[1]
+        earlier[0] = ((first * second.inv()) * first).as_quat(scalar_first=True)
+        earlier[0] *= np.sign(earlier[0] @ quaternions[0])
         times = self.given.times - self.given.times[0] + self.begin
         return np.column_stack(
             [
-                quaternions[previous],
+                earlier,
                 quaternions,
                 quaternions[following],
                 positions,
@@ -236,12 +253,13 @@ class Problem:
         tolerance = np.where(self.is_limit, max(_LIMIT_TOLERANCE, self._tolerance), self._tolerance)
         if heeded.any():
             value, _ = self._constraints.slope(self.z, self.parameters)
-            self.slack = np.where(heeded, np.maximum(value * self.row_scale, _LEAST_SLACK), 1.0)
+            value = (value - self.clearance) * self.row_scale
+            self.slack = np.where(heeded, np.maximum(value, _LEAST_SLACK), 1.0)
             multipliers = np.where(heeded, -barrier / self.slack, 0.0)
         converged, iteration, step_size = False, 0, np.inf
         for iteration in range(max_iterations + 1):
             value, jacobian = self._constraints.slope(self.z, self.parameters)
-            value = np.where(self.active, value * self.row_scale, 0.0)
+            value = np.where(self.active, (value - self.clearance) * self.row_scale, 0.0)
             missed = np.where(heeded, value - self.slack, value)
             residual = float(np.max(np.abs(missed) / tolerance, initial=0.0))
             if not np.isfinite(residual) or stuck > _MOST_STUCK:

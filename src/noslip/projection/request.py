@@ -85,6 +85,8 @@ class Request(Value):
         Time at the first sample (s), for constraints that depend on it.
     max_iterations : int
         Newton steps in the first attempt.
+    clearance : float
+        Kept from limits that the reference violates, where they are lengths (m).
 
     Raises
     ------
@@ -99,6 +101,7 @@ class Request(Value):
     hold_position: bool = False
     begin: float = 0.0
     max_iterations: int = MAX_ITERATIONS
+    clearance: float = 0.0
 
     def __post_init__(self) -> None:
         reference = self.reference

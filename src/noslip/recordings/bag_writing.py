@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from noslip._extras import need
 from noslip._typing import Floats
 from noslip.errors import InputError
-from noslip.recordings._extras import need
 from noslip.recordings.joints import checked_joints
 from noslip.trajectory import PoseTrajectory
 

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from noslip._extras import need
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import listed
-from noslip.recordings._extras import need, reading
 from noslip.recordings._format import Format
+from noslip.recordings._reading import reading
 from noslip.recordings.bag_writing import write_bag
 from noslip.recordings.transforms import Key, Link, Series, links_text, resolve
 from noslip.trajectory import PoseTrajectory

@@ -139,15 +139,14 @@ def _places(
     if name not in available:
         raise RecordingError(f"{where}: no column {name or entry}; found {_described(available)}")
     column = available[name]
-    for part in inside.split(",") if bracket else [":"]:
-        inside_column = _inside(part.strip(), column)
-        if not inside_column:
+    for part in map(str.strip, inside.split(",") if bracket else [":"]):
+        places = _inside(part, column)
+        if not places:
             raise RecordingError(
-                f"{where}: column {name} has nothing at [{part.strip()}]; it is "
+                f"{where}: column {name} has nothing at [{part}]; it is "
                 f"{column.described(name)}, places count from 0"
             )
-        for place in inside_column:
-            yield name, place
+        yield from ((name, place) for place in places)
 
 
 def _inside(part: str, column: Column) -> range:

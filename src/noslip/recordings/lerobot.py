@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from noslip._extras import need
 from noslip._files import read_text
 from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError
 from noslip.recordings._episodes import chosen_episodes
-from noslip.recordings._extras import need
 from noslip.recordings._format import Format
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.recordings.tables import arrow_table, numbers

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from noslip._extras import need
 from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import listed
 from noslip.recordings._episodes import chosen_episodes
-from noslip.recordings._extras import need, reading
 from noslip.recordings._format import Format
+from noslip.recordings._reading import reading
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.trajectory import PoseTrajectory
 
@@ -69,10 +70,8 @@ def read_robomimic(
 
 def _demos(data: Any) -> dict[int, str]:
     """Return the names of the demonstrations by number, in order."""
-    numbered = {
-        int(name[5:]): name for name in data if name[:5] == "demo_" and name[5:].isdecimal()
-    }
-    return dict(sorted(numbered.items()))
+    found = {name.removeprefix("demo_"): name for name in data if name.startswith("demo_")}
+    return {int(k): found[k] for k in sorted(filter(str.isdecimal, found), key=int)}
 
 
 def _frequency(path: Path, data: Any) -> float:

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from noslip._extras import need
 from noslip._files import read_bytes, write_beside
 from noslip._pose_checks import Source
 from noslip._pose_csv import POSE, QUATERNION, TIME, pose_layout, poses_of_columns
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import plural
-from noslip.recordings._extras import need, reading
 from noslip.recordings._format import Format
+from noslip.recordings._reading import reading
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.trajectory import PoseTrajectory
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import shlex
 from collections.abc import Callable, Sequence
 from inspect import signature
@@ -10,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from noslip.adapting import adapt
-from noslip.constraints.declaration import Constraint, described, is_registered
+from noslip.constraints.declaration import Constraint, given_arguments, is_registered
 from noslip.constraints.expression import Instructions
-from noslip.edge import Edge
 from noslip.learning import learn
 from noslip.primitive import ConstrainedDMP
 from noslip.provenance import Origin
@@ -24,19 +22,11 @@ OWN = "YOUR_RULES.py:NAME"
 def declaration(constraint: Constraint) -> str:
     """Return what ``--constraint`` takes for a constraint; of a user's own, what it is called."""
     if _is_own(constraint):
-        return described(constraint)
-    # What a constraint is about comes first, what all limits share last.
-    fields = sorted(dataclasses.fields(constraint), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
-    arguments = []
-    for field in fields:
-        value = getattr(constraint, field.name)
-        factory = field.default_factory
-        default = field.default if factory is dataclasses.MISSING else factory()
-        if isinstance(value, Edge):
-            value = value.travel
-        if value != default:
-            text = declaration(value) if isinstance(value, Constraint) else value
-            arguments.append(f"{field.name}={text!r}")
+        return repr(constraint)
+    arguments = [
+        f"{name}={declaration(value) if isinstance(value, Constraint) else value!r}"
+        for name, value in given_arguments(constraint).items()
+    ]
     name = type(constraint).name
     return f"{name}({', '.join(arguments)})" if arguments else name
 

@@ -71,7 +71,8 @@ def report(
 
     files = [str(primitive), *(name for name in sources if Path(name).is_file())]
     names = [record.demonstration for record in dmp.record]
-    title, rest = _split(_title(motions, dmp))
+    # The first sentence, and what it goes on with.
+    title, _, rest = _title(motions, dmp).partition(".  ")
     tables = [
         files_table(files),
         *recordings_tables(dmp, shown, motion),
@@ -103,12 +104,6 @@ def _title(motions: Mapping[str, PoseTrajectory], dmp: ConstrainedDMP) -> str:
     rows = residual_rows({first: motions[first], "learned motion": motion}, dmp.system)
     # Figures escape what their formulas begin with.
     return printable(finding(rows).replace(r"\$", "$"))
-
-
-def _split(title: str) -> tuple[str, str]:
-    """Return the first sentence of a finding, and what it goes on with."""
-    first, _, rest = title.partition(".  ")
-    return first, rest
 
 
 def _lead(dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory]) -> str:

@@ -6,10 +6,10 @@ import base64
 from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
+from noslip._extras import need
 from noslip._files import write_beside
 from noslip.errors import InputError, MissingDependencyError
 from noslip.figures.style import rendered
@@ -19,8 +19,6 @@ SUFFIXES = (".html", ".pdf")
 """Of what a report can be."""
 LARGEST_SVG = 600_000
 """Bytes of a figure as SVG from which it becomes a PNG: a browser is slow with more."""
-MISSING = "a report needs {}: pip install 'noslip[report]'"
-"""What the extra is for, to be filled in with the package."""
 
 
 def write_report(report: Report, paths: Iterable[str | Path]) -> list[Path]:
@@ -49,10 +47,7 @@ def checked_path(path: str | Path) -> Path:
 
 def to_html(report: Report) -> str:
     """Return a report as one HTML page, its figures inside: SVG, or PNG where that is large."""
-    try:
-        import jinja2
-    except ImportError as error:
-        raise MissingDependencyError(MISSING.format("jinja2")) from error
+    jinja2 = need("a report", "jinja2", "report")
     page = files(__package__).joinpath("report.html.jinja").read_text("utf-8")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -71,7 +66,7 @@ def to_html(report: Report) -> str:
         }
         for picture in report.pictures
     ]
-    return environment.from_string(page).render(report=report, pictures=pictures)
+    return str(environment.from_string(page).render(report=report, pictures=pictures))
 
 
 def to_pdf(report: Report) -> bytes:
@@ -81,16 +76,13 @@ def to_pdf(report: Report) -> bytes:
 
 def _pdf(html: str) -> bytes:
     try:
-        import weasyprint  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise MissingDependencyError(MISSING.format("weasyprint for PDF")) from error
+        weasyprint = need("a report as PDF", "weasyprint", "report")
     except OSError as error:
         raise MissingDependencyError(
             f"weasyprint does not find Pango ({error}); install it (Debian: libpango-1.0-0 "
             "libpangoft2-1.0-0), or write .html and print that"
         ) from error
-    content: Any = weasyprint.HTML(string=html).write_pdf()
-    return bytes(content)
+    return bytes(weasyprint.HTML(string=html).write_pdf())
 
 
 def _data_uri(figure: Figure) -> str:

@@ -7,19 +7,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from noslip import figures
 from noslip.constraints.blade import Blade
-from noslip.figures import (
-    blade_snapshots,
-    column_figure,
-    compare_motions,
-    constraint_history,
-    demonstration_spread,
-    learned_spread,
-    orientation_adjustments,
-    plot_speed,
-)
+from noslip.figures import style
 from noslip.figures.quantities import value_text
-from noslip.figures.style import name_lines, write_title
 from noslip.primitive import ConstrainedDMP
 from noslip.reporting.values import Picture
 from noslip.runtime.motion import Motion
@@ -40,34 +31,34 @@ def pictures(
         (
             True,
             "Where the motions go, how they turn, and how well the constraints hold.",
-            lambda: compare_motions(motions, held),
+            lambda: figures.compare_motions(motions, held),
         ),
         (True, "How fast the tool moves and turns.", lambda: _speeds(motions)),
         (
             bool(held),
             "Of each constraint: residual or margin, multiplier, and the acceleration it adds.",
-            lambda: constraint_history(motion, held),
+            lambda: figures.constraint_history(motion, held),
         ),
         (
             # The snapshots' blade has its edge along x and its side along y.
             Blade() in held,
             "The blade along the path, colored by the share of its speed that goes sideways.",
-            lambda: blade_snapshots(pair),
+            lambda: figures.blade_snapshots(pair),
         ),
         (
             count > 1,
             "The recordings, their mean and one standard deviation.",
-            lambda: demonstration_spread(demonstrations, held),
+            lambda: figures.demonstration_spread(demonstrations, held),
         ),
         (
             count > 0,
             "How far the learned motion is turned from each recording.",
-            lambda: orientation_adjustments(demonstrations, [motion] * count),
+            lambda: figures.orientation_adjustments(demonstrations, [motion] * count),
         ),
         (
             dmp.spread is not None,
             "How far the recordings lie apart along the motion, starts and goals aside.",
-            lambda: learned_spread(dmp),
+            lambda: figures.learned_spread(dmp),
         ),
     ]
     wanted = [(caption, draw) for applies, caption, draw in draws if applies]
@@ -78,16 +69,16 @@ def pictures(
 
 
 def _speeds(motions: Mapping[str, PoseTrajectory]) -> Figure:
-    figure = column_figure(2)
+    figure = figures.column_figure(2)
     linear, angular = figure.subplots(1, 2)
-    plot_speed(linear, motions)
-    plot_speed(angular, motions, "angular")
-    name_lines(figure, motions)
+    figures.plot_speed(linear, motions)
+    figures.plot_speed(angular, motions, "angular")
+    style.name_lines(figure, motions)
     moving, turning = (
         float(np.linalg.norm(velocities, axis=1).max())
         for velocities in motions["optimized"].step_velocities()
     )
-    write_title(
+    style.write_title(
         figure,
         f"Optimized moves at up to {value_text(moving, 'm/s')} and turns at up to "
         f"{value_text(turning, 'rad/s')}",

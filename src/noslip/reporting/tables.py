@@ -10,7 +10,7 @@ from pathlib import Path
 
 from noslip._version import __version__
 from noslip.boundary import Boundary
-from noslip.constraints.check import TOLERANCE, CheckReport, ConstraintCheck, check
+from noslip.constraints.check import SLIP_SHARE, TOLERANCE, CheckReport, ConstraintCheck, check
 from noslip.errors import InputError
 from noslip.figures.family import end_errors
 from noslip.figures.quantities import value_text
@@ -90,23 +90,15 @@ def constraints_tables(
         return []
     before = [check(motion, dmp.constraints) for motion in demonstrations or [regular]]
     rows: list[tuple[Cell, ...]] = []
-    for index, (constraint, after) in enumerate(
-        zip(dmp.constraints, verdict.constraints, strict=True)
-    ):
-        worst = max((report.constraints[index] for report in before), key=_violation)
+    found = [report.constraints for report in (verdict, *before)]
+    for constraint, after, *others in zip(dmp.constraints, *found, strict=True):
+        worst = max(others, key=lambda one: one.peak if one.margin is None else -one.margin)
         kind = f"{constraint.level} equality"
         if constraint.relation == "nonnegative":
             soft = f"soft limit, priority {constraint.priority}" if constraint.priority else "limit"
             kind = f"{constraint.level} {soft}"
-        rows.append(
-            (
-                printable(declaration(constraint)),
-                kind,
-                _extreme(worst),
-                _extreme(after),
-                after.verdict,
-            )
-        )
+        name = printable(declaration(constraint))
+        rows.append((name, kind, _extreme(worst), _extreme(after), after.verdict))
     who = "as demonstrated" if demonstrations else "regular"
     return [
         Table(
@@ -114,13 +106,10 @@ def constraints_tables(
             ("declaration", "kind", who, "learned", "verdict"),
             tuple(rows),
             "Of an equality the largest residual of all steps, of a limit the least margin (below "
-            f"zero: violated).  Holds: not violated by more than {TOLERANCE:g}, in SI units.",
+            f"zero: violated).  Holds: not violated by more than {TOLERANCE:g}, in SI units, and "
+            f"slips at most {SLIP_SHARE:.0%} of its way.",
         )
     ]
-
-
-def _violation(result: ConstraintCheck) -> float:
-    return result.peak if result.margin is None else -result.margin
 
 
 def _extreme(result: ConstraintCheck) -> Value:

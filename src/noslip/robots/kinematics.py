@@ -119,7 +119,6 @@ class Chord:
 class Bounds:
     """Bounds of the joints' velocity over a step, by what sets them; arrays of shape (n,)."""
 
-    kinds = ("position", "velocity", "acceleration")
     lower: Floats
     upper: Floats
     by_kind: dict[str, tuple[Floats, Floats]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 import threading
@@ -19,8 +18,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._extras import need
 from noslip._typing import Floats
-from noslip.errors import InputError, MissingDependencyError
+from noslip.errors import InputError
 
 TABLE_SIZE = (1.2, 1.2, 0.02)
 """Half sizes of the table (m): wider than an arm of a meter reaches to one side."""
@@ -37,10 +37,7 @@ def required(module: str) -> Any:
     """Import a library of the extra ``robots``."""
     if module == "mujoco" and module not in sys.modules:
         _choose_drawing()
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise MissingDependencyError(f"arms need {module}: pip install 'noslip[robots]'") from error
+    return need("arms", module, "robots")
 
 
 def _choose_drawing() -> None:
@@ -364,11 +361,11 @@ def _keyframe(spec: Any, chain: Sequence[Any]) -> Floats | None:
 
 
 def _numeric(name: str, model: Any, field: str) -> Floats:
-    for k in range(model.nnumeric):
-        numeric = model.numeric(k)
-        if numeric.name == field:
-            return _limits(f"{name}: {field}", numeric.data, model.nv)
-    return np.full(model.nv, np.inf)
+    try:
+        given = model.numeric(field).data
+    except KeyError:
+        return np.full(model.nv, np.inf)
+    return _limits(f"{name}: {field}", given, model.nv)
 
 
 def _limits(name: str, value: ArrayLike, size: int) -> Floats:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from noslip._extras import need
 from noslip._files import write_beside
 from noslip._typing import Floats
 from noslip.errors import InputError, MissingDependencyError
@@ -47,11 +48,8 @@ def render(
     path = Path(path)
     if path.suffix != ".mp4":
         raise InputError(f"{path}: a video ends in .mp4")
-    try:
-        writer = required("imageio.v2")
-        required("imageio_ffmpeg")
-    except MissingDependencyError as error:
-        raise MissingDependencyError("videos need imageio: pip install 'noslip[video]'") from error
+    writer = need("videos", "imageio.v2", "video")
+    need("videos", "imageio_ffmpeg", "video")
     instants = np.arange(times[0], min(times[-1], times[0] + seconds), 1 / FRAMES_PER_SECOND)
     shown = joint_positions[np.searchsorted(times, instants)]
     beads, _ = robot.forward(joint_positions[:: max(1, len(times) // 120)])

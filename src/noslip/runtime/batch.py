@@ -16,9 +16,11 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.codegen.library import Library
 from noslip.errors import InputError
+from noslip.law.entry import GoalForm
 from noslip.law.law import Law
-from noslip.law.layout import BEGINNING, FORCE, POINT, STATE
+from noslip.law.layout import BEGINNING, DRIVE, POINT, STATE
 from noslip.rule import Rule
+from noslip.runtime.lost import require_defined
 from noslip.runtime.numbers import Struct
 from noslip.runtime.rollout import ProjectStart, initial_state, steps_ahead
 from noslip.runtime.stepper import stepper_of
@@ -109,6 +111,7 @@ def rollout_many(
     steps: int | None = None,
     project_start: ProjectStart = "velocity",
     pull_in: float | None = None,
+    goal_form: GoalForm = "minimum-jerk",
     jobs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Motions:
@@ -128,7 +131,7 @@ def rollout_many(
         Seconds.  What is given at all is given for each motion.
     steps : int, optional
         Of each motion; the primitive's own by default.
-    project_start, pull_in
+    project_start, pull_in, goal_form
         As for :func:`noslip.runtime.rollout.rollout`.
     jobs : int, optional
         Threads; by default as many as this process may use cores.
@@ -160,7 +163,7 @@ def rollout_many(
     steps = law.steps if steps is None else _arguments.count("steps", steps)
     workers = cores() if jobs is None else _arguments.count("jobs", jobs, 1024)
 
-    firsts, beginnings = _beginnings(law, rule, count, given, project_start, pull_in)
+    firsts, beginnings = _beginnings(law, rule, count, given, project_start, pull_in, goal_form)
     states = np.empty((count, steps + 1, firsts.shape[1]))
     states[:, 0] = firsts
     library = stepper_of(rule).native.wait()
@@ -173,9 +176,13 @@ def rollout_many(
         chunk = states[first : first + _TOGETHER]
         if not np.isfinite(chunk).all():
             finite = np.isfinite(chunk).all(axis=(1, 2))
+            lost = first + int(np.argmin(finite))
+            duration = beginnings[lost, BEGINNING.index("duration")]
+            times = np.linspace(law.begin, law.begin + duration, len(states[lost]))
+            require_defined(rule.system, times, states[lost])
             raise InputError(
-                f"motion {first + int(np.argmin(finite))} is not finite; its start, goal or "
-                "duration is out of what can be computed with"
+                f"motion {lost} is not finite; its start, goal or duration is out of what can be "
+                "computed with"
             )
     margins = STATE.size + rule.system.equalities.size
     return Motions(
@@ -223,6 +230,7 @@ def _beginnings(
     given: dict[str, Floats | None],
     project_start: ProjectStart,
     pull_in: float | None,
+    goal_form: GoalForm,
 ) -> tuple[Floats, Floats]:
     """First samples, as steps carry them, and what else ``noslip_rollouts`` wants of each."""
 
@@ -255,13 +263,21 @@ def _beginnings(
             project_start=project_start,
             pull_in=pull_in,
         )
-        found.append([state.duration, state.pull_in, *state.carried(rule.system)])
+        first = state.first_goal_rotation.as_quat(scalar_first=True)
+        clock = [state.duration, state.pull_in]
+        found.append([*state.first_goal_position, *first, *clock, *state.carried(rule.system)])
     begun = np.array(found)[which.ravel()]
-    goals = [
-        column("goals", law.goal_position),
-        column("goal_rotations", law.goal_rotation.as_quat(scalar_first=True)),
-    ]
-    return begun[:, 2:], np.hstack([*goals, begun[:, :2]])
+    goals = np.hstack(
+        [
+            column("goals", law.goal_position),
+            column("goal_rotations", law.goal_rotation.as_quat(scalar_first=True)),
+        ]
+    )
+    own_columns, firsts = np.split(begun, [BEGINNING.size - goals.shape[1]], axis=1)
+    beginnings = np.hstack([goals, own_columns])
+    if goal_form == "paper":
+        beginnings[:, BEGINNING.span("first_goal_position", "first_goal_quaternion")] = goals
+    return firsts, beginnings
 
 
 def _together(
@@ -274,14 +290,14 @@ def _together(
     tell: Callable[[int, int], None],
 ) -> None:
     count, steps = len(states), states.shape[1] - 1
-    struct, forces = Struct(law, rule), np.empty((steps, FORCE.size))
-    library.forces(struct.address, steps, forces.ctypes.data)
+    struct, drives = Struct(law, rule), np.empty((steps, DRIVE.size))
+    library.drives(struct.address, steps, drives.ctypes.data)
 
     def run(first: int) -> int:
         last = min(first + _TOGETHER, count)
         library.rollouts(
             struct.address,
-            forces.ctypes.data,
+            drives.ctypes.data,
             beginnings[first:last].ctypes.data,
             last - first,
             steps,
@@ -312,6 +328,8 @@ def _one_by_one(
             own,
             goal_position=begun["goal_position"],
             goal_rotation=begun["goal_quaternion"],
+            first_goal_position=begun["first_goal_position"],
+            first_goal_rotation=begun["first_goal_quaternion"],
             duration=begun["duration"].item(),
             pull_in=begun["pull_in"].item(),
             constraint_residuals=states[index, 0, residuals],

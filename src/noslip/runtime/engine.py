@@ -9,6 +9,7 @@ from math import ceil, exp, isfinite
 
 import numpy as np
 
+from noslip._typing import Floats
 from noslip.codegen.library import Library
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
@@ -16,6 +17,7 @@ from noslip.law.clock import Phase
 from noslip.law.law import Law
 from noslip.law.layout import STATE, STEP, VELOCITY, memory_layout
 from noslip.rule import Rule
+from noslip.runtime.lost import require_defined
 from noslip.runtime.numbers import Struct
 from noslip.runtime.rollout import steps_ahead
 from noslip.runtime.state import State
@@ -23,8 +25,9 @@ from noslip.runtime.stepper import stepper_of
 
 _PLACES = memory_layout(0)
 """Before the constraints' rows, places are alike for all of them."""
-TIME, FRACTION, PREVIOUS_STEP, DURATION, PULL_IN = (
-    _PLACES.index(name) for name in ("time", "fraction", "previous_step", "duration", "pull_in")
+TIME, FRACTION, PREVIOUS_STEP, DURATION, PULL_IN, BRAKING = (
+    _PLACES.index(name)
+    for name in ("time", "fraction", "previous_step", "duration", "pull_in", "braking")
 )
 POSITION, QUATERNION, LINEAR, ANGULAR = (_PLACES[name] for name in STATE)
 MOVING = _PLACES.span("position", "angular_velocity")
@@ -33,6 +36,9 @@ VELOCITIES = _PLACES.span("linear_velocity", "angular_velocity")
 GOAL_POSITION, GOAL_QUATERNION, STEERING, ACCELERATION, FORCE = (
     _PLACES[name]
     for name in ("goal_position", "goal_quaternion", "steering", "acceleration", "force")
+)
+FIRST_GOAL_POSITION, FIRST_GOAL_QUATERNION = (
+    _PLACES[f"first_{name}"] for name in ("goal_position", "goal_quaternion")
 )
 _OFFSET, _KICK = STEP["rotation_offset"], STEP.index("kick")
 _MOST_ROWS_AHEAD = 256
@@ -81,9 +87,11 @@ class Memory:
         carried = state.carried(self._system)
         data[MOVING], data[self.values] = np.split(carried, [STATE.size])
         data[PREVIOUS_STEP], data[DURATION] = state.previous_step, state.duration
-        data[PULL_IN] = state.pull_in
+        data[PULL_IN], data[BRAKING] = state.pull_in, state.braking
         data[GOAL_POSITION] = state.goal_position
         data[GOAL_QUATERNION] = state.goal_rotation.as_quat(scalar_first=True)
+        data[FIRST_GOAL_POSITION] = state.first_goal_position
+        data[FIRST_GOAL_QUATERNION] = state.first_goal_rotation.as_quat(scalar_first=True)
         data[STEERING] = state.steering
         data[ACCELERATION], data[FORCE] = state.acceleration, state.constraint_forces
         # A state made by hand may come without.
@@ -111,7 +119,10 @@ class Memory:
             duration=data.item(DURATION),
             goal_position=data[GOAL_POSITION],
             _goal_rotation=data[GOAL_QUATERNION],
+            first_goal_position=data[FIRST_GOAL_POSITION],
+            _first_goal_rotation=data[FIRST_GOAL_QUATERNION],
             pull_in=data.item(PULL_IN),
+            braking=data.item(BRAKING),
             steering=NO_STEERING,
             constraint_residuals=data[self.equalities],
             multipliers=data[self.multipliers],
@@ -140,14 +151,21 @@ class Compiled:
         self._struct = Struct(law, rule)
         if (self._struct.size, memory.data.nbytes) != library.sizes:
             raise NoslipError(f"{library.path}: another layout than expected; remove the file")
-        self._memory = memory
+        self._memory, self._system = memory, rule.system
         self._step = library.step
         self._primitive, self._state = self._struct.address, memory.data.ctypes.data
 
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
         if self._step(self._primitive, self._state, time_step):
-            raise InputError(NOT_FINITE)
+            raise _lost(self._system, self._memory.data, time_step)
+
+
+def _lost(system: ConstraintSystem, data: Floats, time_step: float) -> InputError:
+    """Say whose fault it is that a step is not finite."""
+    states = np.stack([data[MOVING], np.full(STATE.size, np.nan)])
+    require_defined(system, data[TIME] + np.array([0.0, time_step]), states)
+    return InputError(NOT_FINITE)
 
 
 class Virtual:
@@ -181,37 +199,47 @@ class Virtual:
         self._buffer, self._values = buffer, memory.values
         # All the way to the end, of steps as they are meant to be.
         fraction, duration = memory.data.item(FRACTION), memory.data.item(DURATION)
-        self._ahead = max(1, ceil((1 - fraction) * duration / time_step)) + 1
+        self._ahead = max(1, ceil((1 - fraction) * duration / time_step))
         self._table = steps_ahead(law, rule, memory.state(), self._ahead, time_step)
         self._next, self._expected = 0, (fraction, duration, time_step)
 
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
         data, h = self._memory.data, time_step
-        fraction, duration = data[FRACTION], data[DURATION]
-        if self._next == len(self._table) or self._expected != (fraction, duration, h):
-            self._look_ahead(h)
+        fraction, duration = data.item(FRACTION), data.item(DURATION)
+        share = h / duration
+        over = self._law.clock.is_over(fraction)
+        if over:
+            _, after_step = self._law.clock.slowed(fraction, h, duration, data.item(BRAKING))
+        else:
+            # The last step ends where the motion does; a whole one would go beyond.
+            if share > 1 - fraction:
+                share = 1 - fraction
+                h = share * duration
+            after_step = fraction + share
+        if over or self._next == len(self._table) or self._expected != (fraction, duration, h):
+            self._look_ahead(h, over)
         self._row[:] = self._table[self._next]
         self._row[_OFFSET] += data[STEERING]
         self._now[: STATE.size], self._now[STATE.size :] = data[MOVING], data[self._values]
         self._evaluate()
         after, output, columns = self._after, self._output, self._columns
         if not isfinite(after[: STATE.size].sum()):
-            raise InputError(NOT_FINITE)
+            raise _lost(self._rule.system, data, h)
         np.subtract(after[VELOCITY], self._now[VELOCITY], out=self._change)
         np.multiply(self._change, 1 / self._row[_KICK], out=data[ACCELERATION])
         data[MOVING], data[self._values] = after[: STATE.size], after[STATE.size :]
         data[FORCE] = output[columns["force"]]
         data[self._memory.all_multipliers] = output[columns["multipliers"]]
         data[TIME] += h
-        data[FRACTION] = fraction + h / duration
+        data[FRACTION] = after_step
         data[PREVIOUS_STEP] = h
         self._next += 1
-        self._expected = (data[FRACTION], duration, h)
+        self._expected = (after_step, duration, h)
 
-    def _look_ahead(self, time_step: float) -> None:
+    def _look_ahead(self, time_step: float, over: bool) -> None:
         used_up = 0 < len(self._table) == self._next and self._expected[2] == time_step
-        self._ahead = min(2 * self._ahead, _MOST_ROWS_AHEAD) if used_up else 1
+        self._ahead = min(2 * self._ahead, _MOST_ROWS_AHEAD) if used_up and not over else 1
         self._table = steps_ahead(
             self._law, self._rule, self._memory.state(), self._ahead, time_step
         )

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip._values import Value
+from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.law.layout import STATE, STEP
 from noslip.rule import Rule
@@ -218,6 +219,20 @@ class Motion(PoseTrajectory):
         if not columns:
             raise InputError(f"no constraint {name!r} took part; there are {', '.join(names)}")
         return np.asarray(self.row_forces[:, columns].sum(axis=1))
+
+    def _facts(self) -> dict[str, str]:
+        """What a notebook tells of it: also what each row of the constraints comes to."""
+        held = dict(zip(self.constraint_names, np.abs(self.constraint_residuals).T, strict=True))
+        left = dict(zip(self.limit_names, self.margins.T, strict=True))
+        return (
+            super()._facts()
+            | {"ends off its goal by": residual_text(self.end_error, "m")}
+            | {f"{name}, residual": residual_text(max(row), "1") for name, row in held.items()}
+            | {
+                f"{name}, least margin": "0" if abs(min(row)) < HELD else f"{min(row):.3g}"
+                for name, row in left.items()
+            }
+        )
 
     @property
     def gave_way(self) -> tuple[GaveWay, ...]:

@@ -15,14 +15,17 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
+from noslip.law.entry import GoalForm
 from noslip.law.law import Law
 from noslip.law.layout import CLOCK, FORCE, STATE, STEP, VELOCITY
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
+from noslip.runtime.lost import require_defined
 from noslip.runtime.motion import Asked, Motion
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
+from noslip.runtime.timing import require_time, timed
 
 T = TypeVar("T")
 
@@ -47,6 +50,7 @@ def rollout(
     time_step: float | None = None,
     project_start: ProjectStart = "velocity",
     pull_in: float | None = None,
+    goal_form: GoalForm = "minimum-jerk",
 ) -> Motion:
     """Integrate from the start to the end of the duration.
 
@@ -58,33 +62,52 @@ def rollout(
         Meters; the demonstrated ones by default.
     goal_rotation, start_rotation : Rotation, optional
     duration : float, optional
-        tau (s).  The motion keeps its shape; only its speed changes.
+        tau (s).  The motion keeps its shape; only its speed changes.  Soft limits on that speed
+        may then give way, with a warning.
     time_step : float, optional
-        Seconds.  By default the motion has as many samples as the demonstration (200 or more),
-        whatever its duration.  If the duration is no multiple of it, the last step is shorter.
+        Seconds.  By default the motion has the steps that it was planned on, whatever its duration:
+        those of the demonstration, or a multiple (200 or more, and 4 a basis function).  If the
+        duration is no multiple of it, the last step is shorter.
     project_start : "velocity", "pose" or "nothing"
         What of a start that violates the constraints is replaced by the nearest that does not.  By
         default the velocity (as in the paper).
     pull_in : float, optional
         Rate (1/s) at which what is still violated then decays, as ``exp(-rate t)``; by default the
         rule's ``stabilization`` over the duration.
+    goal_form : "minimum-jerk" or "paper"
+        How a start and goal that are given take the place of the learned ones: along a minimum-jerk
+        blend; or the goal draws from the start on as in the paper's eqs. 1 and 4, which may lead
+        backwards first.  See :mod:`noslip.law.entry`.
 
     Returns
     -------
     Motion
         ``times`` start at 0, or where a re-planned motion begins.
+
+    Raises
+    ------
+    MissedError
+        If a hard limit on velocities or accelerations cannot be kept in the duration given; the
+        message says in which it can.
     """
-    state = initial_state(
-        law,
-        rule,
-        goal_position=goal_position,
-        goal_rotation=goal_rotation,
-        start_position=start_position,
-        start_rotation=start_rotation,
-        duration=duration,
-        project_start=project_start,
-        pull_in=pull_in,
-    )
+    options: dict[str, Any] = {
+        "goal_position": goal_position,
+        "goal_rotation": goal_rotation,
+        "start_position": start_position,
+        "start_rotation": start_rotation,
+        "project_start": project_start,
+        "pull_in": pull_in,
+        "goal_form": goal_form,
+    }
+    state = initial_state(law, rule, duration=duration, **options)
+    if state.duration < law.duration and any(timed(rule.system)):
+        usual = motion_from(law, rule, initial_state(law, rule, **options))
+        require_time(usual, rule.system, state.duration)
+    return motion_from(law, rule, state, time_step)
+
+
+def motion_from(law: Law, rule: Rule, state: State, time_step: float | None = None) -> Motion:
+    """Return the whole motion from an initial state; ``time_step`` is that of :func:`rollout`."""
     if time_step is None:
         steps = law.steps
         time_step = state.duration / steps
@@ -97,6 +120,11 @@ def rollout(
             )
         wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
         steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
+    return integrate(law, rule, state, steps, time_step)
+
+
+def integrate(law: Law, rule: Rule, state: State, steps: int, time_step: float) -> Motion:
+    """Carry a state to the end of its duration, in steps of which the last may be shorter."""
     stepper, system = stepper_of(rule), rule.system
     states = np.empty((steps + 1, stepper.carried.size))
     # The acceleration of the first sample is that of the step which leaves it.
@@ -106,6 +134,7 @@ def rollout(
     times[-1] = state.time + state.duration
     table = _table(law, rule, state, times, time_step)
     stepper.run(states[0], table, states[1:], outputs[1:])
+    require_defined(system, times, states)
     outputs[0] = outputs[1]
     return Motion.of_steps(
         times,
@@ -128,12 +157,16 @@ def initial_state(
     duration: float | None = None,
     project_start: ProjectStart = "velocity",
     pull_in: float | None = None,
+    goal_form: GoalForm = "minimum-jerk",
 ) -> State:
     """Return the state to :func:`step` from; the arguments are those of :func:`rollout`."""
     if project_start not in get_args(ProjectStart):
         raise InputError(
             f"project_start is one of {', '.join(get_args(ProjectStart))}; got {project_start!r}"
         )
+
+    if goal_form not in get_args(GoalForm):
+        raise InputError(f"goal_form is one of {', '.join(get_args(GoalForm))}; got {goal_form!r}")
 
     def chosen(check: Callable[[str, Any], T], name: str, value: Any, default: T) -> T:
         return default if value is None else check(name, value)
@@ -143,17 +176,31 @@ def initial_state(
         tau = _arguments.positive("duration", duration, "seconds")
     vector, rotation = _arguments.vector, _arguments.rotation
     velocity = law.start_velocity / tau
+    start_position = chosen(vector, "start_position", start_position, law.start_position)
+    start_rotation = chosen(rotation, "start_rotation", start_rotation, law.start_rotation)
+    goal_position = chosen(vector, "goal_position", goal_position, law.goal_position)
+    goal_rotation = chosen(rotation, "goal_rotation", goal_rotation, law.goal_rotation)
+    first_position, first_rotation = goal_position, goal_rotation
+    if goal_form == "minimum-jerk":
+        # Where the learned way leads from the start; to the last bit, if both are the learned ones.
+        first_position, first_rotation = law.goal_position, law.goal_rotation
+        if start_position is not law.start_position:
+            first_position = first_position + (start_position - law.start_position)
+        if start_rotation is not law.start_rotation:
+            first_rotation = first_rotation * (law.start_rotation.inv() * start_rotation)
     state = State(
         time=law.begin,
         phase=1.0,
-        position=chosen(vector, "start_position", start_position, law.start_position),
-        rotation=chosen(rotation, "start_rotation", start_rotation, law.start_rotation),
+        position=start_position,
+        rotation=start_rotation,
         linear_velocity=velocity[FORCE["linear"]],
         angular_velocity=velocity[FORCE["angular"]],
         previous_step=0.0,
         duration=tau,
-        goal_position=chosen(vector, "goal_position", goal_position, law.goal_position),
-        goal_rotation=chosen(rotation, "goal_rotation", goal_rotation, law.goal_rotation),
+        goal_position=goal_position,
+        goal_rotation=goal_rotation,
+        first_goal_position=first_position,
+        first_goal_rotation=first_rotation,
         pull_in=chosen(_arguments.not_negative, "pull_in", pull_in, rule.stabilization / tau),
     )
     return _admissible(rule, state, project_start) if rule.system.size else state
@@ -162,17 +209,26 @@ def initial_state(
 def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
     """Carry a state over one time step (s); the same motion as :func:`rollout`.
 
-    Steps may differ in length.
+    Steps may differ in length; the last one ends where the motion does.  After its end it holds its
+    pose, or comes to rest within ``state.braking`` seconds, straight on or as constraints lead it.
     """
     time_step = _arguments.positive("time_step", time_step, "seconds")
+    fraction = law.clock.fraction(state.phase)
+    if law.clock.is_over(fraction):
+        _, after_end = law.clock.slowed(fraction, time_step, state.duration, state.braking)
+        phase = float(law.clock.at(after_end))
+    else:
+        # A whole step would go beyond the end.
+        time_step = min(time_step, (1 - fraction) * state.duration)
+        phase = state.phase * law.clock.decay(time_step / state.duration)
     table = steps_ahead(law, rule, state, 1, time_step)
     stepper, rows = stepper_of(rule), rule.system.equalities.size
     before = state.carried(rule.system)
     after, outputs = np.empty_like(before), np.empty((1, stepper.outputs.size))
     stepper.run(before, table, after[None], outputs)
+    require_defined(rule.system, state.time + np.array([0, time_step]), np.stack([before, after]))
     found = {name: outputs[0, stepper.outputs[name]] for name in stepper.outputs}
     values = after[stepper.carried["values"]]
-    phase = state.phase * law.clock.decay(time_step / state.duration)
     return replace(
         state,
         time=state.time + time_step,
@@ -198,7 +254,7 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
     Returns
     -------
     array, shape (steps, 19)
-        Columns as :data:`noslip.law.layout.STEP` says.
+        Columns as :data:`noslip.law.layout.STEP` says.  After the end of the motion one step alone.
     """
     tau = state.duration
     # What violates a constraint from the start is pulled in; what was pushed off it, or was
@@ -212,11 +268,17 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
     )
     # The first kick begins in the middle of the step before; the others are alike.
     kicks = (state.previous_step + time_step) / 2, time_step
+    fraction = law.clock.fraction(state.phase)
+    over = law.clock.is_over(fraction)
+    if over:
+        # Drawn nowhere any more.
+        share, _ = law.clock.slowed(fraction, time_step, tau, state.braking)
+        slip_rates = AT_ONCE, AT_ONCE
     table = np.empty((steps, STEP.size))
     column = STEP.views(table)
     for rows, k in ((slice(None), 1), (0, 0)):
         before = time_step if k else state.previous_step
-        decay, gain = law.attractor.factors(before / tau, time_step / tau)
+        decay, gain = (share, 0.0) if over else law.attractor.factors(before / tau, time_step / tau)
         table[rows, CLOCK] = (
             time_step,
             kicks[k],
@@ -230,11 +292,13 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
         )
     column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
     targets = law.targets(
-        law.clock.fraction(state.phase),
+        fraction,
         steps,
         time_step / tau,
         state.goal_position,
         state.goal_rotation,
+        state.first_goal_position,
+        state.first_goal_rotation,
         state.previous_step / tau,
     )
     for name, values in targets.items():

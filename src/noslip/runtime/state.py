@@ -57,8 +57,12 @@ class State(Value):
         tau (s).
     goal_position : array, shape (3,)
     goal_rotation : Rotation
+    first_goal_position, first_goal_rotation : array, shape (3,), and Rotation
+        From where the goal moves, see :mod:`noslip.law.entry`; the goal itself in the paper's form.
     pull_in : float
         Rate at which a violation decays (1/s).
+    braking : float
+        Seconds within which a motion that ends at speed comes to rest after its end; 0 is at once.
     steering : array, shape (3,)
         Turn of the orientation's target (rad, world frame), see :mod:`noslip.control.steering`.
     constraint_residuals, multipliers : array, shape (m,)
@@ -83,7 +87,10 @@ class State(Value):
     duration: float
     goal_position: Floats
     goal_rotation: _Turn = _Turn()
+    first_goal_position: Floats
+    first_goal_rotation: _Turn = _Turn()
     pull_in: float = 0.0
+    braking: float = 0.0
     steering: Floats = field(default_factory=lambda: np.zeros(3))
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros(0))
     multipliers: Floats = field(default_factory=lambda: np.zeros(0))

@@ -129,20 +129,15 @@ class Arm:
         chosen = np.flatnonzero(shown if shown.any() else ~shown)
         geoms, parts = [], []
         for geom in chosen.tolist():
-            color = self._color(geom)
+            color, material = model.geom_rgba[geom], model.geom_matid[geom]
+            if material >= 0 and np.allclose(color, DEFAULT_COLOR):
+                color = model.mat_rgba[material]
             mesh = self._mesh(geom) if color[3] > 0 else None
             if mesh is not None:
                 red, green, blue = (round(255 * float(share)) for share in color[:3])
                 geoms.append(geom)
                 parts.append(Part(*mesh, (red, green, blue)))
         return np.array(geoms, dtype=np.intp), parts
-
-    def _color(self, geom: int) -> Floats:
-        model = self.robot.model
-        own, material = model.geom_rgba[geom], model.geom_matid[geom]
-        if material >= 0 and np.allclose(own, DEFAULT_COLOR):
-            own = model.mat_rgba[material]
-        return np.asarray(own, dtype=np.float64)
 
     def _mesh(self, geom: int) -> tuple[Floats, NDArray[np.int64]] | None:
         """Triangles of a geom in its own frame; None of a kind that is not drawn."""

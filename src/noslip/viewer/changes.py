@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.boundary import Boundary
+from noslip.constraints.check import residual_text
 from noslip.errors import NoslipError
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
@@ -64,8 +65,8 @@ class Adapted:
         if self.primitive is None:
             return f"no such motion: {self.message}"
         text = (
-            f"residual at most {self.residual:.1e}, ends {1e3 * self.goal_error:.2g} mm from the "
-            f"goal, {self.milliseconds:.0f} ms"
+            f"residual {residual_text(self.residual, '1', order='at most')}, ends "
+            f"{1e3 * self.goal_error:.2g} mm from the goal, {self.milliseconds:.0f} ms"
         )
         return f"{text}; {self.message}" if self.message else text
 

@@ -84,8 +84,8 @@ class Charts:
 def curves(track: Track) -> dict[str, dict[str, Floats]]:
     """Curves over time, at most ``CHART_POINTS`` long; each chart has its times as ``t``.
 
-    Residuals are decadic logarithms, the others in a unit in which they are not tiny.  The
-    peaks of what is thinned out stay: the largest residual and force, the least margin.
+    Residuals are decadic logarithms, the others in a unit in which they are not tiny.  The peaks of
+    what is thinned out stay: the largest residual and force, the least margin.
     """
     starts = group_starts(len(track.clock), CHART_POINTS)
     found: dict[str, dict[str, Floats]] = {name: {} for name in TITLES}

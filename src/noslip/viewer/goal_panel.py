@@ -39,9 +39,9 @@ class GoalPanel:
         size: float,
         actions: Actions,
         follow: Callable[[Wish, bool], None],
+        entry: Entry,
     ) -> None:
-        gui, self._follow = server.gui, follow
-        self._entry: Entry | None = None
+        gui, self._follow, self._entry = server.gui, follow, entry
         self.note = gui.add_html("")
         with gui.add_folder("Goal and start") as self._folder:
             self.goal: Any = gui.add_vector3("Goal (m)", (0.0, 0.0, 0.0), step=1e-4)
@@ -74,9 +74,8 @@ class GoalPanel:
 
     def offer(self, visible: bool) -> None:
         """Let a person drag goal and start, or not."""
-        known = self._entry is not None and self._entry.primitive is not None
         for gizmo in self.gizmos.values():
-            gizmo.visible = visible and known
+            gizmo.visible = visible and self._entry.primitive is not None
 
     def undo(self) -> None:
         """Ask for the motion as it was learned."""
@@ -84,7 +83,7 @@ class GoalPanel:
 
     def ask_for_numbers(self) -> None:
         """Ask for what the fields say."""
-        if self._entry is None or self._entry.primitive is None:
+        if self._entry.primitive is None:
             return
         wish, own = self._entry.wish, self._entry.primitive
         asked = wish.duration is not None
@@ -101,7 +100,7 @@ class GoalPanel:
         )
 
     def _ask_for_gizmo(self, what: str, released: bool) -> None:
-        if self._entry is None or self._entry.primitive is None:
+        if self._entry.primitive is None:
             return
         wish, gizmo = self._entry.wish, self.gizmos[what]
         known: Boundary = getattr(wish, what)
@@ -115,7 +114,6 @@ class GoalPanel:
 
     def show(self) -> None:
         """Show what is asked for in fields and gizmos, and say what came of it."""
-        assert self._entry is not None
         own, wish, outcome = self._entry.primitive, self._entry.wish, self._entry.outcome
         assert own is not None
         for what, field in (("goal", self.goal), ("start", self.start)):

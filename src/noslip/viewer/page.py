@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -125,11 +126,13 @@ class Page:
             self._charts = Charts(gui)
             self._verdict = gui.add_html("")
             with gui.add_folder("Show", expand_by_default=False):
-                for what in SWITCHES:
-                    self._add_switch(what)
+                for what, label in SWITCHES.items():
+                    box = gui.add_checkbox(label, initial_value=True)
+                    actions.on_change(box, what, partial(self._show, what, box))
         with tabs.add_tab("Change"):
-            self.goals = GoalPanel(self.server, self.drawing.size, actions, self._follow)
-            self.pushes = PushPanel(self.server, self.drawing, actions, self._mark_run)
+            shown = self.chosen, self.entry
+            self.goals = GoalPanel(self.server, self.drawing.size, actions, self._follow, shown[1])
+            self.pushes = PushPanel(self.server, self.drawing, actions, self._mark_run, *shown)
         with tabs.add_tab("Check a file"):
             upload = gui.add_upload_button(
                 "Open CSV, npz or primitive", icon=viser.Icon.UPLOAD, mime_type=".csv,.npz,.json"
@@ -144,10 +147,6 @@ class Page:
         async def _(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
             file = event.target.value
             self.post(f"upload {file.name}", lambda: self._check(file.name, file.content))
-
-    def _add_switch(self, what: str) -> None:
-        box = self.server.gui.add_checkbox(SWITCHES[what], initial_value=True)
-        self._actions.on_change(box, what, lambda: self._show(what, bool(box.value)))
 
     def _notify(self, message: str) -> None:
         self._notice.content = note(message, "vermillion")
@@ -211,8 +210,8 @@ class Page:
         self._legend.content = pad(key(self.entries, track))
         self._charts.draw(track, self.time)
 
-    def _show(self, what: str, visible: bool) -> None:
-        self.drawing.show(what, visible)
+    def _show(self, what: str, box: Any) -> None:
+        self.drawing.show(what, bool(box.value))
         self._show_time(self.time)
 
     # ---------------------------------------------------------------- changes

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from noslip.constraints.check import residual_text
 from noslip.errors import NoslipError
 from noslip.viewer.actions import Actions
 from noslip.viewer.changes import PushedRun
@@ -35,12 +36,13 @@ class PushPanel:
         drawing: Drawing,
         actions: Actions,
         running: Callable[[bool], None],
+        node: str,
+        entry: Entry,
     ) -> None:
         gui, self._drawing, self._running = server.gui, drawing, running
         self.run: PushedRun | None = None
         self.held = False
-        self._node = ""
-        self._entry: Entry | None = None
+        self._node, self._entry = node, entry
         with gui.add_folder("Push the tool") as self._folder:
             self.by: Any = gui.add_vector3("Push (m)", (0.0, 0.0, 0.0), step=1e-4)
             begin = gui.add_button("Run in the control loop")
@@ -70,7 +72,7 @@ class PushPanel:
 
     def start(self) -> None:
         """Run the chosen primitive from its beginning."""
-        if self._entry is None or self._entry.current is None:
+        if self._entry.current is None:
             return
         self.run, self.held = PushedRun(self._entry.current), False
         self._show(self.run, "runs")
@@ -113,15 +115,13 @@ class PushPanel:
         self.run = None
         self._offer(False)
         self.note.content = ""
-        if self._entry is not None:
-            self._drawing.clear_path(self._node)
+        self._drawing.clear_path(self._node)
 
     def _offer(self, running: bool) -> None:
         self.grip.visible = running
         self._running(running)
 
     def _show(self, run: PushedRun, what: str) -> None:
-        assert self._entry is not None
         state = run.states[-1]
         self._drawing.place_tool(self._node, state)
         place(self.grip, state.position, state.rotation)
@@ -131,5 +131,6 @@ class PushPanel:
         off = 1e3 * run.off(self._entry.track.motion.positions)
         self.note.content = note(
             f"{what}: {run.clock:.2f} s, {off:.2g} mm off the path, "
-            f"{1e3 * run.goal_error:.2g} mm from the goal, residual at most {run.residual:.1e}"
+            f"{1e3 * run.goal_error:.2g} mm from the goal, residual "
+            + residual_text(run.residual, "1", order="at most")
         )

@@ -19,7 +19,6 @@ from noslip.constraints.shape import Ball, Capsule, Implicit, Mark, Plane, Sides
 from noslip.constraints.shape import Shape as Place
 from noslip.figures.style import PALETTE
 from noslip.viewer.colors import rgb
-from noslip.viewer.frames import Frame
 
 REACH = 0.75
 """Half the side of what has no end, such as a plane, over the scene's size: somewhat beyond the
@@ -49,6 +48,28 @@ OPACITIES = {"contact": 0.25, "limit": 0.2, "keep-out": 0.35, "mark": 1.0, "fram
 """By kind: what is forbidden is seen best, and the path through all of them."""
 
 
+class Frame:
+    """The frame of a constraint that moves, or of several one in the other.
+
+    ``inner`` is what holds in the frame, itself in none that moves.
+    """
+
+    def __init__(self, constraint: InMovingFrame) -> None:
+        t = ca.SX.sym("t")
+        origin, turn = ca.SX.zeros(3), ca.SX.eye(3)
+        inner: Constraint = constraint
+        while isinstance(inner, InMovingFrame):
+            c, R = inner.pose(t)
+            origin, turn, inner = origin + ca.mtimes(turn, c), ca.mtimes(turn, R), inner.inner
+        self.inner = inner
+        self._pose = ca.Function("pose", [t], [origin, turn])
+
+    def pose(self, time: float) -> tuple[Floats, Rotation]:
+        """Origin (m), shape (3,), and rotation, frame to world, at a time (s)."""
+        origin, turn = self._pose(time)
+        return np.array(origin).ravel(), Rotation.from_matrix(np.array(turn))
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """A triangle mesh of a kind of ``COLORS``: vertices (m), faces of their indices, each (.., 3).
@@ -72,15 +93,9 @@ class Shape:
 def shapes(constraints: Iterable[Constraint], center: ArrayLike, size: float) -> list[Shape]:
     """Return what constraints look like near a scene; those without a place are left out.
 
-    Parameters
-    ----------
-    constraints : iterable of Constraint
-        One in a moving frame moves with it, and so do the frame's axes, at the point of it that is
-        the scene's center at the beginning.
-    center : array, shape (3,)
-        Of the scene (m): what has no end is drawn about the point nearest to it.
-    size : float
-        Of the scene (m).
+    One in a moving frame moves with it, and so do the frame's axes, at the point of it that is the
+    scene's center at the beginning.  What has no end is drawn about the point nearest to the center
+    (m) of the scene, as far as its size (m) goes.
     """
     middle, found = np.asarray(center, dtype=np.float64), []
     for constraint in constraints:

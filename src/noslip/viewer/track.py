@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.constraints.check import CheckReport, check, quantity_text, step_residuals
+from noslip.constraints.check import (
+    CheckReport,
+    check,
+    quantity_text,
+    residual_text,
+    sample_residuals,
+)
 from noslip.constraints.declaration import UNITS, Constraint
 from noslip.constraints.edge_motion import EdgeMotion, edge_motion, edge_steps, work_moves
 from noslip.constraints.system import ConstraintSystem
@@ -55,9 +61,8 @@ class Track:
 
     @cached_property
     def rows(self) -> Floats:
-        """Residuals and margins at each sample, shape (N, m); the first sample has the second's."""
-        found = step_residuals(self.motion, self.system)
-        return np.concatenate([found[:1], found])
+        """Residuals and margins at each sample, shape (N, m)."""
+        return sample_residuals(self.motion, self.system)
 
     @cached_property
     def sizes(self) -> dict[str, Floats]:
@@ -157,12 +162,10 @@ class Track:
         """Angle between the velocity and the blade's plane (rad); None where it hardly moves."""
         if self._steps is None or self.edge.lateral is None:
             return None
-        speed = float(np.linalg.norm(self.velocities[sample]))
-        return None if speed <= SLOW * self.peak_speed else float(self._slip_angles[sample])
-
-    @cached_property
-    def _slip_angles(self) -> Floats:
-        return _from_first(cast(EdgeMotion, self._steps).slip_angles)
+        if np.linalg.norm(self.velocities[sample]) <= SLOW * self.peak_speed:
+            return None
+        # The first sample has those of the first step.
+        return float(self._steps.slip_angles[max(sample - 1, 0)])
 
     def arrows(self, sample: int, size: float) -> dict[str, Floats]:
         """Start and end of each arrow at a sample, world frame (m), each of shape (2, 3).
@@ -232,7 +235,7 @@ class Track:
         if self.lateral_axes is not None:
             texts["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
         for name, sizes in self.sizes.items():
-            texts[f"{name}: residual"] = quantity_text(float(sizes[k]), self.units[name])
+            texts[f"{name}: residual"] = residual_text(float(sizes[k]), self.units[name])
         for name, margins in self.margins.items():
             texts[f"{name}: margin"] = quantity_text(float(margins[k]), self.units[name])
         if self.forces is not None:

@@ -29,22 +29,22 @@ static void sample(const noslip_state *s, double *state) {
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) state[STATE_VALUES + i] = s->values[i];
 }
 
-/* Forces of a motion in so many steps, six a step: they depend on the phase alone. */
-void noslip_forces(const noslip_primitive *primitive, long long steps, double *forces) {
+/* What drives a motion in so many steps: it depends on the phase alone. */
+void noslip_drives(const noslip_primitive *primitive, long long steps, double *drives) {
     const double h = 1.0 / (double)steps;
     noslip_state s;
     long long k;
     noslip_start(primitive, &s);
     s.duration = 1;
     for (k = 0; k < steps; ++k) {
-        stepping_force(primitive, &s, h, forces + 6 * k);
+        stepping_drive(primitive, &s, h, drives + DRIVE_SIZE * k);
         s.fraction += h;
         s.previous_step = h;
     }
 }
 
 /* One motion for each of several beginnings, from the first sample of each. */
-void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
+void noslip_rollouts(const noslip_primitive *primitive, const double *drives,
                      const double *beginnings, long long count, long long steps, double *states) {
     long long motion, k;
     int i;
@@ -58,10 +58,12 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
             s.linear_velocity[i] = first[STATE_LINEAR_VELOCITY + i];
             s.angular_velocity[i] = first[STATE_ANGULAR_VELOCITY + i];
             s.goal_position[i] = begin[BEGINNING_GOAL_POSITION + i];
+            s.first_goal_position[i] = begin[BEGINNING_FIRST_GOAL_POSITION + i];
         }
         for (i = 0; i < 4; ++i) {
             s.quaternion[i] = first[STATE_QUATERNION + i];
             s.goal_quaternion[i] = begin[BEGINNING_GOAL_QUATERNION + i];
+            s.first_goal_quaternion[i] = begin[BEGINNING_FIRST_GOAL_QUATERNION + i];
         }
         for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
             s.values[i] = first[STATE_VALUES + i];
@@ -71,7 +73,7 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *forces,
         for (k = 1; k <= steps; ++k) {
             const long long at = motion * (steps + 1) + k;
             const double h = s.duration / (double)steps;
-            const int lost = advance(primitive, &s, h, forces + 6 * (k - 1));
+            const int lost = advance(primitive, &s, h, drives + DRIVE_SIZE * (k - 1));
             sample(&s, states + at * STATE_SIZE);
             /* The caller looks for it. */
             if (lost) states[at * STATE_SIZE] = NAN;

@@ -29,13 +29,22 @@ static noslip_real exponent_of(const noslip_primitive *p, int i, noslip_real pha
     return REAL(-0.5) * apart * apart;
 }
 
-/* Learned forces over alpha beta at a fraction of the motion. */
-static void forces_at(const noslip_primitive *p, noslip_real fraction, noslip_real *force) {
+/* How far a goal has entered at a fraction of the motion: the minimum-jerk blend. */
+static noslip_real entered_at(noslip_real fraction) {
+    const noslip_real t = smaller(larger(fraction, 0), 1);
+    return t * t * t * (10 - t * (15 - 6 * t));
+}
+
+/* What drives at a fraction of the motion: learned forces over alpha beta; and how a goal draws, ahead
+ * by what the attractor lags behind. */
+static void drive_at(const noslip_primitive *p, noslip_real fraction, noslip_real *drive) {
+    const noslip_real t = smaller(larger(fraction, 0), 1);
+    const noslip_real slope = 30 * t * t * (1 - t) * (1 - t), bend = 60 * t * (1 - t) * (1 - 2 * t);
     const noslip_real phase = exp(-p->alpha_s * fraction);
     const int count = p->basis_functions;
     noslip_real place = fraction * (noslip_real)(count - 1) + REAL(0.5), nearest, sum = 0;
     int middle, i, j, side;
-    for (j = 0; j < 6; ++j) force[j] = 0;
+    for (j = 0; j < 6; ++j) drive[j] = 0;
     /* Centers are evenly spaced in time; from the nearest, or the outermost, both ways until the
      * Gaussians vanish.  Its exponent is taken out, so that no phase leaves all of them at zero. */
     if (!(place > 0)) place = 0;
@@ -47,10 +56,11 @@ static void forces_at(const noslip_primitive *p, noslip_real fraction, noslip_re
             const noslip_real psi = exponent >= NEGLIGIBLE ? exp(exponent) : 0;
             if (!(psi > 0)) break;
             sum += psi;
-            for (j = 0; j < 6; ++j) force[j] += psi * p->weights[i][j];
+            for (j = 0; j < 6; ++j) drive[j] += psi * p->weights[i][j];
         }
     }
-    for (j = 0; j < 6; ++j) force[j] *= phase / sum;
+    for (j = 0; j < 6; ++j) drive[j] *= phase / sum;
+    drive[DRIVE_DRAWN] = entered_at(fraction) + slope / p->beta + bend / (p->alpha * p->beta);
 }
 
 static void multiply(const noslip_real *a, const noslip_real *b, noslip_real *product) {
@@ -60,11 +70,31 @@ static void multiply(const noslip_real *a, const noslip_real *b, noslip_real *pr
     product[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
 }
 
-/* The winding's rotation at a fraction of the motion; of more than one knot. */
+static void conjugate(const noslip_real *q, noslip_real *back) {
+    int i;
+    back[0] = q[0];
+    for (i = 1; i < 4; ++i) back[i] = -q[i];
+}
+
+/* Quaternion of a rotation vector. */
+static void quaternion_of(const noslip_real *vector, noslip_real *quaternion) {
+    const noslip_real size
+        = sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
+    const noslip_real scale = size > REAL(1e-6) ? sin(size / 2) / size : REAL(0.5) - size * size / 48;
+    int i;
+    quaternion[0] = cos(size / 2);
+    for (i = 0; i < 3; ++i) quaternion[1 + i] = scale * vector[i];
+}
+
+/* The winding's rotation at a fraction of the motion. */
 static void winding_at(const noslip_primitive *p, noslip_real fraction, noslip_real *rotation) {
-    noslip_real turn[4], vector[3], size, scale, within;
+    noslip_real turn[4], vector[3], within;
     const noslip_real *spline;
     int interval, i;
+    if (p->knots == 1) {
+        for (i = 0; i < 4; ++i) rotation[i] = p->knot_quaternions[0][i];
+        return;
+    }
     if (!(fraction > 0)) fraction = 0;
     fraction = smaller(fraction, 1);
     interval = (int)(fraction * (noslip_real)(p->knots - 1));
@@ -75,10 +105,7 @@ static void winding_at(const noslip_primitive *p, noslip_real fraction, noslip_r
         vector[i] = ((spline[i] * within + spline[3 + i]) * within + spline[6 + i]) * within
                     + spline[9 + i];
     }
-    size = sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
-    scale = size > REAL(1e-6) ? sin(size / 2) / size : REAL(0.5) - size * size / 48;
-    turn[0] = cos(size / 2);
-    for (i = 0; i < 3; ++i) turn[1 + i] = scale * vector[i];
+    quaternion_of(vector, turn);
     multiply(p->knot_quaternions[interval], turn, rotation);
 }
 
@@ -86,8 +113,7 @@ static void winding_at(const noslip_primitive *p, noslip_real fraction, noslip_r
 static void turn_between(const noslip_real *from, const noslip_real *to, noslip_real *vector) {
     noslip_real back[4], turn[4], size, scale;
     int i;
-    back[0] = from[0];
-    for (i = 1; i < 4; ++i) back[i] = -from[i];
+    conjugate(from, back);
     multiply(to, back, turn);
     if (turn[0] < 0) {
         for (i = 0; i < 4; ++i) turn[i] = -turn[i];
@@ -97,21 +123,32 @@ static void turn_between(const noslip_real *from, const noslip_real *to, noslip_
     for (i = 0; i < 3; ++i) vector[i] = scale * turn[1 + i];
 }
 
-/* The rotation that plays the goal's part in the attractor, led to the state's goal. */
-static void leading(const noslip_primitive *p, noslip_real fraction, const noslip_real *goal,
-                    noslip_real *quaternion) {
-    noslip_real rotation[4], quarter[4], own[4];
+/* The rotation that plays the goal's part in the attractor, and what is added to the turn there: the
+ * winding and the learned torque, led to where the goal is by now. */
+static void leading(const noslip_primitive *p, const noslip_state *s, const noslip_real *drive,
+                    noslip_real *quaternion, noslip_real *offset) {
+    const noslip_real entered = entered_at(s->fraction);
+    noslip_real rotation[4], back[4], first[4], turn[4], moved[4], ahead[3], vector[3];
     int i;
-    if (p->knots == 1) {
-        for (i = 0; i < 4; ++i) quaternion[i] = goal[i];
-        return;
+    winding_at(p, s->fraction, rotation);
+    /* To where it begins, in the tool's frame. */
+    conjugate(p->knot_quaternions[p->knots - 1], back);
+    multiply(back, s->first_goal_quaternion, turn);
+    multiply(rotation, turn, first);
+    /* And on from there, in the world's. */
+    turn_between(s->first_goal_quaternion, s->goal_quaternion, vector);
+    for (i = 0; i < 3; ++i) {
+        ahead[i] = (drive[DRIVE_DRAWN] - entered) * vector[i];
+        vector[i] *= entered;
     }
-    winding_at(p, fraction, rotation);
-    /* In the tool's frame: from the learned goal to the one asked for. */
-    own[0] = p->knot_quaternions[p->knots - 1][0];
-    for (i = 1; i < 4; ++i) own[i] = -p->knot_quaternions[p->knots - 1][i];
-    multiply(own, goal, quarter);
-    multiply(rotation, quarter, quaternion);
+    quaternion_of(vector, turn);
+    multiply(turn, first, quaternion);
+    moved[0] = 0;
+    for (i = 0; i < 3; ++i) moved[1 + i] = drive[DRIVE_ANGULAR + i];
+    conjugate(turn, back);
+    multiply(turn, moved, rotation);
+    multiply(rotation, back, moved);
+    for (i = 0; i < 3; ++i) offset[i] = moved[1 + i] + ahead[i];
 }
 
 /* Of shorter steps, fractions of the duration, what a moving target adds would be rounding. */
@@ -196,36 +233,36 @@ static void stepping_winding(const noslip_primitive *p, noslip_state *s, noslip_
 }
 
 /* The same as a step from there wants it: what a constant target leaves out is added. */
-static void stepping_force(const noslip_primitive *p, noslip_state *s, noslip_real h,
-                           noslip_real *force) {
+static void stepping_drive(const noslip_primitive *p, noslip_state *s, noslip_real h,
+                           noslip_real *drive) {
     const int starting = !(s->previous_step > 0);
     const int known = !starting && !(s->known_fraction < s->fraction)
                       && !(s->known_fraction > s->fraction) && !(s->known_step < h)
                       && !(s->known_step > h);
     const noslip_real *factor = factors(p, s, h);
-    noslip_real before[6] = {0, 0, 0, 0, 0, 0}, now[6], after[6];
+    noslip_real before[DRIVE_SIZE] = {0}, now[DRIVE_SIZE], after[DRIVE_SIZE];
     int j;
     if (known) {
-        for (j = 0; j < 6; ++j) {
+        for (j = 0; j < DRIVE_SIZE; ++j) {
             before[j] = s->known[0][j];
             now[j] = s->known[1][j];
         }
     } else {
-        if (!starting) forces_at(p, s->fraction - h, before);
-        forces_at(p, s->fraction, now);
+        if (!starting) drive_at(p, s->fraction - h, before);
+        drive_at(p, s->fraction, now);
     }
-    forces_at(p, s->fraction + h, after);
+    drive_at(p, s->fraction + h, after);
     s->known_fraction = s->fraction + h;
     s->known_step = h;
-    for (j = 0; j < 6; ++j) {
+    for (j = 0; j < DRIVE_SIZE; ++j) {
         s->known[0][j] = now[j];
         s->known[1][j] = after[j];
     }
-    for (j = 0; j < 6; ++j) {
-        force[j] = now[j] + factor[2] * (after[j] - before[j]) / 2
+    for (j = 0; j < DRIVE_SIZE; ++j) {
+        drive[j] = now[j] + factor[2] * (after[j] - before[j]) / 2
                    + factor[3] * (after[j] - 2 * now[j] + before[j]);
     }
-    stepping_winding(p, s, h, known, force);
+    stepping_winding(p, s, h, known, drive);
 }
 
 void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
@@ -235,20 +272,22 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
     state->previous_step = 0;
     state->duration = primitive->duration;
     state->pull_in = primitive->residual_rate / primitive->duration;
+    state->braking = 0;
     for (i = 0; i < 3; ++i) {
         state->position[i] = primitive->start_position[i];
         state->linear_velocity[i] = primitive->start_linear_velocity[i];
         state->angular_velocity[i] = primitive->start_angular_velocity[i];
-        state->goal_position[i] = primitive->goal_position[i];
+        state->goal_position[i] = state->first_goal_position[i] = primitive->goal_position[i];
         state->steering[i] = 0;
     }
     for (i = 0; i < 4; ++i) {
         state->quaternion[i] = primitive->start_quaternion[i];
         state->goal_quaternion[i] = primitive->goal_quaternion[i];
+        state->first_goal_quaternion[i] = primitive->goal_quaternion[i];
     }
     for (i = 0; i < 6; ++i) state->acceleration[i] = state->force[i] = 0;
     state->known_fraction = state->known_step = -1;
-    for (i = 0; i < 6; ++i) state->known[0][i] = state->known[1][i] = 0;
+    for (i = 0; i < DRIVE_SIZE; ++i) state->known[0][i] = state->known[1][i] = 0;
     for (i = 0; i < 4; ++i) state->known_winding[i] = 0;
     for (i = 0; i < 3; ++i) state->known_turn[i] = 0;
     for (i = 0; i < 2; ++i) state->known_lengths[i] = -1;
@@ -258,13 +297,25 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
 
 int noslip_done(const noslip_state *state) { return state->fraction >= 1 - REAL(1e-9); }
 
-/* A step with known forces; 1 and the state as it was if what comes of it is not finite. */
+/* After the end: evenly to rest.  The share of the speed that a step leaves, and the fraction then. */
+static noslip_real slowed(const noslip_state *s, noslip_real time_step, noslip_real *fraction) {
+    noslip_real speed, slower;
+    if (!(s->braking > 0)) return 0;
+    speed = sqrt(larger(0, 1 - 2 * (larger(1, s->fraction) - 1) * s->duration / s->braking));
+    slower = larger(0, speed - time_step / s->braking);
+    *fraction = 1 + (1 - slower * slower) * s->braking / (2 * s->duration);
+    return speed > 0 ? slower / speed : 0;
+}
+
+/* A step that is driven so; 1 and the state as it was if what comes of it is not finite. */
 static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
-                   const noslip_real *offset) {
+                   const noslip_real *drive) {
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2;
     const noslip_real *factor = factors(p, state, h);
     noslip_real now[STATE_SIZE], step[STEP_SIZE], after[STATE_SIZE], output[NOSLIP_OUTPUTS];
+    noslip_real decay = factor[0], gain = factor[1] / tau;
+    noslip_real fraction = state->fraction + h;
     noslip_real sum = 0, fast = 1, slip_rate = state->previous_step > 0 ? AT_ONCE : state->pull_in;
     int i;
 
@@ -277,12 +328,22 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     for (i = 0; i < NOSLIP_EQUALITIES; ++i) {
         if (!(fabs(state->values[i]) <= HELD * fast)) slip_rate = state->pull_in;
     }
+    if (noslip_done(state)) {
+        /* Drawn nowhere any more. */
+        fraction = state->fraction;
+        decay = slowed(state, time_step, &fraction);
+        gain = 0;
+        slip_rate = AT_ONCE;
+    }
+    leading(p, state, drive, step + STEP_ROTATION_GOAL, step + STEP_ROTATION_OFFSET);
     for (i = 0; i < 3; ++i) {
         now[STATE_POSITION + i] = state->position[i];
         now[STATE_LINEAR_VELOCITY + i] = state->linear_velocity[i];
         now[STATE_ANGULAR_VELOCITY + i] = state->angular_velocity[i];
-        step[STEP_POSITION_TARGET + i] = state->goal_position[i] + offset[i];
-        step[STEP_ROTATION_OFFSET + i] = offset[3 + i] + state->steering[i];
+        const noslip_real moved = state->goal_position[i] - state->first_goal_position[i];
+        step[STEP_POSITION_TARGET + i]
+            = state->goal_position[i] + moved * (drive[DRIVE_DRAWN] - 1) + drive[i];
+        step[STEP_ROTATION_OFFSET + i] += state->steering[i];
     }
     for (i = 0; i < 4; ++i) now[STATE_QUATERNION + i] = state->quaternion[i];
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) now[STATE_VALUES + i] = state->values[i];
@@ -293,9 +354,8 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     step[STEP_RESIDUAL_RATE] = state->pull_in;
     step[STEP_SLIP_RATE] = slip_rate;
     step[STEP_BARRIER_RATE] = p->barrier_rate / tau;
-    step[STEP_DECAY] = factor[0];
-    step[STEP_GAIN] = factor[1] / tau;
-    leading(p, state->fraction, state->goal_quaternion, step + STEP_ROTATION_GOAL);
+    step[STEP_DECAY] = decay;
+    step[STEP_GAIN] = gain;
 
     noslip_core(now, step, after, output);
 
@@ -316,20 +376,22 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
         state->multipliers[i] = output[OUTPUT_MULTIPLIERS + i];
     }
     state->time += time_step;
-    state->fraction += h;
+    state->fraction = fraction;
     state->previous_step = time_step;
     return 0;
 }
 
 int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
-    noslip_real h = time_step / state->duration, offset[6];
+    noslip_real h = time_step / state->duration, drive[DRIVE_SIZE] = {0};
     /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
     if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
-    /* The last step ends where the motion does; a whole one would go beyond. */
-    if (!noslip_done(state) && h > 1 - state->fraction) {
-        h = 1 - state->fraction;
-        time_step = h * state->duration;
+    if (!noslip_done(state)) {
+        /* The last step ends where the motion does; a whole one would go beyond. */
+        if (h > 1 - state->fraction) {
+            h = 1 - state->fraction;
+            time_step = h * state->duration;
+        }
+        stepping_drive(primitive, state, h, drive);
     }
-    stepping_force(primitive, state, h, offset);
-    return advance(primitive, state, time_step, offset);
+    return advance(primitive, state, time_step, drive);
 }

@@ -1,25 +1,12 @@
-"""Packages that only some formats need, and what they say about damaged files."""
+"""What other packages say about damaged files, in one line."""
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
-from noslip.errors import MissingDependencyError, NoslipError, RecordingError
-
-
-def need(path: str | Path, module: str, extra: str) -> Any:
-    """Return a module of an optional package, or say which extra brings it."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"{path}: {module.partition('.')[0]} is needed for such files and cannot be imported; "
-            f"pip install 'noslip[{extra}]'"
-        ) from error
+from noslip.errors import NoslipError, RecordingError
 
 
 @contextmanager

@@ -1,0 +1,136 @@
+"""What became of the job: misses raise, compromises warn, with numbers and true remedies."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import noslip as ns
+from learned import constrained, cutting, under
+from motions import cut, held_askew
+from noslip.errors import CompromiseWarning, MissedError
+from noslip.rule import Rule
+from noslip.verification import FOLLOWED, MISSED
+
+
+def waves(count: float, samples: int = 1200) -> ns.PoseTrajectory:
+    """A path of so many waves, from rest to rest, the tool along it."""
+    s = np.linspace(0, 1, samples)
+    s = s - np.sin(2 * np.pi * s) / (2 * np.pi)
+    path = np.column_stack([s, 0.05 * np.sin(2 * np.pi * count * s), 0 * s])
+    return ns.PoseTrajectory(2 * np.linspace(0, 1, samples), path, Rotation.identity(samples))
+
+
+def distances(a: ns.PoseTrajectory, b: ns.PoseTrajectory) -> np.ndarray:
+    """Between motions at the same fraction of each, on chords."""
+    at = (a.times - a.times[0]) / a.duration
+    own = (b.times - b.times[0]) / b.duration
+    there = np.column_stack([np.interp(at, own, column) for column in b.positions.T])
+    return np.linalg.norm(a.positions - there, axis=1)
+
+
+# -------------------------------------------------------------------- basis functions
+
+
+def test_too_few_basis_functions_say_so_with_the_number() -> None:
+    demonstration = waves(3)
+    with pytest.warns(CompromiseWarning, match="2 basis functions leave the demonstration") as told:
+        dmp = ns.learn(demonstration, basis_functions=2)
+    texts = " ".join(str(one.message) for one in told)
+    share = float(re.findall(r"demonstration by ([\d.e-]+) of its path", texts)[0])
+    off = distances(dmp.rollout(), demonstration).max() / demonstration.path_length
+    assert share == pytest.approx(off, rel=0.05) and off > 10 * FOLLOWED
+
+
+@pytest.mark.parametrize(("count", "least"), [(1, 100), (45, 200)])
+def test_by_default_there_are_as_many_as_the_path_needs(count: float, least: int) -> None:
+    demonstration = waves(count)
+    dmp = ns.learn(demonstration)
+    assert dmp.law.basis.count >= least
+    assert distances(dmp.rollout(), demonstration).max() <= FOLLOWED * demonstration.path_length
+    assert (dmp.law.basis.count == 100) == (least == 100)
+
+
+# -------------------------------------------------------------------- learned
+
+
+def test_the_mean_of_several_is_projected_too_and_ends_at_its_goal() -> None:
+    demonstrations = [held_askew(seed) for seed in range(4)]
+    dmp = ns.learn(demonstrations, [ns.Blade()])
+    for step in (None, 0.001):
+        motion = dmp.rollout(time_step=step)
+        assert motion.end_error <= 1e-5 * motion.path_length
+        assert motion.end_rotation_error <= np.radians(2e-3)
+        assert motion.path_error <= 1e-4 * motion.path_length
+
+
+def test_the_record_says_how_far_each_demonstration_is_left() -> None:
+    demonstrations = [held_askew(seed) for seed in range(3)]
+    dmp = ns.learn(demonstrations, [ns.Blade()], basis_functions=40)
+    motion = dmp.rollout()
+    for record, demonstration in zip(dmp.record, demonstrations, strict=True):
+        off = distances(motion, demonstration)
+        tolerance = 1e-4 * demonstration.path_length
+        assert record.path_error == pytest.approx(off.max(), abs=tolerance)
+        assert record.end_error == pytest.approx(off[-1], abs=tolerance)
+        turned = (motion.rotations[-1] * demonstration.rotations[-1].inv()).magnitude()
+        assert record.end_rotation_error == pytest.approx(turned, abs=1e-6)
+        assert record.rotation_error >= record.end_rotation_error
+
+
+def test_a_hard_limit_that_the_primitive_cannot_keep_is_refused_and_not_exported(
+    tmp_path: Path,
+) -> None:
+    @ns.velocity_constraint
+    def advance(motion):  # type: ignore[no-untyped-def]
+        return motion.linear_velocity[0] - 0.3
+
+    limit = ns.SpeedLimit(speed=0.1)
+    with pytest.raises(MissedError, match="breaks speed-limit by"):
+        ns.learn(cut(), [advance, limit], basis_functions=40, metric="position")
+    dmp = constrained([advance, limit])
+    with pytest.raises(MissedError, match="breaks speed-limit"):
+        dmp.export_c(tmp_path / "c", name="cut")
+    assert not (tmp_path / "c").exists()
+
+
+def test_what_starts_outside_a_limit_and_is_led_in_is_no_failure() -> None:
+    above = ns.constraints.HalfSpace(point=(0, 0, 0.02), normal=(0, 0, 1))
+    demonstration = cut()
+    dmp = under(ns.learn(demonstration, basis_functions=40), [above])
+    motion = dmp.rollout(time_step=0.004)
+    assert motion.margins[0] < -0.01 and motion.margins[-1] > 0
+
+
+# -------------------------------------------------------------------- rolled out
+
+
+def test_a_rollout_to_another_goal_says_what_it_misses_and_what_reaches_it() -> None:
+    dmp, aside = cutting(), np.array([0.0, 0.2, 0.0])
+    goal = dmp.goal_position + aside
+    with pytest.warns(CompromiseWarning, match="from its goal; adapt") as told:
+        motion = dmp.rollout(goal_position=goal)
+    off = np.linalg.norm(motion.positions[-1] - goal)
+    assert motion.end_error == pytest.approx(off, rel=1e-12) and off > MISSED
+    ((said, unit),) = re.findall(r"ends ([\d.]+) (m|mm) ", str(told[0].message))
+    assert float(said) == pytest.approx(off * {"m": 1, "mm": 1e3}[unit], rel=0.01)
+    # The remedy is true.
+    there = dmp.adapt(goal_position=goal).rollout()
+    assert np.linalg.norm(there.positions[-1] - goal) <= 1e-5 * there.path_length
+
+
+def test_path_error_is_the_distance_from_the_law_alone() -> None:
+    dmp = cutting()
+    pushed = under(
+        dmp, [ns.Blade(), ns.constraints.HalfSpace(point=(0, 0.1, 0), normal=(0, -1, 0))]
+    )
+    motion, alone = pushed.rollout(), ns.ConstrainedDMP(dmp.law).rollout()
+    off = np.linalg.norm(motion.positions - alone.positions, axis=1)
+    assert motion.path_error == pytest.approx(off.max(), rel=1e-5)
+    assert motion[10:90].path_error == pytest.approx(off[10:90].max(), rel=1e-5)
+    assert replace(dmp, rule=Rule()).rollout().path_error == 0.0
