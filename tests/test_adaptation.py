@@ -1029,10 +1029,10 @@ def test_a_goal_too_far_for_a_speed_limit_takes_longer_or_is_refused(priority: i
 def test_a_motion_under_way_is_adapted_by_the_constraints_own_clock() -> None:
     _, dmp = learned("plane that moves")
     state = dmp.initial_state()
-    for _ in range(100):
+    while state.time <= 0.5:
         state = dmp.step(state, dmp.duration / dmp.steps)
     late = dmp.replan(state)
-    assert late.law.begin == pytest.approx(state.time) and state.time > 0.5
+    assert late.law.begin == pytest.approx(state.time)
     end = late.law.begin + late.duration
     goal = late.goal_position + [0.05, 0.1, 0]
     goal[2] = 0.05 * np.sin(2 * np.pi / 1.7 * end + 0.4)

@@ -15,7 +15,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.errors import CompromiseWarning, warn
+from noslip.errors import CompromiseWarning, ConvergenceError, warn
 from noslip.law.fitting import (
     MOST_BASIS_FUNCTIONS,
     as_demonstrations,
@@ -201,14 +201,24 @@ def learn(
         for at in (0.0, 1.0)
     }
 
-    def projected(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
-        last = _kept_end(system, demonstration) if end == "auto" else end
+    def projected(
+        demonstration: PoseTrajectory, shaping: ConstraintSystem, last: End
+    ) -> ProjectedTrajectory:
         ends = tuple(
             replace(Boundary.keeping(demonstration, at, kept), angular_velocity=turning[at])
             for at, kept in ((0.0, start), (1.0, last))
         )
         request = Request(demonstration, shaping, ends, weights, hold_position)
         return project_heeding_what_it_can(request)
+
+    def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
+        if end != "auto":
+            return projected(demonstration, shaping, end)
+        try:
+            return projected(demonstration, shaping, _kept_end(system, demonstration))
+        except ConvergenceError:
+            # A rule that says how fast to go says how far.
+            return projected(demonstration, shaping, "free")
 
     def fitted(several: Sequence[PoseTrajectory], count: int, factor: float = 1.0) -> Law:
         constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
@@ -220,7 +230,7 @@ def learn(
         """Learn under what shapes the path, run through slower by a factor."""
         results = []
         for index, demonstration in enumerate(stretched(d, factor) for d in sampled):
-            results.append(projected(demonstration, shaping) if system.size else None)
+            results.append(nearest(demonstration, shaping) if system.size else None)
             if progress is not None:
                 progress(index + 1, len(recorded))
         followed = [d if r is None else r.trajectory for d, r in zip(sampled, results, strict=True)]
@@ -229,7 +239,7 @@ def learn(
         if system.size and len(followed) > 1:
             # Feasible motions have a mean that is not: it is projected as they were.
             mean = rollout(law, Rule(), time_step=law.duration / (len(followed[0]) - 1))
-            law = slower([projected(mean, shaping).trajectory], law.basis.count)
+            law = slower([nearest(mean, shaping).trajectory], law.basis.count)
         return law, off, followed, results
 
     def own_motion(found: Fitted, timeless: ConstraintSystem) -> Motion:
@@ -249,8 +259,8 @@ def learn(
     )
     if off > FOLLOWED:
         warn(
-            f"{count} basis functions leave the demonstration by {off:.2g} of its path; give more "
-            "basis functions, or none for as many as it takes",
+            f"{count} basis functions leave the demonstration by {off:.2g} of its path or turning; "
+            "give more basis functions, or none for as many as it takes",
             CompromiseWarning,
         )
     _tell(record, sampled, rotation_smoothing)

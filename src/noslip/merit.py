@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from noslip._typing import Floats
-from noslip.constraints.check import check, step_accelerations
+from noslip.constraints.check import checked, step_accelerations
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.edge_motion import edge_steps
 from noslip.constraints.system import ConstraintSystem, as_system
@@ -88,8 +88,8 @@ def figures_of_merit(
     speed, angular_speed = map(_peak, motion.step_velocities())
     acceleration, angular_acceleration = map(_peak, step_accelerations(motion))
 
-    checked = check(motion, system).constraints if system.constraints else ()
-    equalities = [found for found in checked if found.margin is None]
+    found = checked(motion, system).constraints if system.constraints else ()
+    equalities = [each for each in found if each.margin is None]
     slipped = [found.slip_distance for found in equalities if found.slip_distance is not None]
     force = torque = None
     if isinstance(motion, Motion) and motion.row_forces.size:
@@ -105,11 +105,11 @@ def figures_of_merit(
         angular_speed_peak=angular_speed,
         acceleration_peak=acceleration,
         angular_acceleration_peak=angular_acceleration,
-        satisfied=all(found.satisfied for found in checked),
+        satisfied=all(each.satisfied for each in found),
         residual_peak=max((found.peak for found in equalities), default=0.0),
         residual_rms=max((found.rms for found in equalities), default=0.0),
         slip_distance=max(slipped, default=None),
-        least_margins={found.name: found.margin for found in checked if found.margin is not None},
+        least_margins={each.name: each.margin for each in found if each.margin is not None},
         slowest_edge_speed=slowest_edge_speed(motion, system),
         force_peak=force,
         torque_peak=torque,

@@ -27,7 +27,8 @@ from noslip.trajectory import PoseTrajectory
 
 MISSED, MISSED_TURN = 1e-2, np.radians(1.0)
 """Share of the path, and turn, by which a goal or via point is missed: seen with the eye, and a
-hundred times what any primitive needs that goes where it was asked to."""
+hundred times what any primitive needs that goes where it was asked to; the turn for each whole turn
+of the motion, and once at least."""
 TOLD, TOLD_TURN = 1e-3, np.radians(0.1)
 """The same from which it is told: a user of tenths of a millimeter would want to know."""
 BROKEN = 1e-6
@@ -91,19 +92,21 @@ def followed_with(
     followed : sequence of PoseTrajectory
         Each is asked to be followed alone: the mean of several is not any of them.
     fewest, most : int
-        Their number is doubled from the fewest on, until none is left by a thousandth of its path.
+        Their number is doubled from the fewest on, until none is left by a thousandth of its path
+        or of its turning (of a whole turn at least).
 
     Returns
     -------
     (Law, float)
-        Of all of them; and how far one is left, over its path.
+        Of all of them; and how far one is left, over its path or turning.
     """
 
     def alone(one: PoseTrajectory, count: int) -> tuple[Law, float]:
         law = fitted([one], count)
         motion = rollout(law, Rule(), time_step=law.duration / (len(one) - 1))
-        off = Deviation.between(motion, one).path_error / max(one.path_length, BROKEN)
-        return law, off
+        off = Deviation.between(motion, one)
+        way, turning = max(one.path_length, BROKEN), max(_turning(one), 2 * np.pi)
+        return law, max(off.path_error / way, off.rotation_error / turning)
 
     count = fewest
     while True:
@@ -214,7 +217,7 @@ def _broken_limits(motion: Motion, rule: Rule) -> Iterator[tuple[bool, str]]:
 
 
 def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[bool, str]]:
-    length = motion.path_length
+    length, turns = motion.path_length, max(1.0, _turning(motion) / (2 * np.pi))
     for boundary in asked:
         position, rotation = pose_at(motion, boundary.at)
         off = turned = 0.0
@@ -222,14 +225,20 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
             off = float(np.linalg.norm(position - boundary.position))
         if boundary.rotation is not None:
             turned = float((rotation * boundary.rotation.inv()).magnitude())
-        if off <= TOLD * length + BROKEN and turned <= TOLD_TURN:
+        if off <= TOLD * length + BROKEN and turned <= TOLD_TURN * turns:
             continue
         parts = [f"{quantity_text(off, 'm')} ({off / length:.2g} of its path)"] if off else []
-        parts += [f"{np.degrees(turned):.2g} degrees"] if turned > TOLD_TURN else []
+        parts += [f"{np.degrees(turned):.2g} degrees"] if turned > TOLD_TURN * turns else []
         passes = "ends" if boundary.at == 1 else "passes"
         target = "its goal" if boundary.at == 1 else f"via {boundary.at:g}"
-        is_failure = off > MISSED * length + BROKEN or turned > MISSED_TURN
+        is_failure = off > MISSED * length + BROKEN or turned > MISSED_TURN * turns
         yield is_failure, f"the motion {passes} {' and '.join(parts)} from {target}"
+
+
+def _turning(motion: PoseTrajectory) -> float:
+    """All turns of a motion together (rad)."""
+    angular = motion.step_velocities()[1]
+    return float(np.linalg.norm(angular, axis=1) @ np.diff(motion.times))
 
 
 def pose_at(motion: PoseTrajectory, fraction: float) -> tuple[Floats, Rotation]:

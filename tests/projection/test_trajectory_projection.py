@@ -566,7 +566,6 @@ def test_samples_must_be_uniform_and_enough() -> None:
         ({"hold_position": True, "start": Boundary(0, [0, 0, 0])}, "hold_position"),
         ({"start": Boundary(1, [0, 0, 0])}, "start"),
         ({"end": Boundary(0.5, [0, 0, 0])}, "end"),
-        ({"start": Boundary(0, [0, 0, 0], linear_velocity=[0, 0, 0])}, "velocity at 0"),
         ({"boundaries": [Boundary(0.5, angular_velocity=[0, 0, 0])]}, "velocity at 0.5"),
         ({"max_iterations": 0}, "max_iterations"),
         pytest.param({"position_weight": -1.0}, "position_weight"),

@@ -256,6 +256,17 @@ def check(
     system = as_system(constraints)
     if not system.constraints:
         raise InputError("check needs at least one constraint")
+    return checked(trajectory, system, tolerance=tolerance, slip_share=slip_share)
+
+
+def checked(
+    trajectory: PoseTrajectory,
+    system: ConstraintSystem,
+    *,
+    tolerance: float = TOLERANCE,
+    slip_share: float = SLIP_SHARE,
+) -> CheckReport:
+    """Do what :func:`check` does, of any motion: also one that no recording could be."""
     residuals = sample_residuals(trajectory, system)
     parts = np.split(residuals, np.cumsum(system.rows)[:-1], axis=1)
     results = tuple(
