@@ -27,9 +27,9 @@ STEPS = (None, 1e-3, 7e-3)
 BY_DEFAULT = 1e-6, 1e-4
 """What a rollout may be off its goal at the step that was planned on: share of the path's length,
 degrees."""
-AT_ANY = 1.2e-5, 2e-3
+AT_ANY = 1e-5, 2e-3
 """At any other step; at a longer one it grows with the square of their ratio, from:"""
-TIMES = 1.7, 4.0
+TIMES = 1.6, 4.0
 SLIP = 1e-10
 
 

@@ -25,7 +25,7 @@ from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
 from noslip.trajectory import PoseTrajectory
 
-MISSED, MISSED_TURN = 1e-2, np.radians(1.0)
+MISSED, MISSED_TURN = 2e-2, np.radians(2.0)
 """Share of the path, and turn, by which a goal or via point is missed: seen with the eye, and a
 hundred times what any primitive needs that goes where it was asked to; the turn for each whole turn
 of the motion, and once at least."""

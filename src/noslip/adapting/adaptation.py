@@ -220,7 +220,10 @@ def adapt(
             time = request.begin + place.at * tau
             require_feasible(request.system, f"via at {place.at:g}", time, place)
         request = replace(request, reference=through(own, request.boundaries))
-        return carried_out(free, rule, request, steps, tau, functions=functions, exact_start=True)
+        # A velocity that is merely kept gives way, by some 1e-4 of its peak, to the plan's first
+        # step; else the motion would end 5e-6 of its path off.
+        exact = start_velocity is not None or not first.moves
+        return carried_out(free, rule, request, steps, tau, functions=functions, exact_start=exact)
 
     return _in_time(planned, law, duration)
 

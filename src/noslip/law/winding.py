@@ -48,20 +48,21 @@ class Winding(Value):
 
     @classmethod
     def around(cls, rotations: Rotation) -> Winding:
-        """Fewest knots, in powers of two, that keep the logarithm away from its jump."""
+        """Fewest knots, in powers of two or all, that keep the logarithm away from its jump."""
         if (rotations[-1] * rotations.inv()).magnitude().max() <= FARTHEST_FROM_GOAL:
             return cls(continuous_quaternions(rotations[-1:]))
         fractions = np.linspace(0.0, 1.0, len(rotations))
-        intervals, nearest, winding = 2, np.inf, None
-        while intervals <= min(_MOST_KNOTS, len(rotations) - 1):
+        most = min(_MOST_KNOTS, len(rotations) - 1)
+        intervals, nearest, winding = min(2, most), np.inf, None
+        while True:
             samples = np.round(np.linspace(0, len(rotations) - 1, intervals + 1)).astype(int)
             candidate = cls(continuous_quaternions(rotations[samples]))
             distance = (candidate.at(fractions) * rotations.inv()).magnitude().max()
             if distance < nearest:
                 nearest, winding = distance, candidate
-            if distance <= FARTHEST_FROM_WINDING:
+            if distance <= FARTHEST_FROM_WINDING or intervals == most:
                 break
-            intervals *= 2
+            intervals = min(2 * intervals, most)
         assert winding is not None
         return winding
 
