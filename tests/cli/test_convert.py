@@ -73,7 +73,7 @@ def test_topics(noslip, cut, tmp_path) -> None:
     assert code == 0
     assert lines == [
         ["topic", "type", "messages", "frames"],
-        ["/joint_states", "sensor_msgs/JointState", "1"],
+        ["/joint_states", "sensor_msgs/JointState", "1", "none"],
         ["/pose", "geometry_msgs/PoseStamped", "241", "base"],
     ]
     _, out, _ = noslip("topics", bag, "--json")
