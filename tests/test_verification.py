@@ -147,3 +147,24 @@ def test_path_error_is_the_distance_from_the_law_alone() -> None:
     assert motion.path_error == pytest.approx(off.max(), rel=1e-5)
     assert motion[10:90].path_error == pytest.approx(off[10:90].max(), rel=1e-5)
     assert replace(dmp, rule=Rule()).rollout().path_error == 0.0
+
+
+def test_many_rollouts_know_and_tell_what_they_miss() -> None:
+    dmp = cutting()
+    shifts = np.array([[0, 0, 0], [0, 0.1, 0], [0.05, 0.02, 0]])
+    goals = dmp.goal_position + shifts
+    with pytest.warns(CompromiseWarning, match="2 of 3 motions end up to") as told:
+        motions = dmp.rollout_many(goals=goals)
+    off = np.linalg.norm(motions.positions[:, -1] - goals, axis=1)
+    np.testing.assert_allclose(motions.end_errors, off, rtol=0, atol=1e-15)
+    assert motions.end_rotation_errors.max() < 1e-3 and off[0] < 1e-5 < 1e-3 < off[1]
+    ((said, unit),) = re.findall(r"up to ([\d.]+) (m|mm) ", str(told[0].message))
+    assert float(said) == pytest.approx(off.max() * {"m": 1, "mm": 1e3}[unit], rel=0.01)
+
+
+def test_each_of_many_recordings_keeps_its_warnings(tmp_path: Path) -> None:
+    waves(3).to_csv(tmp_path / "waves.csv")
+    with pytest.warns(CompromiseWarning, match="4 basis functions leave"):
+        learned = ns.learn_each(tmp_path / "waves.csv", basis_functions=4)
+    (result,) = learned.results
+    assert result.status == "learned" and "4 basis functions leave" in result.message

@@ -22,13 +22,13 @@ from noslip.law.law import Law
 from noslip.law.scaling import scaled
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule
-from noslip.runtime.batch import rollout_many
+from noslip.runtime.batch import Motions, rollout_many
 from noslip.runtime.export import export_c
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread
-from noslip.verification import Deviation, require_hard_limits, tell
+from noslip.verification import Deviation, require_hard_limits, tell, tell_many
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -56,6 +56,20 @@ def _told(
         if options.keys() - {"time_step"}:
             tell(motion, rule)
         return motion
+
+    return told
+
+
+def _many_told(
+    function: Callable[Concatenate[Law, Rule, P], Motions],
+) -> Callable[Concatenate[Law, Rule, P], Motions]:
+    """Return many rollouts that tell what they miss."""
+
+    @wraps(function)
+    def told(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> Motions:
+        motions = function(law, rule, *args, **options)
+        tell_many(motions, rule)
+        return motions
 
     return told
 
@@ -213,7 +227,7 @@ class ConstrainedDMP(Value):
     rollout = _method(_told(rollout))
     initial_state = _method(initial_state)
     step = _method(step)
-    rollout_many = _method(rollout_many)
+    rollout_many = _method(_many_told(rollout_many))
     export_c = _method(_within_limits(export_c))
 
     def controller(self, *, time_step: float, **options: Any) -> Controller:

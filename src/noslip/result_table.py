@@ -28,7 +28,7 @@ class RecordingResult:
         Of the primitive, without ``.json``: the file's stem, with its folders below a folder given.
     status : "learned" or "failed"
     message : str
-        Why it failed.
+        Why it failed, or what a person should know (the warnings).
     recording, primitive : str
         Paths; the latter empty where there is none.
     samples, duration_s, path_length_m

@@ -21,6 +21,7 @@ from noslip.law.law import Law
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY
 from noslip.rule import Rule
+from noslip.runtime.batch import Motions
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
 from noslip.trajectory import PoseTrajectory
@@ -168,6 +169,34 @@ def tell(motion: Motion, rule: Rule) -> None:
     wrong = _worst(_misses(motion, rule, [_goal_of(motion)]))
     if wrong is not None:
         warn(f"{wrong[1]}; adapt to a goal, and a way there is planned", CompromiseWarning)
+
+
+def tell_many(motions: Motions, rule: Rule) -> None:
+    """Warn if some of many motions end elsewhere than at their goals, or break a hard limit.
+
+    Warns
+    -----
+    CompromiseWarning
+    """
+    off, turned = motions.end_errors, motions.end_rotation_errors
+    paths = np.linalg.norm(np.diff(motions.positions, axis=1), axis=2).sum(axis=1)
+    missed = (off > TOLD * paths + BROKEN) | (turned > TOLD_TURN)
+    if missed.any():
+        warn(
+            f"{missed.sum()} of {len(motions)} motions end up to {quantity_text(off.max(), 'm')} "
+            f"and {np.degrees(turned.max()):.2g} degrees from their goals; adapt to each, and a "
+            "way there is planned",
+            CompromiseWarning,
+        )
+    limits = rule.system.limits
+    hard = np.array(limits.per_row(c.priority == 0 for c in limits.constraints), dtype=bool)
+    least = np.where(hard, motions.margins, np.inf).min(axis=(1, 2), initial=np.inf)
+    if (least < -BROKEN).any():
+        warn(
+            f"{(least < -BROKEN).sum()} of {len(motions)} motions break a hard limit, motion "
+            f"{int(least.argmin())} by {-least.min():.3g}; adapt to each, from starts inside of it",
+            CompromiseWarning,
+        )
 
 
 def misses_goal(motion: Motion) -> bool:

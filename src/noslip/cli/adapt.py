@@ -11,8 +11,9 @@ noslip adapt excision.json --goals goals.csv --figure family.png --out family/
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,7 +30,7 @@ from noslip.cli import options, output
 from noslip.cli.outcome import Outcome, csv_text, sentences, sentences_together
 from noslip.cli.plot import FORMATS
 from noslip.constraints.check import check
-from noslip.errors import InputError, NoslipError
+from noslip.errors import InputError, NoslipError, NoslipWarning
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import end_errors
 from noslip.law.scaling import Scaling
@@ -241,13 +242,19 @@ class _Family:
         )
 
     def try_to_add(self, name: str, asked: Options, target: Path) -> None:
-        """Do the same; note a failure, which must not stop the other goals."""
-        try:
-            self.add(name, asked, target)
-        except (NoslipError, ArithmeticError) as error:
-            # What an earlier run wrote there is no primitive for this goal.
-            target.unlink(missing_ok=True)
-            self.outcomes.append(Outcome(name, converged=False, message=str(error)))
+        """Do the same; note warnings, and a failure, which must not stop the other goals."""
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", NoslipWarning)
+            try:
+                self.add(name, asked, target)
+            except (NoslipError, ArithmeticError) as error:
+                # What an earlier run wrote there is no primitive for this goal.
+                target.unlink(missing_ok=True)
+                self.outcomes.append(Outcome(name, converged=False, message=str(error)))
+                return
+        texts = [self.outcomes[-1].message, *(str(warning.message) for warning in told)]
+        message = "; ".join(filter(None, texts))
+        self.outcomes[-1] = replace(self.outcomes[-1], message=message)
 
 
 # ---------------------------------------------------------------- what goes in

@@ -14,7 +14,7 @@ from typing import Any
 from noslip import _arguments
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import InputError
+from noslip.errors import CompromiseWarning, InputError, warn
 from noslip.many.executors import Task, replies
 from noslip.many.recordings import Recordings, content_hash, find_recordings
 from noslip.many.settings import settings_text
@@ -146,6 +146,9 @@ def learn_each(
                     progress(done, len(files))
     finally:
         book.write()
+    for name in tasks:
+        if book.rows[name].status == "learned" and book.rows[name].message:
+            warn(book.rows[name].message, CompromiseWarning)
     return LearnedEach(tuple(book.rows[name] for name in files), kept, target)
 
 

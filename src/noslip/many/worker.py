@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import warnings
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -15,7 +16,7 @@ from noslip._version import __version__
 from noslip.constraints.catalog import restore
 from noslip.constraints.system import ConstraintSystem
 from noslip.demonstrations.preparation import prepare
-from noslip.errors import InputError, NoslipError
+from noslip.errors import InputError, NoslipError, NoslipWarning
 from noslip.learning import learn
 from noslip.many.recordings import content_hash
 from noslip.merit import figures_of_merit
@@ -40,14 +41,19 @@ class Worker:
     def learn(self, name: str, file: Path, primitive: Path | None) -> RecordingResult:
         begin = perf_counter()
         content = content_hash(file)
-        try:
-            figures, failure = self._figures(file, primitive), ""
-        except Exception as error:
-            figures, failure = {}, as_line(error)
+        figures: dict[str, Any] = {}
+        failure = ""
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", NoslipWarning)
+            try:
+                figures = self._figures(file, primitive)
+            except Exception as error:
+                failure = as_line(error)
+        known = "; ".join(str(w.message) for w in told if issubclass(w.category, NoslipWarning))
         return RecordingResult(
             name=name,
             status="failed" if failure else "learned",
-            message=failure,
+            message=failure or known,
             recording=str(file),
             content=content,
             seconds=perf_counter() - begin,

@@ -45,6 +45,8 @@ class Motions(Value):
     constraint_residuals : array, shape (M, N, m)
     margins : array, shape (M, N, k)
         Of the limits.
+    goals : array, shape (M, 7)
+        Where each should end: position (m), quaternion (qw, qx, qy, qz).
     """
 
     durations: Floats
@@ -52,6 +54,7 @@ class Motions(Value):
     states: Floats
     constraint_residuals: Floats
     margins: Floats
+    goals: Floats
 
     def __repr__(self) -> str:
         return f"Motions({len(self)} of {self.states.shape[1]} samples)"
@@ -84,6 +87,19 @@ class Motions(Value):
     def angular_velocities(self) -> Floats:
         """Of the step that led to each sample (rad/s), world frame, shape (M, N, 3)."""
         return self.states[:, :, STATE["angular_velocity"]]
+
+    @property
+    def end_errors(self) -> Floats:
+        """Distance of each from its last sample to its goal (m), shape (M,)."""
+        off = self.positions[:, -1] - self.goals[:, STATE["position"]]
+        return np.asarray(np.linalg.norm(off, axis=1))
+
+    @property
+    def end_rotation_errors(self) -> Floats:
+        """The same of the rotation (rad), shape (M,)."""
+        both = self.quaternions[:, -1], self.goals[:, STATE["quaternion"]]
+        found, asked = (Rotation.from_quat(q, scalar_first=True) for q in both)
+        return np.asarray((found * asked.inv()).magnitude())
 
     def __getitem__(self, index: int) -> PoseTrajectory:
         """One of them."""
@@ -191,6 +207,7 @@ def rollout_many(
         states[..., : STATE.size],
         states[..., STATE.size : margins],
         states[..., margins:],
+        beginnings[:, BEGINNING.span("goal_position", "goal_quaternion")].copy(),
     )
 
 
