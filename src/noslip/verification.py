@@ -75,7 +75,10 @@ def deviations(motion: PoseTrajectory, reference: PoseTrajectory) -> tuple[Float
     if len(motion) != len(reference) or not np.allclose(at, reference.times, 1e-9):
         reference = reference.resampled(times=at)
     distances = np.linalg.norm(motion.positions - reference.positions, axis=1)
-    return distances, (motion.rotations * reference.rotations.inv()).magnitude()
+    # An angle a lies 2 sin(a / 4) apart on the sphere of quaternions, on the nearer side.
+    here, there = motion.quaternions, reference.quaternions
+    apart = np.minimum(np.linalg.norm(here - there, axis=1), np.linalg.norm(here + there, axis=1))
+    return distances, 4 * np.arcsin(apart / 2)
 
 
 def followed_with(
@@ -266,8 +269,8 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
 
 def _turning(motion: PoseTrajectory) -> float:
     """All turns of a motion together (rad)."""
-    angular = motion.step_velocities()[1]
-    return float(np.linalg.norm(angular, axis=1) @ np.diff(motion.times))
+    # A rollout's velocities are those of its steps; of others this is near enough.
+    return float(np.linalg.norm(motion.angular_velocities[1:], axis=1) @ np.diff(motion.times))
 
 
 def pose_at(motion: PoseTrajectory, fraction: float) -> tuple[Floats, Rotation]:

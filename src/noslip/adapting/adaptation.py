@@ -238,7 +238,8 @@ def _in_time(planned: Callable[[float], Adapted], law: Law, duration: float | No
     """
 
     def fastest(motion: PoseTrajectory) -> float:
-        return float(np.linalg.norm(motion.step_velocities()[0], axis=1).max())
+        ways = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1)
+        return float((ways / np.diff(motion.times)).max())
 
     usual, tau = fastest(rollout(law, Rule())), duration or law.duration
     found = planned(tau)
