@@ -124,9 +124,12 @@ def test_trained_excision_follows_its_demonstration_without_slip(results, number
     trained = Rows(results / "excision" / f"trained_{number}.csv")
     assert demonstration.slip > 1e-3
     assert trained.slip <= 1e-10
-    np.testing.assert_allclose(trained.t, demonstration.t - demonstration.t[0], atol=1e-9)
+    # Steps of a rollout are the demonstration's, or a fraction of them.
+    share = (len(trained.t) - 1) // (len(demonstration.t) - 1)
+    times, positions = trained.t[::share], trained.p[::share]
+    np.testing.assert_allclose(times, demonstration.t - demonstration.t[0], atol=1e-9)
     np.testing.assert_allclose(demonstration.p[0], 0.0)
-    assert rms(np.linalg.norm(trained.p - demonstration.p, axis=1)) <= 0.5e-3
+    assert rms(np.linalg.norm(positions - demonstration.p, axis=1)) <= 0.5e-3
 
 
 def test_summary_agrees_with_the_files_and_says_synthetic(results, example):

@@ -68,7 +68,8 @@ def middle_step() -> ca.Function:
     parts = [ca.SX.sym(name, n) for name, n in (("p", 3), ("q", 4), ("v", 3), ("w", 3))]
     h, kick, previous = (ca.SX.sym(name) for name in ("h", "kick", "previous"))
     rates = [ca.SX(0)] * 3
-    symbols = StepSymbols(*parts, h, kick, previous, ca.SX(0), *rates)
+    # The blade's residual of the step before is 0.
+    symbols = StepSymbols(*parts, ca.SX.zeros(1), h, kick, previous, ca.SX(0), *rates)
     pulled = parts[2] + kick * ca.DM([PULL, 0, 0])
     held = coupling(blade)(symbols, pulled, parts[3])
     return ca.Function("step", [*parts, h, kick, previous], [held.linear])

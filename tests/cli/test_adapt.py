@@ -85,7 +85,11 @@ def test_the_primitive_written_ends_at_the_goal_and_keeps_its_constraint(
     assert motion.duration == pytest.approx(3)
     assert ns.check(motion, ns.Blade(), tolerance=1e-9).satisfied
     ends, residual, speed, wrote = result.out.splitlines()
-    assert ends.startswith("ends within ") and " mm and " in ends and ends.endswith("of the goal")
+    assert (
+        ends.startswith("ends within ")
+        and " m and " in ends.replace("mm", "m")
+        and ends.endswith("of the goal")
+    )
     assert residual == "residual below 1e-9"
     assert speed.startswith("angular speed at most ") and "times that of the original" in speed
     assert wrote == f"wrote {out}"
@@ -149,7 +153,7 @@ def test_a_goal_that_the_constraint_forbids_leaves_no_file(noslip, saved, tmp_pa
 
 
 def test_a_motion_that_breaks_a_hard_limit_exits_with_one(noslip, primitive, tmp_path, monkeypatch):
-    monkeypatch.setattr(adapt, "check", lambda motion, _: ns.check(motion, ns.SpeedLimit(0.01)))
+    monkeypatch.setattr(adapt, "checked", lambda motion, _: ns.check(motion, ns.SpeedLimit(0.01)))
     result = noslip("adapt", primitive, "--out", tmp_path / "a.json", "--goal-position", "0.1,0,0")
     assert result.code == 1
     assert "violated: speed-limit" in result.out

@@ -257,7 +257,11 @@ def test_rollouts_converge_to_the_papers_equations_with_the_square_of_the_step(
     errors = []
     for steps in (100, 200, 400, 800):
         motion = dmp.rollout(
-            duration=tau, time_step=tau / steps, goal_position=goal, goal_rotation=turned_goal
+            duration=tau,
+            time_step=tau / steps,
+            goal_position=goal,
+            goal_rotation=turned_goal,
+            goal_form="paper",
         )[:: steps // 10]
         errors.append(
             (

@@ -207,7 +207,7 @@ def wandering(count: int, rate: float = 120.0, seed: int = 1) -> PoseTrajectory:
 # A hundred seconds at 120 Hz: thinned out too much, it would not follow its path.
 @pytest.mark.slow
 def test_a_long_recording_is_projected_as_a_short_one_is() -> None:
-    found = project_trajectory(wandering(12001), BLADE, hold_position=True).trajectory
+    found = project_trajectory(wandering(12501), BLADE, hold_position=True).trajectory
     assert np.abs(slip(found)).max() <= 1e-10
 
 

@@ -29,7 +29,7 @@ from noslip.boundary import Boundary, twist
 from noslip.cli import options, output
 from noslip.cli.outcome import Outcome, csv_text, sentences, sentences_together
 from noslip.cli.plot import FORMATS
-from noslip.constraints.check import check
+from noslip.constraints.check import checked
 from noslip.errors import InputError, NoslipError, NoslipWarning
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import end_errors
@@ -217,7 +217,7 @@ class _Family:
         off, turned = end_errors(motion, self.goals[name])
         merit = figures_of_merit(motion, self.original, self.dmp.system)
         hard = [c for c in self.dmp.constraints if c.priority == 0]
-        report = check(motion, hard) if hard else None
+        report = checked(motion, hard) if hard else None
         (record,) = adapted.record
         messages = [] if report is None or report.satisfied else [report.verdict]
         if record.left_out:

@@ -23,7 +23,7 @@ import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.constraints.check import check, margin_text, quantity_text, residual_text
+from noslip.constraints.check import checked, margin_text, quantity_text, residual_text
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError
 from noslip.learning import learn
@@ -258,7 +258,7 @@ def run(
     if system.equalities.size:
         typer.echo(f"residual of its motion: {residual_text(result['residual_peak'], '1')} (peak)")
     if system.limits.size:
-        for limit in check(motion, system.limits).constraints:
+        for limit in checked(motion, system.limits).constraints:
             typer.echo(f"{limit.name} of its motion: {margin_text(limit)}")
     here, there = (" ".join(f"{x:.4g}" for x in motion.positions[k]) for k in (0, -1))
     typer.echo(

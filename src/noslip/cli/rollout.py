@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import typer
 
 from noslip.cli import options, output
-from noslip.constraints.check import CheckReport, check, quantity_text, residual_text
+from noslip.constraints.check import CheckReport, checked, quantity_text, residual_text
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.recordings.formats import WRITTEN, listed_suffixes, write_recording
@@ -116,7 +116,7 @@ def run(
         sys.stdout.write(motion.csv_text())
     else:
         write_recording(motion, out)
-    report = check(motion, dmp.system) if dmp.constraints else None
+    report = checked(motion, dmp.system) if dmp.constraints else None
     gave_way = _gave_way(motion, dmp.system.limits)
     if as_json:
         result = {
@@ -126,8 +126,8 @@ def run(
             "end_rotation_error": motion.end_rotation_error,
             "path_error": motion.path_error,
         }
-        checked = report.to_dict() if report else None
-        output.print_json(result | {"check": checked, "gave_way": gave_way})
+        told = report.to_dict() if report else None
+        output.print_json(result | {"check": told, "gave_way": gave_way})
     elif out is not None:
         typer.echo(
             f"wrote {out}: {len(motion)} samples, {motion.duration:.4g} s; ends "

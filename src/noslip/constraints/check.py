@@ -261,12 +261,13 @@ def check(
 
 def checked(
     trajectory: PoseTrajectory,
-    system: ConstraintSystem,
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint],
     *,
     tolerance: float = TOLERANCE,
     slip_share: float = SLIP_SHARE,
 ) -> CheckReport:
     """Do what :func:`check` does, of any motion: also one that no recording could be."""
+    system = as_system(constraints)
     residuals = sample_residuals(trajectory, system)
     parts = np.split(residuals, np.cumsum(system.rows)[:-1], axis=1)
     results = tuple(
