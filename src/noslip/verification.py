@@ -182,7 +182,8 @@ def tell_many(motions: Motions, rule: Rule) -> None:
     CompromiseWarning
     """
     off, turned = motions.end_errors, motions.end_rotation_errors
-    paths = np.linalg.norm(np.diff(motions.positions, axis=1), axis=2).sum(axis=1)
+    # One after another: thousands of motions are not copied.
+    paths = np.array([_way(positions) for positions in motions.positions])
     missed = (off > TOLD * paths + BROKEN) | (turned > TOLD_TURN)
     if missed.any():
         warn(
@@ -193,7 +194,7 @@ def tell_many(motions: Motions, rule: Rule) -> None:
         )
     limits = rule.system.limits
     hard = np.array(limits.per_row(c.priority == 0 for c in limits.constraints), dtype=bool)
-    least = np.where(hard, motions.margins, np.inf).min(axis=(1, 2), initial=np.inf)
+    least = np.array([margins[:, hard].min(initial=np.inf) for margins in motions.margins])
     if (least < -BROKEN).any():
         warn(
             f"{(least < -BROKEN).sum()} of {len(motions)} motions break a hard limit, motion "
@@ -265,6 +266,10 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
         target = "its goal" if boundary.at == 1 else f"via {boundary.at:g}"
         is_failure = off > MISSED * length + BROKEN or turned > MISSED_TURN * turns
         yield is_failure, f"the motion {passes} {' and '.join(parts)} from {target}"
+
+
+def _way(positions: Floats) -> float:
+    return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
 
 
 def _turning(motion: PoseTrajectory) -> float:
