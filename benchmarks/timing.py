@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from noslip.constraints import system
+
 
 def forget() -> None:
     """Empty noslip's caches, so that a repetition pays what the first call pays."""
@@ -20,6 +22,8 @@ def forget() -> None:
         for value in vars(module).values():
             if hasattr(value, "cache_clear"):
                 value.cache_clear()
+    # Systems that live keep theirs; those declared from now on build new ones.
+    system._living.clear()
 
 
 @dataclass(frozen=True)

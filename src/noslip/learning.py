@@ -145,12 +145,6 @@ def learn(
     progress : callable, optional
         Called with (demonstrations done, all) after each projection.
 
-    Warns
-    -----
-    RecordingWarning
-        If several demonstrations start apart or are out of step, so that their mean follows none,
-        or one is hardly in seconds, meters and radians.
-
     Raises
     ------
     InputError, ConstraintError
@@ -163,6 +157,9 @@ def learn(
 
     Warns
     -----
+    RecordingWarning
+        If several demonstrations start apart or are out of step, so that their mean follows none,
+        or one is hardly in seconds, meters and radians.
     CompromiseWarning
         If the primitive leaves its demonstration, or the projection turns the tool far.
     """

@@ -22,9 +22,8 @@ from noslip.law.law import Law
 from noslip.law.scaling import scaled
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule
-from noslip.runtime.batch import Motions, rollout_many
+from noslip.runtime.batch import rollout_many
 from noslip.runtime.export import export_c
-from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread
@@ -45,33 +44,19 @@ def _method(
     return _described(method, function)
 
 
-def _told(
-    function: Callable[Concatenate[Law, Rule, P], Motion],
-) -> Callable[Concatenate[Law, Rule, P], Motion]:
+def _telling(
+    function: Callable[Concatenate[Law, Rule, P], T], tell: Callable[[T, Rule], None]
+) -> Callable[Concatenate[Law, Rule, P], T]:
     """Return a rollout that tells what it misses, where it is not as it was learned."""
 
     @wraps(function)
-    def told(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> Motion:
-        motion = function(law, rule, *args, **options)
+    def telling(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> T:
+        found = function(law, rule, *args, **options)
         if options.keys() - {"time_step"}:
-            tell(motion, rule)
-        return motion
+            tell(found, rule)
+        return found
 
-    return told
-
-
-def _many_told(
-    function: Callable[Concatenate[Law, Rule, P], Motions],
-) -> Callable[Concatenate[Law, Rule, P], Motions]:
-    """Return many rollouts that tell what they miss."""
-
-    @wraps(function)
-    def told(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> Motions:
-        motions = function(law, rule, *args, **options)
-        tell_many(motions, rule)
-        return motions
-
-    return told
+    return telling
 
 
 def _within_limits(
@@ -224,10 +209,10 @@ class ConstrainedDMP(Value):
 
     # ---------------------------------------------------------------- motion
 
-    rollout = _method(_told(rollout))
+    rollout = _method(_telling(rollout, tell))
     initial_state = _method(initial_state)
     step = _method(step)
-    rollout_many = _method(_many_told(rollout_many))
+    rollout_many = _method(_telling(rollout_many, tell_many))
     export_c = _method(_within_limits(export_c))
 
     def controller(self, *, time_step: float, **options: Any) -> Controller:

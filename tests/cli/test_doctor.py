@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from noslip.constraints.system import forget
+from benchmarks.timing import forget
 
 
 def told(noslip: Callable[..., Any]) -> dict[str, str]:

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import noslip as ns
+from benchmarks.timing import forget
 from noslip.codegen import library
-from noslip.constraints.system import forget
 from noslip.experiments.numerical_example import demonstration
 from noslip.runtime.stepper import stepper_of
 

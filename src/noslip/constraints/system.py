@@ -533,13 +533,6 @@ def _recent(graphs: _Graphs) -> _Graphs:
     return graphs
 
 
-def forget() -> None:
-    """Let go of all graphs: systems declared from now on build theirs anew."""
-    with _living_lock:
-        _recent.cache_clear()
-        _living.clear()
-
-
 def _named(constraints: tuple[Constraint, ...], names: tuple[str, ...]) -> ConstraintSystem:
     """Part of a system, whose constraints keep the names that they have there."""
     system = ConstraintSystem.__new__(ConstraintSystem)
