@@ -168,3 +168,16 @@ def test_each_of_many_recordings_keeps_its_warnings(tmp_path: Path) -> None:
         learned = ns.learn_each(tmp_path / "waves.csv", basis_functions=4)
     (result,) = learned.results
     assert result.status == "learned" and "4 basis functions leave" in result.message
+
+
+def test_a_tool_that_cannot_move_at_all_says_how_far_its_goal_is() -> None:
+    s = np.linspace(0, 1, 201)
+    turning = ns.PoseTrajectory(s, np.zeros((201, 3)), Rotation.from_euler("z", s))
+
+    @ns.position_constraint
+    def pinned(motion):  # type: ignore[no-untyped-def]
+        return motion.position
+
+    dmp = under(ns.learn(turning, basis_functions=20), [pinned])
+    with pytest.warns(CompromiseWarning, match=r"ends 1\d\d mm from its goal"):
+        dmp.rollout(goal_position=[0.15, 0, 0])

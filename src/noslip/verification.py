@@ -260,7 +260,8 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
             turned = float((rotation * boundary.rotation.inv()).magnitude())
         if off <= TOLD * length + BROKEN and turned <= TOLD_TURN * turns:
             continue
-        parts = [f"{quantity_text(off, 'm')} ({off / length:.2g} of its path)"] if off else []
+        share = f" ({off / length:.2g} of its path)" if length else ""
+        parts = [quantity_text(off, "m") + share] if off else []
         parts += [f"{np.degrees(turned):.2g} degrees"] if turned > TOLD_TURN * turns else []
         passes = "ends" if boundary.at == 1 else "passes"
         target = "its goal" if boundary.at == 1 else f"via {boundary.at:g}"
