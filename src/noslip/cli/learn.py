@@ -126,8 +126,11 @@ class Learning:
         """Return what they are for :func:`noslip.learn`."""
         count: int | str = self.basis_functions
         if count != "auto":
-            (found,) = options.numbers("--basis-functions", self.basis_functions, (1,))
-            count = int(found) if found == int(found) else count
+            if not self.basis_functions.lstrip("+-").isdecimal():
+                raise InputError(
+                    f"--basis-functions: give auto or a whole number, got {self.basis_functions!r}"
+                )
+            count = int(self.basis_functions)
         return vars(self) | {"metric": options.metric(self.metric), "basis_functions": count}
 
 
