@@ -28,12 +28,15 @@ class Goal:
         Over the primitive's own.
     vias : tuple of (fraction, shift over the path's length)
         Points to pass, beside the primitive's own path.
+    seconds : float or None
+        Its duration, as a remedy has it.
     """
 
     shift: Floats
     turn: Floats
     duration: float | None = None
     vias: Vias = ()
+    seconds: float | None = None
 
 
 @dataclass(frozen=True)

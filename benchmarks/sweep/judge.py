@@ -23,6 +23,8 @@ LEAVES, LEAVES_MEAN = 0.05, 0.25
 """Share of the path by which no primitive may leave a demonstration, or one of several, untold."""
 HURRIES = 2.0
 """How many times as fast as before no motion may be untold, unless its duration was asked for."""
+UNSURE = 1e-4
+"""Share of the path up to which the goal of what is learned from several is not known from files."""
 TURNS = 67.5
 """Degrees (rms) by which no constraint may turn the tool untold."""
 
@@ -191,6 +193,9 @@ def _missed(facts: Facts, found: re.Match[str]) -> bool | None:
         if facts.is_learned and (facts.noise or any(rule.of_poses for rule in facts.asked.rules)):
             # The goal is what the projection made of the demonstration's end.
             return None
+        if len(facts.references) > 1 and max(off) <= UNSURE * facts.motion.length:
+            # The mean of several recordings' ends, and of their projections', differ by so much.
+            length = share = None
         if length is not None and not agrees(meters(length, unit), *off):
             return False
         if share is not None:
@@ -289,11 +294,11 @@ _QUANTITY = rf"{NUMBER} (m|mm)"
 SENTENCES: tuple[tuple[str, str, Check], ...] = (
     (
         "misses a place",
-        rf"the motion (?:ends|passes) (?:{_QUANTITY})?(?: \({NUMBER} of its path\))?(?: and )?"
+        rf"(?:ends|passes) (?:{_QUANTITY})?(?: \({NUMBER} of its path\))?(?: and )?"
         rf"(?:{NUMBER} degrees)? from (its goal|via [\d.]+)",
         _missed,
     ),
-    ("breaks a limit", rf"the motion breaks ([\w-]+) by {NUMBER} (\S+)", _broken),
+    ("breaks a limit", rf"breaks ([\w-]+) by {NUMBER} (\S+)", _broken),
     (
         "takes longer for a limit",
         rf"the motion takes {NUMBER} s instead of {NUMBER} s, the least in which it keeps '(.*)' a",
@@ -353,10 +358,10 @@ REFUSALS: tuple[tuple[str, str], ...] = (
 def readings(facts: Facts, sentences: Sequence[str]) -> Iterator[tuple[str, bool | None, str]]:
     """Of each sentence its kind, and whether it is true; a kind of its own if it is unknown."""
     for sentence in sentences:
+        known = False
         for kind, pattern, check in SENTENCES:
-            if found := re.search(pattern, sentence):
-                is_true = check(facts, found)
+            for found in re.finditer(pattern, sentence):
+                known, is_true = True, check(facts, found)
                 yield kind, None if is_true is None else bool(is_true), sentence
-                break
-        else:
+        if not known:
             yield "unread", None, sentence

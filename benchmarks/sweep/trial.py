@@ -112,6 +112,8 @@ def _rolled_out(said: Said, primitive: Path, duration: float) -> tuple[Said, tup
     duration = noslip_duration(said, duration)
     for name, step in (("motion", None), ("fine", max(FINE, duration / FINEST))):
         path = primitive.with_name(f"{primitive.stem}_{name}.csv")
+        if step is not None and motions and step >= np.diff(motions[0].times).max():
+            continue
         fine = [] if step is None else ["--time-step", repr(step)]
         rolled = noslip("rollout", primitive, "--out", path, *fine)
         told += [s for s in rolled.sentences if s not in told]
@@ -129,18 +131,16 @@ def _asked(of: Job, goal: Goal, before: Track) -> tuple[Asked, list[str]]:
     """What a goal means for a primitive, and its words on the command line."""
     position = before.positions[-1] + before.length * goal.shift
     turned = times(quaternion(goal.turn), before.quaternions[-1])
-    # Negative: in seconds.
-    duration = before.duration * (goal.duration or 1.0)
-    if goal.duration is not None and goal.duration < 0:
-        duration = -goal.duration
+    given = goal.seconds or (goal.duration and goal.duration * before.duration)
+    duration = given or before.duration
     vias = tuple((at, before.at(at)[0][0] + before.length * shift) for at, shift in goal.vias)
     words = ["--goal-position", _list(position), "--goal-rotation", _list(turned)]
-    if goal.duration is not None:
+    if given:
         words += ["--duration", repr(duration)]
     for at, point in vias:
         words += ["--via", f"{at!r}:{_list(point)}"]
-    given = goal.duration is not None
-    return Asked(of.rules, position, turned, vias, duration, is_duration_given=given), words
+    is_given = given is not None
+    return Asked(of.rules, position, turned, vias, duration, is_duration_given=is_given), words
 
 
 def _list(values: Floats) -> str:
@@ -178,7 +178,7 @@ def tried(asked: Job) -> Verdict:
                         verdict.contradictions.append(f"{kind}: {sentence}")
                 verdict.contradictions += judge.silences(facts, said.sentences)
                 verdict.contradictions += _figures(facts, said)
-            for kind, is_true, sentence in _remedies(asked, stage):
+            for kind, is_true, sentence in _remedies(asked, stage, folder):
                 verdict.remedies.append((kind, is_true))
                 if not is_true:
                     verdict.contradictions.append(f"remedy: {sentence}")
@@ -235,57 +235,64 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _remedies(asked: Job, stage: Stage) -> Iterator[tuple[str, bool, str]]:
-    """Of each remedy that was named: its kind, whether it is one, and the sentence."""
-    is_learned = not stage.said.command.startswith("adapt")
-    for sentence in stage.said.sentences:
-        for kind, pattern in _REMEDIES:
-            if found := re.search(pattern, sentence):
-                changed, mended = _follow(asked, kind, found, is_learned)
-                done = _again(changed, is_learned)
-                is_true = done is not None and not any(mended in s for s in done.said.sentences)
-                yield kind, is_true, sentence
-
-
+_MISSES = r"the motion (ends|passes|breaks)|no motion found|no trajectory near"
+"""Said of a job that is not done."""
 _REMEDIES = (
-    ("shared metric", r"metric 'shared' mends that"),
-    ("longer duration", rf"a duration of {NUMBER} s, not {NUMBER}, mends that"),
-    ("without limits", r"; ([\w, -]+) in its way: loosen that"),
+    ("shared metric", r"metric 'shared' mends that", _MISSES),
+    ("longer duration", rf"a duration of {NUMBER} s, not {NUMBER}, mends that", _MISSES),
+    ("default step", rf"the default step of {NUMBER} s mends that", _MISSES),
+    ("without limits", r"; ([\w, -]+) in its way: loosen that", _MISSES),
     (
         "duration for a limit",
-        rf"'(.*)' cannot be kept in {NUMBER} s: along its path the motion takes {NUMBER} s",
+        rf"along its path the motion takes {NUMBER} s; give it that",
+        r"cannot be kept in",
     ),
-    ("duration for its speed", rf"a duration of {NUMBER} s or more mends that"),
-    ("more basis functions", r"give more basis functions, or none for as many as it takes"),
-    ("priority", r"no motion found that keeps ([\w, -]+) between these ends"),
+    ("duration for its speed", rf"a duration of {NUMBER} s or more mends that", r"times as fast"),
+    ("more basis functions", r"give more basis functions, or none", r"basis functions leave"),
+    ("priority", r"no motion found that keeps ([\w, -]+) between these ends", r"no motion found"),
 )
+"""Kinds of remedies: a name, how to know one, and what is not said any more where it was taken."""
 
 
-def _follow(asked: Job, kind: str, found: re.Match[str], is_learned: bool) -> tuple[Job, str]:
-    """The job as the remedy has it, and what must not be said of it any more."""
-    options = list(asked.options)
-    broken = "the motion "
+def _remedies(asked: Job, stage: Stage, folder: Path) -> Iterator[tuple[str, bool, str]]:
+    """Of each remedy that was named: its kind, whether it is one, and the sentence."""
+    for sentence in stage.said.sentences:
+        for kind, pattern, mended in _REMEDIES:
+            if found := re.search(pattern, sentence):
+                done = _followed(asked, kind, found, stage, folder)
+                yield kind, not any(re.search(mended, s) for s in done), sentence
+
+
+def _followed(
+    asked: Job, kind: str, found: re.Match[str], stage: Stage, folder: Path
+) -> tuple[str, ...]:
+    """What is said where a remedy is taken."""
+    is_learned, options = stage.said.command.startswith("learn"), asked.options
+    if stage.facts is not None and kind in ("longer duration", "default step"):
+        # There is a primitive: it can be run otherwise.
+        primitive = folder / ("learned.json" if is_learned else "adapted.json")
+        words = ["--duration", found.group(1)] if kind == "longer duration" else []
+        return noslip("rollout", primitive, "--out", folder / "again.csv", *words).sentences
     if kind == "shared metric":
-        return replace(
-            asked, options=(*_without(options, "--metric"), "--metric", "shared")
-        ), broken
-    if kind == "more basis functions":
-        return replace(
-            asked, options=_without(options, "--basis-functions")
-        ), "basis functions leave"
-    if kind == "without limits":
-        return asked.without(*found.group(1).split(", ")), broken
-    if kind == "priority":
+        changed = replace(asked, options=(*_without(options, "--metric"), "--metric", "shared"))
+    elif kind == "more basis functions":
+        changed = replace(asked, options=_without(options, "--basis-functions"))
+    elif kind == "without limits":
+        changed = asked.without(*found.group(1).split(", "))
+    elif kind == "priority":
         names = found.group(1).split(", ")
         soft = tuple(r.softened() if r.name in names else r for r in asked.rules)
-        return replace(asked, rules=soft), "no motion found"
-    said = float(found.group(3) if kind == "duration for a limit" else found.group(1))
+        changed = replace(asked, rules=soft)
+    elif is_learned:
+        changed = asked.slower(float(found.group(1)) / asked.recordings[0].duration)
+    else:
+        assert asked.goal is not None
+        changed = replace(asked, goal=replace(asked.goal, seconds=float(found.group(1))))
     if is_learned:
-        return asked.slower(said / asked.recordings[0].duration), broken
-    assert asked.goal is not None
-    goal = replace(asked.goal, duration=-said)
-    untrue = {"duration for a limit": "cannot be kept", "duration for its speed": "times as fast"}
-    return replace(asked, goal=goal), untrue.get(kind, broken)
+        changed = replace(changed, goal=None)
+    with tempfile.TemporaryDirectory() as name:
+        *_, last = stages(changed, Path(name))
+    return last.said.sentences
 
 
 def _without(options: Sequence[str], name: str) -> tuple[str, ...]:
@@ -293,17 +300,6 @@ def _without(options: Sequence[str], name: str) -> tuple[str, ...]:
         return tuple(options)
     k = options.index(name)
     return (*options[:k], *options[k + 2 :])
-
-
-def _again(changed: Job, is_learned: bool) -> Stage | None:
-    """The same stage of a changed job; None if it fails."""
-    if is_learned:
-        changed = replace(changed, goal=None)
-    with tempfile.TemporaryDirectory() as name:
-        *_, last = stages(changed, Path(name))
-        if last.facts is None or last.facts.is_learned != is_learned:
-            return None
-        return last
 
 
 # ---------------------------------------------------------------- all of them

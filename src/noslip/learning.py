@@ -249,15 +249,21 @@ def learn(
     rule = rule_along(followed)
     goal = Boundary(1.0, law.goal_position, law.goal_rotation)
     # With fewer basis functions than it takes, by choice, it comes as near as these can.
-    motion = verify(law, rule, [goal], strict=off <= FOLLOWED)
+    by_choice = basis_functions != "auto" and off > FOLLOWED
+    motion, compromise = verify(law, rule, [goal], strict=not by_choice)
+    if compromise:
+        warn(compromise, CompromiseWarning)
     record = tuple(
         LearningRecord.of(d, r, Deviation.between(motion, d))
         for d, r in zip(sampled, results, strict=True)
     )
     if off > FOLLOWED:
+        remedy = "give more basis functions, or none for as many as it takes"
+        if basis_functions == "auto":
+            remedy = "low-pass the recording, let the position give way, or lower alpha_s"
         warn(
             f"{count} basis functions leave the demonstration by {off:.2g} of its path or turning; "
-            "give more basis functions, or none for as many as it takes",
+            f"{remedy}",
             CompromiseWarning,
         )
     _tell(record, sampled, rotation_smoothing)

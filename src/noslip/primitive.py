@@ -45,15 +45,15 @@ def _method(
 
 
 def _telling(
-    function: Callable[Concatenate[Law, Rule, P], T], tell: Callable[[T, Rule], None]
+    function: Callable[Concatenate[Law, Rule, P], T], tell: Callable[[Law, Rule, T], None]
 ) -> Callable[Concatenate[Law, Rule, P], T]:
-    """Return a rollout that tells what it misses, where it is not as it was learned."""
+    """Return a rollout that tells what it misses."""
 
     @wraps(function)
     def telling(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> T:
         found = function(law, rule, *args, **options)
-        if options.keys() - {"time_step"}:
-            tell(found, rule)
+        if any(option is not None for option in options.values()):
+            tell(law, rule, found)
         return found
 
     return telling

@@ -120,7 +120,9 @@ def followed_with(
         count *= 2
 
 
-def verify(law: Law, rule: Rule, asked: Sequence[Boundary], *, strict: bool = True) -> Motion:
+def verify(
+    law: Law, rule: Rule, asked: Sequence[Boundary], *, strict: bool = True
+) -> tuple[Motion, str]:
     """Roll a law out under its rule, and see that it comes where it was asked to.
 
     Parameters
@@ -130,51 +132,67 @@ def verify(law: Law, rule: Rule, asked: Sequence[Boundary], *, strict: bool = Tr
     asked : sequence of Boundary
         Poses, or parts of them, to pass and to end in.
     strict : bool
-        Whether to raise; else all is told by warnings.
+        Whether to raise; else all is a compromise.
 
     Returns
     -------
-    Motion
-        At the default step.
+    (Motion, str)
+        At the default step; and a sentence if it comes near, but not there, else an empty one.
 
     Raises
     ------
     MissedError
         If it misses one of them or breaks a hard limit; what else would do is tried, and told.
+    """
+    motions = _at_steps(law, rule)
+    wrong = _wrong(motions, rule, asked)
+    if wrong is None:
+        return motions[0], ""
+    is_failure, text = wrong
+    text += f"; {_remedy(law, rule, asked)}"
+    if is_failure and strict:
+        raise MissedError(text)
+    return motions[0], text
+
+
+def _at_steps(law: Law, rule: Rule, duration: float | None = None) -> list[Motion]:
+    """The motion at its default step, and at a fine one if that is finer."""
+    usual = rollout(law, rule, duration=duration)
+    fine = max(_FINE, usual.duration / _FINEST)
+    if fine >= 0.9 * usual.period:
+        return [usual]
+    return [usual, rollout(law, rule, duration=duration, time_step=fine)]
+
+
+def tell(law: Law, rule: Rule, motion: Motion) -> None:
+    """Warn if a motion of a law breaks a hard limit or ends elsewhere than at its goal.
+
+    Of the law's own motion that was told when the law was made; longer steps are another matter.
 
     Warns
     -----
     CompromiseWarning
-        If it comes near, but not there.
     """
-    motion = rollout(law, rule)
-    fine = max(_FINE, law.duration / _FINEST)
-    motions = [motion]
-    if fine < 0.9 * motion.period:
-        motions.append(rollout(law, rule, time_step=fine))
-    wrong = _worst(w for found in motions for w in _misses(found, rule, asked))
-    if wrong is not None:
-        is_failure, text = wrong
-        text += f"; {_remedy(law, rule, asked)}"
-        if is_failure and strict:
-            raise MissedError(text)
-        warn(text, CompromiseWarning)
-    return motion
+    wrong = _wrong([motion], rule, [_goal_of(motion)])
+    if wrong is None:
+        return
+    remedy = "adapt to what is asked, and a way there is planned"
+    usual = rollout(law, rule)
+    if _same_task(motion, usual):
+        if motion.period <= usual.period or any(_misses(usual, rule, [_goal_of(usual)])):
+            return
+        remedy = f"the default step of {usual.period:.3g} s mends that"
+    warn(f"{wrong[1]}; {remedy}", CompromiseWarning)
 
 
-def tell(motion: Motion, rule: Rule) -> None:
-    """Warn if a motion breaks a hard limit or ends elsewhere than at its goal.
-
-    Warns
-    -----
-    CompromiseWarning
-    """
-    wrong = _worst(_misses(motion, rule, [_goal_of(motion)]))
-    if wrong is not None:
-        warn(f"{wrong[1]}; adapt to a goal, and a way there is planned", CompromiseWarning)
+def _same_task(motion: Motion, other: Motion) -> bool:
+    """Whether two motions of a law have the same start, goal and duration."""
+    same_start = np.array_equal(motion.asked.start.vector(), other.asked.start.vector())
+    same_time = abs(motion.duration - other.duration) <= 1e-9 * other.duration
+    return same_start and same_time and _goal_of(motion) == _goal_of(other)
 
 
-def tell_many(motions: Motions, rule: Rule) -> None:
+def tell_many(law: Law, rule: Rule, motions: Motions) -> None:
     """Warn if some of many motions end elsewhere than at their goals, or break a hard limit.
 
     Warns
@@ -215,8 +233,8 @@ def require_hard_limits(law: Law, rule: Rule) -> None:
     ------
     MissedError
     """
-    for _, text in _broken_limits(rollout(law, rule), rule):
-        raise MissedError(f"{text}; {_remedy(law, rule, ())}")
+    if wrong := _wrong([rollout(law, rule)], rule, ()):
+        raise MissedError(f"{wrong[1]}; {_remedy(law, rule, ())}")
 
 
 def _goal_of(motion: Motion) -> Boundary:
@@ -224,9 +242,17 @@ def _goal_of(motion: Motion) -> Boundary:
     return Boundary(1.0, goal.goal_position, goal.goal_rotation)
 
 
-def _worst(misses: Iterator[tuple[bool, str]]) -> tuple[bool, str] | None:
-    """The first failure, else the first thing that was compromised on."""
-    return max(misses, key=lambda miss: miss[0], default=None)
+def _wrong(
+    motions: Sequence[Motion], rule: Rule, asked: Sequence[Boundary]
+) -> tuple[bool, str] | None:
+    """All that the first motion which fails, or else compromises, does not do as asked."""
+    found = [wrong for motion in motions if (wrong := list(_misses(motion, rule, asked)))]
+    if not found:
+        return None
+    worst = max(found, key=lambda wrong: any(is_failure for is_failure, _ in wrong))
+    return any(is_failure for is_failure, _ in worst), "the motion " + ", and ".join(
+        text for _, text in worst
+    )
 
 
 def _misses(motion: Motion, rule: Rule, asked: Sequence[Boundary]) -> Iterator[tuple[bool, str]]:
@@ -246,7 +272,7 @@ def _broken_limits(motion: Motion, rule: Rule) -> Iterator[tuple[bool, str]]:
         inside = np.maximum.accumulate(margin >= -BROKEN)
         worst = float(margin[inside].min(initial=0.0)) if inside.any() else float(margin[-1])
         if is_hard and worst < -BROKEN:
-            yield True, f"the motion breaks {name} by {quantity_text(-worst, unit)}"
+            yield True, f"breaks {name} by {quantity_text(-worst, unit)}"
 
 
 def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[bool, str]]:
@@ -266,7 +292,7 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
         passes = "ends" if boundary.at == 1 else "passes"
         target = "its goal" if boundary.at == 1 else f"via {boundary.at:g}"
         is_failure = off > MISSED * length + BROKEN or turned > MISSED_TURN * turns
-        yield is_failure, f"the motion {passes} {' and '.join(parts)} from {target}"
+        yield is_failure, f"{passes} {' and '.join(parts)} from {target}"
 
 
 def _way(positions: Floats) -> float:
@@ -294,7 +320,7 @@ def _remedy(law: Law, rule: Rule, asked: Sequence[Boundary]) -> str:
     """What makes it do as asked: one after another is tried."""
 
     def does(rule: Rule, duration: float | None = None) -> bool:
-        return not any(_misses(rollout(law, rule, duration=duration), rule, asked))
+        return _wrong(_at_steps(law, rule, duration), rule, asked) is None
 
     system = rule.system
     if rule.inverse_metric == POSITION_ONLY and system.size:

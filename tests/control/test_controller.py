@@ -286,7 +286,9 @@ CASES: dict[str, Any] = {
     "blade": lambda: ns.learn(demonstration(), [ns.Blade()]),
     "free": lambda: ns.learn(demonstration()),
     "turning over": lambda: ns.learn(turning_over(), [ns.Blade()]),
-    "steep phase": lambda: ns.learn(demonstration(), [ns.Blade()], alpha_s=10.0),
+    "steep phase": lambda: ns.learn(
+        demonstration(), [ns.Blade()], alpha_s=10.0, basis_functions=100
+    ),
     "few basis functions": lambda: ns.learn(demonstration(), [ns.Needle()], basis_functions=9),
     "limits": lambda: under(
         ns.learn(demonstration(), ns.Blade()), [ns.Blade(), ns.SpeedLimit(speed=2.0)]

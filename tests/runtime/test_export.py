@@ -47,7 +47,7 @@ CASES: dict[str, Any] = {
     "shared": lambda: ns.learn(demonstration(), [ns.Blade()], metric="shared"),
     "winding": lambda: ns.learn(winding(), [ns.Blade()]),
     "few basis functions": lambda: ns.learn(moving(), [ns.Needle()], basis_functions=12),
-    "steep phase": lambda: ns.learn(moving(), [ns.Blade()], alpha_s=12.0),
+    "steep phase": lambda: ns.learn(moving(), [ns.Blade()], alpha_s=12.0, basis_functions=100),
     "underdamped": lambda: ns.learn(moving(), [ns.Blade()], beta=10.0),
     "breathing": lambda: ns.learn(moving(), [ns.constraints.InMovingFrame(ns.Blade())]),
     "limits": lambda: under(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import wraps
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Literal, ParamSpec, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +35,7 @@ from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
-from noslip.runtime.timing import timed, unhurried
+from noslip.runtime.timing import Pace, timed, unhurried
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import followed_with, pose_at, verify
 
@@ -51,6 +51,50 @@ _EXACT, _EXACT_TURN = 1e-6, 1e-6
 """Share of the path, and turn (rad), that a via point may be missed by."""
 FEWEST_SAMPLES = 20
 """Fewer do not show where a motion bends once."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A law and how it was found; not yet seen to come where it was asked to.
+
+    Attributes
+    ----------
+    law : Law
+        Fitted to the projected trajectory.
+    request : Request
+        What was projected: the unconstrained motion, moved to the boundaries.
+    projected : ProjectedTrajectory
+    notes : tuple of str
+        What a person should know of it: compromises.
+    """
+
+    law: Law
+    request: Request
+    projected: ProjectedTrajectory
+    notes: tuple[str, ...] = ()
+
+    def noting(self, *notes: str) -> Plan:
+        """Return the same with more notes."""
+        return replace(self, notes=(*self.notes, *notes))
+
+    def verified(self, before: Law, rule: Rule) -> Adapted:
+        """See that it comes where it was asked to; tell what it compromises on.
+
+        Parameters
+        ----------
+        before : Law
+            What it was adapted from.
+
+        Raises
+        ------
+        MissedError
+        """
+        asked = [boundary for boundary in self.request.boundaries if boundary.at > 0]
+        motion, compromise = verify(self.law, rule, asked)
+        notes = (*self.notes, compromise, _turning(motion, before, rule) if asked[1:] else "")
+        for note in filter(None, notes):
+            warn(note, CompromiseWarning)
+        return Adapted(self.law, self.request, self.projected, motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,47 +118,55 @@ class Adapted(Value):
     motion: Motion
 
 
-Adapting = TypeVar("Adapting", bound=Callable[..., Adapted])
+P = ParamSpec("P")
 
 
-def _giving_time(adapting: Adapting) -> Adapting:
-    """Let time give way before the path, or refuse a duration in which neither may."""
+def _giving_time(planning: Callable[P, Plan]) -> Callable[P, Adapted]:
+    """Let time give way before the path, or refuse a duration in which neither may; verify it."""
 
-    @wraps(adapting)
-    def in_time(law: Law, rule: Rule, *, duration: float | None = None, **options: Any) -> Adapted:
-        usual = duration
+    @wraps(planning)
+    def in_time(*args: P.args, **options: P.kwargs) -> Adapted:
+        law, rule = cast(tuple[Law, Rule], args)
+        duration = cast(float | None, options.pop("duration", None))
 
-        def carried_out(shaping: ConstraintSystem, factor: float) -> Adapted:
-            nonlocal usual
-            asked = usual if factor == 1 or usual is None else factor * usual
-            found = adapting(law, replace(rule, system=shaping), duration=asked, **options)
-            usual = usual or found.law.duration
-            return found
+        def planned(system: ConstraintSystem, seconds: float | None) -> Plan:
+            plan = cast(Callable[..., Plan], planning)
+            return plan(law, replace(rule, system=system), duration=seconds, **options)
 
-        def own_motion(found: Adapted, timeless: ConstraintSystem) -> Motion:
+        first: Plan | None = None
+
+        def carried_out(shaping: ConstraintSystem, factor: float) -> Plan:
+            nonlocal first
+            if first is None or factor == 1:
+                first = planned(shaping, duration)
+                return first
+            # It was said how long it takes; what it takes besides is said below.
+            return replace(planned(shaping, factor * first.law.duration), notes=first.notes)
+
+        def own_motion(found: Plan, timeless: ConstraintSystem) -> Motion:
             return rollout(found.law, replace(rule, system=timeless))
 
         if not any(timed(rule.system)):
-            return carried_out(rule.system, 1.0)
-        with warnings.catch_warnings():
-            # What becomes of the last one is told below.
-            warnings.simplefilter("ignore", CompromiseWarning)
-            found, pace = unhurried(rule.system, carried_out, own_motion, longer=duration is None)
-        if pace.factor > 1 and duration is not None:
-            # So it is asked for: the path is reshaped, if that helps.
-            try:
-                found = adapting(law, rule, duration=duration, **options)
-            except (ConvergenceError, MissedError) as error:
-                raise MissedError(pace.refused(duration)) from error
-            kept = pace.name not in found.projected.left_out
-            warn((pace.reshaped if kept else pace.refused)(duration), CompromiseWarning)
-            return found
-        if pace.factor > 1:
-            warn(pace.told(found.law.duration), CompromiseWarning)
-        asked = [boundary for boundary in found.request.boundaries if boundary.at > 0]
-        return replace(found, motion=verify(found.law, rule, asked))
+            return planned(rule.system, duration).verified(law, rule)
+        found, pace = unhurried(rule.system, carried_out, own_motion, longer=duration is None)
+        if pace.factor == 1:
+            return found.verified(law, rule)
+        if duration is None:
+            return found.noting(pace.told(found.law.duration)).verified(law, rule)
+        # So it is asked for: the path is reshaped, if that helps.
+        refused = pace.refused(duration)
+        try:
+            reshaped = planned(rule.system, duration)
+            kept = pace.name not in reshaped.projected.left_out
+            note = pace.reshaped(duration) if kept else refused
+            return reshaped.noting(note).verified(law, rule)
+        except (ConvergenceError, MissedError) as error:
+            if pace.is_soft:
+                with suppress(MissedError):
+                    return found.noting(refused).verified(law, rule)
+            raise MissedError(refused) from error
 
-    return cast(Adapting, in_time)
+    return in_time
 
 
 @_giving_time
@@ -137,7 +189,7 @@ def adapt(
     position_weight: float = ADAPTING.position,
     position_smoothing: float = ADAPTING.position_smoothing,
     rotation_smoothing: float = ADAPTING.rotation_smoothing,
-) -> Adapted:
+) -> Plan:
     """Find a law that starts, passes and ends elsewhere, and keeps the constraints.
 
     The law is rolled out without constraints, its motion moved to the new boundary values,
@@ -202,7 +254,7 @@ def adapt(
     if scaling != "none":
         free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
 
-    def planned(tau: float) -> Adapted:
+    def planned(tau: float) -> Plan:
         own = rollout(free, Rule(), duration=tau, time_step=tau / (count - 1))
 
         def reached(name: Literal["start", "goal"], *of_law: Any, at: float, kept: End) -> Boundary:
@@ -228,13 +280,10 @@ def adapt(
     return _in_time(planned, law, duration)
 
 
-def _in_time(planned: Callable[[float], Adapted], law: Law, duration: float | None) -> Adapted:
+def _in_time(planned: Callable[[float], Plan], law: Law, duration: float | None) -> Plan:
     """Plan a motion in its duration, or in a longer one in which it is not much too fast.
 
-    Warns
-    -----
-    CompromiseWarning
-        If it takes longer, or is too fast for a path so long.
+    If it takes longer, or is too fast for a path so long, a note tells.
     """
 
     def fastest(motion: PoseTrajectory) -> float:
@@ -243,33 +292,28 @@ def _in_time(planned: Callable[[float], Adapted], law: Law, duration: float | No
 
     usual, tau = fastest(rollout(law, Rule())), duration or law.duration
     found = planned(tau)
-
-    def excess() -> float:
-        """Speed over what is fast enough, that neither the path nor the duration makes up for."""
-        peak = fastest(found.projected.trajectory) / usual / _FAST if usual else 0.0
-        return min(peak, peak * found.law.duration / law.duration)
-
-    if excess() <= _SAME_SPEED:
+    # Speed over what is fast enough, and that which the duration asked for does not make up for.
+    peak = fastest(found.projected.trajectory)
+    excess = peak / usual / _FAST if usual else 0.0
+    if min(excess, excess * tau / law.duration) <= _SAME_SPEED:
         return found
-    peak, needed = fastest(found.projected.trajectory), tau * excess()
-    told = f"it would move at {peak:.3g} m/s, {peak / usual:.3g} times as fast as its law does"
+    told = f"at {peak:.3g} m/s, {peak / usual:.3g} times as fast as its law does"
     if duration is None:
         try:
+            longer = found
             # Rules with a time of their own do not just take longer.
             for _ in range(_GROWTHS):
-                if excess() > _SAME_SPEED:
-                    found = planned(found.law.duration * excess())
-            warn(
-                f"the motion takes {found.law.duration:.3g} s, not {law.duration:.3g}, in which "
-                f"{told}; give a duration if it may",
-                CompromiseWarning,
+                more = fastest(longer.projected.trajectory) / usual / _FAST
+                if more > _SAME_SPEED:
+                    longer = planned(longer.law.duration * more)
+            return longer.noting(
+                f"the motion takes {longer.law.duration:.3g} s, not {law.duration:.3g}, in which "
+                f"it would move {told}; give a duration if it may"
             )
-            return found
         except (ConstraintError, ConvergenceError, MissedError):
             pass
-    told = told.replace("it would move", "the motion moves")
-    warn(f"{told}; a duration of {needed:.3g} s or more mends that", CompromiseWarning)
-    return found
+    needed = Pace(excess).needed(tau)
+    return found.noting(f"the motion moves {told}; a duration of {needed} s or more mends that")
 
 
 def samples_of(functions: int, steps: int, samples: int | None) -> int:
@@ -291,8 +335,8 @@ def carried_out(
     *,
     functions: int | None = None,
     exact_start: bool = False,
-) -> Adapted:
-    """Project a reference that meets its boundaries, fit a law of so many steps or more, verify it.
+) -> Plan:
+    """Project a reference that meets its boundaries, fit a law of so many steps or more.
 
     The fit begins with the velocity that leads onto the path, or exactly with what was asked for.
     What its motion misses of a via point, between two samples or by the fit, is aimed past it.
@@ -316,24 +360,21 @@ def carried_out(
             f"{np.diff([0.0, *(b.at for b in asked)]).min():.2g} of the motion apart are too far "
             "from each other for that; leave more of it between them"
         )
-    motion = verify(found, rule, asked)
-    if len(asked) > 1:
-        _tell_turning(motion, law, rule)
-    return Adapted(found, request, projected, motion)
+    return Plan(found, request, projected)
 
 
-def _tell_turning(motion: Motion, law: Law, rule: Rule) -> None:
-    """Warn of a motion that turns much faster than its law, to pass what it was asked to."""
+def _turning(motion: Motion, law: Law, rule: Rule) -> str:
+    """Say that a motion turns much faster than its law, to pass what it was asked to."""
     peak, usual = (
         float(np.linalg.norm(m.step_velocities()[1], axis=1).max())
         for m in (motion, rollout(law, rule))
     )
-    if peak > _FAST * usual:
-        warn(
-            f"to pass its via points the motion turns at {peak:.3g} rad/s, not {usual:.3g}; give "
-            "it a longer duration, or via points farther apart or nearer to its path",
-            CompromiseWarning,
-        )
+    if peak <= _FAST * usual:
+        return ""
+    return (
+        f"to pass its via points the motion turns at {peak:.3g} rad/s, not {usual:.3g}; give it a "
+        "longer duration, or via points farther apart or nearer to its path"
+    )
 
 
 def _aimed_past(aimed: Request, asked: Sequence[Boundary], motion: Motion) -> Request | None:

@@ -122,7 +122,8 @@ def replan(
     )
     # The time step stays what it was, unless that is too long for the fit.
     steps = round(law.steps * duration / state.duration)
-    return carried_out(law, rule, request, steps, request.reference.duration)
+    plan = carried_out(law, rule, request, steps, request.reference.duration)
+    return plan.verified(law, rule)
 
 
 def _time_needed(nominal: PoseTrajectory, state: State, done: float, goal: Floats) -> float:

@@ -44,10 +44,13 @@ class Pace:
         On its duration.
     name : str
         Of the limit that asks for it; empty if none does.
+    is_soft : bool
+        Whether that limit may give way.
     """
 
     factor: float
     name: str = ""
+    is_soft: bool = False
 
     def told(self, duration: float) -> str:
         """Say that a duration has been lengthened to this one (s)."""
@@ -61,18 +64,18 @@ class Pace:
         """Say that a duration (s) is too short, and which is not."""
         return (
             f"{self.name!r} cannot be kept in {duration:.4g} s: along its path the motion takes "
-            f"{self._needed(duration)} s; give it that, or leave the duration out"
+            f"{self.needed(duration)} s; give it that, or leave the duration out"
         )
 
     def reshaped(self, duration: float) -> str:
         """Say that a motion keeps the limit in a duration (s), but is another."""
         return (
             f"{self.name!r} is kept in {duration:.4g} s by a motion of another shape; of its own "
-            f"it takes {self._needed(duration)} s"
+            f"it takes {self.needed(duration)} s"
         )
 
-    def _needed(self, duration: float) -> str:
-        """Seconds, rounded up: what is told must do."""
+    def needed(self, duration: float) -> str:
+        """Seconds instead of a duration (s), rounded up: what is told must do."""
         needed = self.factor * duration
         unit = 10.0 ** (np.floor(np.log10(needed)) - 3)
         return f"{np.ceil(needed / unit) * unit:.4g}"
@@ -128,7 +131,7 @@ def unhurried(
         more = max(needed, key=lambda each: each.factor)
         if more.factor == 1:
             return found, total
-        total = Pace(total.factor * more.factor, more.name)
+        total = replace(more, factor=total.factor * more.factor)
         if not longer:
             return found, total
     return carry_out(system, 1.0), Pace(1.0)
@@ -143,12 +146,12 @@ def require_time(usual: Motion, system: ConstraintSystem, duration: float) -> No
         If the limit is hard; of a soft one it is warned.
     """
     limits, least = system.part(timed(system)), duration / usual.duration
-    for limit, found in zip(limits.constraints, paces(usual, limits, least), strict=True):
+    for found in paces(usual, limits, least):
         # What is not kept in the usual duration either is not a matter of time.
         if found is None or not least * (1 + _SAME) < found.factor <= 1 + _SAME:
             continue
-        told = Pace(found.factor / least, found.name).refused(duration)
-        if limit.priority == 0:
+        told = replace(found, factor=found.factor / least).refused(duration)
+        if not found.is_soft:
             raise MissedError(told)
         warn(told, CompromiseWarning)
 
@@ -175,8 +178,8 @@ def paces(motion: Motion, limits: ConstraintSystem, least: float = 1.0) -> list[
             factors[row] = root * (1 + _BEYOND)
     slowest = [part.max() for part in np.split(factors, np.cumsum(limits.rows)[:-1])]
     return [
-        None if np.isnan(factor) else Pace(float(factor), name)
-        for factor, name in zip(slowest, limits.names, strict=True)
+        None if np.isnan(factor) else Pace(float(factor), name, limit.priority > 0)
+        for factor, name, limit in zip(slowest, limits.names, limits.constraints, strict=True)
     ]
 
 
