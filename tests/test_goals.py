@@ -6,6 +6,7 @@ twenty of each, 500 in all.
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +18,10 @@ import noslip as ns
 from learned import Goal, numerical
 from measures import degrees, slip
 from noslip._typing import Floats
+from noslip.errors import MissedError
 from noslip.experiments.excision import Excision, synthetic_excisions
+from noslip.verification import TOLD, TOLD_TURN, pose_at
+from strategies import unit
 
 RATES = (28.6, 100.0)
 """At which the contour runs were recorded, and usual for a motion capture (Hz)."""
@@ -105,6 +109,70 @@ def test_goals_of_a_recorded_contour_are_reached_at_any_step(
     recordings: Path, run: str, rate: float
 ) -> None:
     assert_reached(contour(recordings, run, rate), 4)
+
+
+# -------------------------------------------------------------------- beyond them
+
+FAR = 1.2, 170.0
+"""Path lengths and degrees to a goal that is far."""
+SLOWER = 0.2, 5.0
+"""Factors on the duration."""
+
+
+def assert_never_silently_missed(dmp: ns.ConstrainedDMP, goals: int, seed: int) -> tuple[int, int]:
+    """Ask for far goals, odd durations and places to pass; how many are reached, and refused."""
+    own, rng, reached = dmp.rollout(), np.random.default_rng(seed), 0
+    for _ in range(goals):
+        goal = Goal.beside(dmp, rng, own.path_length, farthest=FAR[0], turned=FAR[1])
+        at = float(rng.uniform(0.1, 0.9))
+        passed = own.resampled(times=[own.times[0], own.times[0] + at * own.duration]).positions[1]
+        passed = passed + rng.uniform(0, 0.1) * own.path_length * unit(rng)
+        via = [(at, passed)] if rng.random() < 0.5 else []
+        duration = None
+        if rng.random() < 0.5:
+            duration = own.duration * float(np.exp(rng.uniform(*np.log(SLOWER))))
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                new = dmp.adapt(
+                    goal_position=goal.position,
+                    goal_rotation=goal.rotation,
+                    duration=duration,
+                    via=via,
+                )
+            except (MissedError, ns.errors.ConvergenceError):
+                continue
+        text = " ".join(str(one.message) for one in told)
+        motion = new.rollout()
+        length, turned = motion.path_length, degrees(motion.rotations[-1], goal.rotation)
+        assert np.abs(slip(motion)).max() <= SLIP * max(1.0, length / motion.duration)
+        assert motion.duration == pytest.approx(duration or new.duration)
+        assert motion.duration == pytest.approx(duration or dmp.duration) or "takes" in text
+        off = np.linalg.norm(motion.positions[-1] - goal.position)
+        assert (off <= TOLD * length and turned <= np.degrees(TOLD_TURN) * 3) or "its goal" in text
+        if via:
+            position, _ = pose_at(motion, at)
+            assert np.linalg.norm(position - passed) <= TOLD * length or "from via" in text
+        reached += "the motion ends" not in text and "the motion passes" not in text
+    return reached, goals
+
+
+def test_far_goals_are_reached_or_refused() -> None:
+    reached, asked = assert_never_silently_missed(numerical(), 4, seed=1)
+    assert reached >= asked - 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(8))
+def test_more_far_goals_of_an_excision_are_reached_or_refused(number: int) -> None:
+    reached, asked = assert_never_silently_missed(excision(number), 10, seed=number)
+    assert reached >= 0.8 * asked
+
+
+@pytest.mark.slow
+def test_more_far_goals_of_the_numerical_example_are_reached_or_refused() -> None:
+    reached, asked = assert_never_silently_missed(numerical(), 20, seed=2)
+    assert reached >= 0.8 * asked
 
 
 # -------------------------------------------------------------------- all 500

@@ -23,8 +23,6 @@ LEAVES, LEAVES_MEAN = 0.05, 0.25
 """Share of the path by which no primitive may leave a demonstration, or one of several, untold."""
 HURRIES = 2.0
 """How many times as fast as before no motion may be untold, unless its duration was asked for."""
-UNSURE = 1e-4
-"""Share of the path up to which the goal of what is learned from several is not known from files."""
 TURNS = 67.5
 """Degrees (rms) by which no constraint may turn the tool untold."""
 
@@ -187,15 +185,13 @@ Check = Callable[[Facts, re.Match[str]], bool | None]
 
 def _missed(facts: Facts, found: re.Match[str]) -> bool | None:
     length, unit, share, degrees, place = found.groups()
+    of_poses = any(rule.of_poses for rule in facts.asked.rules)
     for name, off, turned, _ in facts.misses():
         if name != place:
             continue
-        if facts.is_learned and (facts.noise or any(rule.of_poses for rule in facts.asked.rules)):
-            # The goal is what the projection made of the demonstration's end.
+        if facts.is_learned and (facts.noise or len(facts.references) > 1 or of_poses):
+            # The goal is what projection and fit made of the demonstrations' ends.
             return None
-        if len(facts.references) > 1 and max(off) <= UNSURE * facts.motion.length:
-            # The mean of several recordings' ends, and of their projections', differ by so much.
-            length = share = None
         if length is not None and not agrees(meters(length, unit), *off):
             return False
         if share is not None:

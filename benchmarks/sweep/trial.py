@@ -318,7 +318,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seeds = range(chosen.seed, chosen.seed + chosen.jobs)
     found = []
     with multiprocessing.Pool(chosen.processes) as pool:
-        for verdict in pool.imap_unordered(_of_seed, seeds):
+        for verdict in pool.imap_unordered(of_seed, seeds):
             found.append(verdict)
             for text in verdict.contradictions:
                 print(f"\njob {verdict.seed}: {text}", flush=True)
@@ -331,7 +331,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return int(any(verdict.contradictions for verdict in found))
 
 
-def _of_seed(seed: int) -> Verdict:
+def of_seed(seed: int) -> Verdict:
+    """Try one job."""
     return tried(job(seed))
 
 

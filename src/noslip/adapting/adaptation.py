@@ -140,8 +140,7 @@ def _giving_time(planning: Callable[P, Plan]) -> Callable[P, Adapted]:
             if first is None or factor == 1:
                 first = planned(shaping, duration)
                 return first
-            # It was said how long it takes; what it takes besides is said below.
-            return replace(planned(shaping, factor * first.law.duration), notes=first.notes)
+            return planned(shaping, factor * first.law.duration)
 
         def own_motion(found: Plan, timeless: ConstraintSystem) -> Motion:
             return rollout(found.law, replace(rule, system=timeless))
@@ -152,7 +151,8 @@ def _giving_time(planning: Callable[P, Plan]) -> Callable[P, Adapted]:
         if pace.factor == 1:
             return found.verified(law, rule)
         if duration is None:
-            return found.noting(pace.told(found.law.duration)).verified(law, rule)
+            taken = replace(pace, factor=found.law.duration / law.duration)
+            return found.noting(taken.told(found.law.duration)).verified(law, rule)
         # So it is asked for: the path is reshaped, if that helps.
         refused = pace.refused(duration)
         try:
