@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench soak docs clean
+.PHONY: help demo test quick check format bench soak sweep docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -51,6 +51,9 @@ bench: $(VENV)/.bench ## measure against the paper's method and movement-primiti
 
 soak: $(STAMP) ## step the exported C code 1e8 times and look for what must never happen
 	$(BIN)/python -m benchmarks.soak --steps 100000000
+
+sweep: $(STAMP) ## hold what is said of 2000 random jobs against their files
+	$(BIN)/python -m benchmarks.sweep --jobs 2000
 
 docs: $(VENV)/.dev ## build the documentation into docs/_build/html
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html

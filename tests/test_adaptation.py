@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -1011,7 +1013,7 @@ def test_a_goal_too_far_for_a_speed_limit_takes_longer_or_is_refused(priority: i
     limit = ns.SpeedLimit(speed=0.9, priority=priority)
     dmp = ns.learn(cut(), [BLADE, limit], basis_functions=40)
     goal = [2.5, 0.2, 0.0]
-    told = r"takes 4\.\d+ s instead of 3\.\d+ s.*'speed-limit'"
+    told = r"takes 4\.\d+ s instead of 2 s, the least .*'speed-limit'"
     with pytest.warns(ns.errors.CompromiseWarning, match=told):
         longer = dmp.adapt(goal_position=goal)
     for there in (longer, dmp.adapt(goal_position=goal, duration=8.0)):
@@ -1021,6 +1023,43 @@ def test_a_goal_too_far_for_a_speed_limit_takes_longer_or_is_refused(priority: i
     # A soft limit goes on pushing, so that the goal would be missed.
     with pytest.raises(ns.errors.MissedError, match="'speed-limit' cannot be kept in 2 s"):
         dmp.adapt(goal_position=goal, duration=2.0)
+
+
+@pytest.mark.parametrize("priority", [0, 1])
+def test_a_limit_is_kept_in_less_time_by_another_shape_and_that_is_told(priority: int) -> None:
+    limit = ns.SpeedLimit(speed=0.62, priority=priority)
+    dmp = ns.learn(cut(), [BLADE, limit], basis_functions=40)
+    with pytest.warns(ns.errors.CompromiseWarning, match="motion of another shape") as told:
+        motion = dmp.adapt(duration=1.7).rollout()
+    assert motion.duration == pytest.approx(1.7) and motion.margins.min() >= -KEPT
+    assert_reaches(motion, dmp.goal_position, dmp.goal_rotation, motion.path_length)
+    (needed,) = re.findall(r"of its own it takes ([\d.]+) s", str(told[0].message))
+    assert dmp.adapt(duration=float(needed)).rollout().margins.min() >= -KEPT
+
+
+@pytest.mark.parametrize("factor", [0.3, 0.6, 1.0])
+def test_the_duration_named_for_a_hasty_motion_is_enough(factor: float) -> None:
+    dmp = ns.learn(cut(), [BLADE], basis_functions=40)
+    goal = dmp.goal_position + [2.0, 0.5, 0]
+    with pytest.warns(ns.errors.CompromiseWarning, match="times as fast as its law") as told:
+        dmp.adapt(goal_position=goal, duration=factor * dmp.duration)
+    (needed,) = re.findall(r"a duration of ([\d.]+) s or more", str(told[0].message))
+    dmp.adapt(goal_position=goal, duration=float(needed))
+
+
+def test_what_is_told_of_a_far_goal_is_told_once_and_of_the_motion_that_is_made() -> None:
+    dmp = ns.learn(cut(), [BLADE, ns.constraints.TurningRadius(radius=0.05)], basis_functions=40)
+    passed = dmp.rollout().resampled(times=[0, 0.8, 2]).positions[1] + [0, 0.1, 0]
+    goal = dmp.goal_position + [2.5, 0.2, 0]
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        far = dmp.adapt(goal_position=goal, via=[(0.4, passed)])
+    texts = [str(one.message) for one in told]
+    (longer,) = (text for text in texts if "the motion takes" in text)
+    assert float(re.findall(r"takes ([\d.]+) s", longer)[0]) == pytest.approx(
+        far.duration, rel=5e-3
+    )
+    assert len([text for text in texts if "via points the motion turns" in text]) <= 1
 
 
 # -------------------------------------------------------------------- the clock

@@ -202,7 +202,10 @@ def tell_many(law: Law, rule: Rule, motions: Motions) -> None:
     off, turned = motions.end_errors, motions.end_rotation_errors
     # One after another: thousands of motions are not copied.
     paths = np.array([_way(positions) for positions in motions.positions])
-    missed = (off > TOLD * paths + BROKEN) | (turned > TOLD_TURN)
+    far = off > TOLD * paths + BROKEN
+    missed = far | (turned > TOLD_TURN)
+    for k in np.flatnonzero(missed & ~far):
+        missed[k] = turned[k] > TOLD_TURN * _whole_turns(motions[int(k)])
     if missed.any():
         warn(
             f"{missed.sum()} of {len(motions)} motions end up to {quantity_text(off.max(), 'm')} "
@@ -276,7 +279,7 @@ def _broken_limits(motion: Motion, rule: Rule) -> Iterator[tuple[bool, str]]:
 
 
 def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[bool, str]]:
-    length, turns = motion.path_length, max(1.0, _turning(motion) / (2 * np.pi))
+    length, turns = motion.path_length, _whole_turns(motion)
     for boundary in asked:
         position, rotation = pose_at(motion, boundary.at)
         off = turned = 0.0
@@ -297,6 +300,10 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
 
 def _way(positions: Floats) -> float:
     return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
+
+
+def _whole_turns(motion: PoseTrajectory) -> float:
+    return max(1.0, _turning(motion) / (2 * np.pi))
 
 
 def _turning(motion: PoseTrajectory) -> float:

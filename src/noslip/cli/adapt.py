@@ -232,6 +232,7 @@ class _Family:
                 holds=report is None or report.satisfied,
                 end_position_error_m=off,
                 end_rotation_error_deg=None if turned is None else float(np.degrees(turned)),
+                path_error_m=record.path_error,
                 residual_peak=merit.residual_peak,
                 angular_speed_peak_rad_s=peak,
                 angular_speed_ratio=peak / before if before > 0 else None,
@@ -289,6 +290,8 @@ def _via(text: str) -> Boundary:
     moved, turned = (cells, []) if count == 3 else (cells[:-4], cells[-4:])
     position = options.vector("--via", ",".join(moved) or None)
     rotation = options.rotation("--via", ",".join(turned) or None)
+    if not 0 < fraction < 1:
+        raise InputError(f"--via: AT must be between 0 and 1, a fraction of the motion, got {at}")
     return Boundary.via((fraction, position, rotation))
 
 

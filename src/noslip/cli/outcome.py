@@ -21,6 +21,8 @@ class Outcome:
         Whether its motion keeps every constraint and hard limit.
     end_position_error_m, end_rotation_error_deg : float or None
         From the goal to the end of the motion; None of what is left free.
+    path_error_m : float or None
+        Farthest that the motion is from its projected path.
     residual_peak : float or None
         Of the equalities, in their units (SI).
     angular_speed_peak_rad_s, angular_speed_ratio : float or None
@@ -37,6 +39,7 @@ class Outcome:
     holds: bool | None = None
     end_position_error_m: float | None = None
     end_rotation_error_deg: float | None = None
+    path_error_m: float | None = None
     residual_peak: float | None = None
     angular_speed_peak_rad_s: float | None = None
     angular_speed_ratio: float | None = None

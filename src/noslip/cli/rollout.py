@@ -23,6 +23,7 @@ from noslip.cli import options, output
 from noslip.constraints.check import CheckReport, checked, quantity_text, residual_text
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
+from noslip.law.entry import GoalForm
 from noslip.recordings.formats import WRITTEN, listed_suffixes, write_recording
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import ProjectStart
@@ -76,6 +77,10 @@ def run(
             "1/S", "Rate at which what is off the constraints decays; by default the primitive's."
         ),
     ] = None,
+    goal_form: Annotated[
+        GoalForm,
+        typer.Option(help="How a new goal enters: along minimum jerk, or at once as in the paper."),
+    ] = "minimum-jerk",
     variant: Annotated[
         Variant,
         typer.Option(
@@ -111,6 +116,7 @@ def run(
         time_step=time_step,
         project_start=project_start,
         pull_in=pull_in,
+        goal_form=goal_form,
     )
     if out is None:
         sys.stdout.write(motion.csv_text())
