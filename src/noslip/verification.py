@@ -200,9 +200,7 @@ def tell_many(law: Law, rule: Rule, motions: Motions) -> None:
     CompromiseWarning
     """
     off, turned = motions.end_errors, motions.end_rotation_errors
-    # One after another: thousands of motions are not copied.
-    paths = np.array([_way(positions) for positions in motions.positions])
-    missed = (off > TOLD * paths + BROKEN) | (turned > TOLD_TURN)
+    missed = (off > TOLD * motions.path_lengths + BROKEN) | (turned > TOLD_TURN)
     if missed.any():
         warn(
             f"{missed.sum()} of {len(motions)} motions end up to {quantity_text(off.max(), 'm')} "
@@ -212,6 +210,7 @@ def tell_many(law: Law, rule: Rule, motions: Motions) -> None:
         )
     limits = rule.system.limits
     hard = np.array(limits.per_row(c.priority == 0 for c in limits.constraints), dtype=bool)
+    # One after another: thousands of motions are not copied.
     least = np.array([margins[:, hard].min(initial=np.inf) for margins in motions.margins])
     if (least < -BROKEN).any():
         warn(
@@ -293,10 +292,6 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
         target = "its goal" if boundary.at == 1 else f"via {boundary.at:g}"
         is_failure = off > MISSED * length + BROKEN or turned > MISSED_TURN * turns
         yield is_failure, f"{passes} {' and '.join(parts)} from {target}"
-
-
-def _way(positions: Floats) -> float:
-    return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
 
 
 def _turning(motion: PoseTrajectory) -> float:
