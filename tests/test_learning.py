@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,6 +17,7 @@ from measures import assert_same_poses, forward_speed, rms, slip, spin_about, st
 from motions import facing, numerical_example
 from noslip import (
     Blade,
+    Controller,
     PoseTrajectory,
     check,
     learn,
@@ -494,3 +496,28 @@ def test_the_path_does_not_depend_on_the_time_step(factor: float) -> None:
     reference = own.resampled(times=np.minimum(other.times, own.times[-1]))
     off = np.linalg.norm(other.positions - reference.positions, axis=1)[:-1]
     assert off.max() <= 1e-4 * own.path_length
+
+
+def test_what_is_built_for_one_primitive_serves_all_under_equal_constraints(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    built: list[str] = []
+    function = ca.Function.__init__
+
+    def noted(self: ca.Function, *given: Any) -> None:
+        function(self, *given)
+        built.extend(name for name in given[:1] if isinstance(name, str))
+
+    def use(duration: float, count: int) -> list[str]:
+        built.clear()
+        demonstration = cut(count, count, duration=duration)
+        dmp = learn(demonstration, [Blade(reference_point=(0.0123, 0, 0))])
+        there = dmp.adapt(goal_position=dmp.goal_position + [0.01, 0.0, 0.0])
+        there.rollout_many(durations=[1.0, 2.0])
+        controller = Controller(there, time_step=0.01)
+        controller.step(goal=dmp.goal_position)
+        return list(built)
+
+    monkeypatch.setattr(ca.Function, "__init__", noted)
+    assert "guidance" in use(1.0, 300)
+    assert use(2.5, 401) == []

@@ -1,39 +1,42 @@
 """noslip: movement primitives for tools that must not slip sideways.
 
 What a start needs is here; the rest is where its folder says: ``noslip.constraints``,
-``noslip.recordings``, ``noslip.demonstrations``, ``noslip.robots``, ``noslip.errors``.
+``noslip.recordings``, ``noslip.demonstrations``, ``noslip.robots``, ``noslip.errors``.  Each is
+loaded when it is first named (PEP 562), so that what a program does not use costs it nothing.
 """
 
-from typing import Any
+from __future__ import annotations
 
-from noslip import constraints, demonstrations, errors, recordings, robots
-from noslip._version import __version__
-from noslip.boundary import Boundary
-from noslip.constraints import (
-    Blade,
-    Constraint,
-    DepthLimit,
-    KeepOutSphere,
-    Needle,
-    SpeedLimit,
-    Wheel,
-    keep_nonnegative,
-    position_constraint,
-    velocity_constraint,
-)
-from noslip.constraints.check import CheckReport, check
-from noslip.control import Controller
-from noslip.demonstrations import prepare, segment
-from noslip.errors import NoslipError, NoslipWarning
-from noslip.learning import learn
-from noslip.many import learn_each
-from noslip.primitive import ConstrainedDMP
-from noslip.projection.trajectory import project_trajectory
-from noslip.recordings import load_demonstrations
-from noslip.runtime.motion import Motion
-from noslip.runtime.state import State
-from noslip.saving import load_primitive
-from noslip.trajectory import PoseTrajectory
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from noslip._supplied import Supplied
+from noslip._version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from noslip import robots as robots
+    from noslip._face import *  # noqa: F403
+    from noslip.constraints.check import CheckReport
+    from noslip.trajectory import PoseTrajectory
+else:
+
+    def __getattr__(name):
+        """Return a module of noslip, or what stands in ``_face``."""
+        module = f"{__name__}.{name}"
+        if not name.startswith("__"):
+            try:
+                return import_module(module)
+            except ModuleNotFoundError as error:
+                if error.name != module:
+                    raise
+        if not name.startswith("_") or name == "__all__":
+            face = import_module("noslip._face")
+            if hasattr(face, name):
+                return globals().setdefault(name, getattr(face, name))
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__():
+        return sorted({*globals(), *import_module("noslip._face").__all__})
 
 
 def _plot(motion: PoseTrajectory, constraints: Any = ()) -> Any:
@@ -59,39 +62,4 @@ def _plot_report(report: CheckReport) -> Any:
     return _plot(report.trajectory, report.system)
 
 
-PoseTrajectory.plot.function, CheckReport.plot.function = _plot, _plot_report
-
-__all__ = [
-    "Blade",
-    "Boundary",
-    "ConstrainedDMP",
-    "Constraint",
-    "Controller",
-    "DepthLimit",
-    "KeepOutSphere",
-    "Motion",
-    "Needle",
-    "NoslipError",
-    "NoslipWarning",
-    "PoseTrajectory",
-    "SpeedLimit",
-    "State",
-    "Wheel",
-    "__version__",
-    "check",
-    "constraints",
-    "demonstrations",
-    "errors",
-    "keep_nonnegative",
-    "learn",
-    "learn_each",
-    "load_demonstrations",
-    "load_primitive",
-    "position_constraint",
-    "prepare",
-    "project_trajectory",
-    "recordings",
-    "robots",
-    "segment",
-    "velocity_constraint",
-]
+Supplied.functions.update({"PoseTrajectory.plot": _plot, "CheckReport.plot": _plot_report})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -39,14 +39,14 @@ class Source:
         The file, or a part of it.
     times, quaternions : str
         What holds these.
-    lines : list of int, optional
+    lines : sequence of int, optional
         Of the samples; without it samples are counted from 0.
     """
 
     path: str | Path
     times: str
     quaternions: str
-    lines: list[int] | None = None
+    lines: Sequence[int] | None = None
 
     def sample(self, index: int) -> str:
         """Return what to call a sample."""

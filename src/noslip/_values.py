@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
-from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -122,23 +121,6 @@ def _hashable(value: Any) -> Any:
         return tuple(map(_hashable, value))
     # -0.0 and 0.0 are equal: so must their hashes be.
     return (value.shape, (value + 0.0).tobytes()) if isinstance(value, np.ndarray) else value
-
-
-class Supplied:
-    """A method that a higher layer supplies: a motion can be drawn, and knows nothing of drawing.
-
-    Parameters
-    ----------
-    doc : str
-        What it does.
-    """
-
-    def __init__(self, doc: str) -> None:
-        self.__doc__ = doc
-        self.function: Callable[..., Any]
-
-    def __get__(self, instance: Any, owner: type) -> Any:
-        return self if instance is None else MethodType(self.function, instance)
 
 
 def html_table(heading: str, rows: Iterable[Sequence[str]]) -> str:

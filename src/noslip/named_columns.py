@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import reprlib
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -13,13 +14,19 @@ from typing import Any
 
 import numpy as np
 
+from noslip._extras import need
 from noslip._files import read_text
 from noslip._typing import Floats
-from noslip.errors import RecordingError
+from noslip.errors import MissingDependencyError, RecordingError
 
 DELIMITERS = ",;\t"
 """Of a CSV, of one where the comma is the decimal sign, of a copied spreadsheet; the header's most
 frequent one counts, the first where it has none."""
+LONG = 1_000_000
+"""Characters (7000 rows of poses) that the loop over rows reads while pyarrow is being loaded."""
+_FIRST = re.compile(r"^.*\S.*$", re.MULTILINE)
+_LINE = re.compile(r"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
+"""With its end, of any kind."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +42,21 @@ class NamedColumns:
         Of the columns, in lower case.
     rows : iterator of (int, list of str)
         Line and cells of each row that is not blank; they pass once.
+    body : str
+        What follows the header, as text; empty where there is none.
+    delimiter : str
+        Between its cells.
+    after : int
+        Line in which the body begins.
     """
 
     path: str | Path
     line: int
     names: Sequence[str]
     rows: Iterator[tuple[int, list[str]]]
+    body: str = ""
+    delimiter: str = DELIMITERS[0]
+    after: int = 0
 
     @classmethod
     def open(cls, path: str | Path) -> NamedColumns:
@@ -54,12 +70,17 @@ class NamedColumns:
             If it is no UTF-8 text or empty.
         """
         text = read_text(path)
-        first = next((line for line in io.StringIO(text) if line.strip()), "")
-        rows = _rows(path, text, delimiter=max(DELIMITERS, key=first.count))
-        line, header = next(rows, (0, []))
+        first = _FIRST.search(text)
+        delimiter = max(DELIMITERS, key=first.group().count) if first else DELIMITERS[0]
+        lines = enumerate(_LINE.finditer(text), start=1)
+        line, header = next(_rows(path, (match.group() for _, match in lines), delimiter), (0, []))
         if not header:
             raise RecordingError(f"{path}: the file is empty")
-        return cls(path, line, [" ".join(cell.split()).lower() for cell in header], rows)
+        names = [" ".join(cell.split()).lower() for cell in header]
+        after, rest = next(lines, (0, None))
+        body = text[rest.start() :] if rest else ""
+        rows = _rows(path, (match.group() for match in _LINE.finditer(body)), delimiter, after)
+        return cls(path, line, names, rows, body, delimiter, after)
 
     @property
     def where(self) -> str:
@@ -68,7 +89,7 @@ class NamedColumns:
 
     def read(
         self, numbers: Sequence[str], texts: Sequence[str] = ()
-    ) -> tuple[list[int], dict[str, Floats], dict[str, list[str]]]:
+    ) -> tuple[Sequence[int], dict[str, Floats], dict[str, list[str]]]:
         """Return the line of every row, columns of numbers and columns of text.
 
         Raises
@@ -78,7 +99,10 @@ class NamedColumns:
         """
         pick = [self.names.index(name) for name in numbers]
         pick_text = [self.names.index(name) for name in texts]
-        lines: list[int] = []
+        if not texts and (fast := self._simple_columns(pick)) is not None:
+            lines = range(self.after, self.after + len(fast))
+            return lines, dict(zip(numbers, fast.T, strict=True)), {}
+        read: list[int] = []
         values = array("d")
         words: list[list[str]] = []
         for line, cells in self.rows:
@@ -90,14 +114,42 @@ class NamedColumns:
                 values.extend(self._numbers(line, cells, numbers))
             if pick_text:
                 words.append([cells[index] for index in pick_text])
-            lines.append(line)
-        table = np.array(values, dtype=np.float64).reshape(len(lines), len(numbers))
+            read.append(line)
+        table = np.array(values, dtype=np.float64).reshape(len(read), len(numbers))
         columns = zip(*words, strict=True) if words else [()] * len(texts)
         return (
-            lines,
+            read,
             dict(zip(numbers, table.T, strict=True)),
             {name: list(column) for name, column in zip(texts, columns, strict=True)},
         )
+
+    def _simple_columns(self, places: Sequence[int]) -> Floats | None:
+        """Return columns of a long table of plain rows, shape (N, len(places)); None of any other.
+
+        What pyarrow does not take for a finite number is left to the loop, as is all that
+        it would split into other cells, or rows into other lines: quotes, and rows that are blank.
+        """
+        if len(self.body) < LONG or '"' in self.body or not self.body.isascii():
+            return None
+        try:
+            arrow, csv = need(self.path, "pyarrow", ""), need(self.path, "pyarrow.csv", "")
+        except MissingDependencyError:
+            return None
+        names = [str(place) for place in range(len(self.names))]
+        kinds = {names[place]: arrow.float64() for place in places}
+        try:
+            table = csv.read_csv(
+                arrow.py_buffer(self.body.rstrip("\r\n").encode()),
+                csv.ReadOptions(use_threads=False, column_names=names),
+                csv.ParseOptions(
+                    delimiter=self.delimiter, quote_char=False, ignore_empty_lines=False
+                ),
+                csv.ConvertOptions(column_types=kinds, include_columns=list(kinds), null_values=[]),
+            )
+        except arrow.ArrowInvalid:
+            return None
+        columns = np.column_stack([table[names[place]].to_numpy() for place in places])
+        return columns if np.isfinite(columns).all() else None
 
     def _numbers(self, line: int, cells: list[str], columns: Sequence[str]) -> list[float]:
         """Return the numbers of one row, or say what is wrong with it."""
@@ -157,18 +209,18 @@ def records_text(names: Iterable[str], rows: Iterable[Mapping[str, Any]]) -> str
     return text.getvalue()
 
 
-def _rows(path: str | Path, text: str, delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and the cells of every row that is not blank."""
+def _rows(
+    path: str | Path, lines: Iterable[str], delimiter: str, first: int = 1
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line number, from that of the first, and the cells of every row but blank ones."""
     # Strict, because a quote left open would otherwise swallow the rest of the file in silence.
-    reader = csv.reader(
-        io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True
-    )
-    line = 1
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=True)
+    line = first
     try:
         for cells in reader:
             if cells and (len(cells) > 1 or cells[0].strip()):
                 yield line, cells
-            line = reader.line_num + 1
+            line = first + reader.line_num
     except csv.Error as error:
         raise RecordingError(
             f"{path}: line {line}: cannot be split into cells ({error}); check its quotes"

@@ -10,16 +10,17 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from noslip import _arguments
 from noslip._files import write_beside
 from noslip._pose_csv import csv_text, read_csv
 from noslip._pose_npz import npz_bytes, read_npz
+from noslip._supplied import Supplied
 from noslip._typing import Floats
-from noslip._values import Supplied, Value, html_table, shortened
+from noslip._values import Value, html_table, shortened
 from noslip.errors import InputError
 
 UNIFORM_TOLERANCE = 1e-6
@@ -260,7 +261,7 @@ class PoseTrajectory(Value):
                     f"cannot be resampled from {instants.min():g} to {instants.max():g} s"
                 )
         inside = np.clip(instants, self.times[0], self.times[-1])
-        path = CubicSpline(self.times, self.positions)
+        path = scipy.interpolate.CubicSpline(self.times, self.positions)
         turn = RotationSpline(self.times, self.rotations)
         return PoseTrajectory(
             times=instants,

@@ -200,9 +200,7 @@ def tell_many(law: Law, rule: Rule, motions: Motions) -> None:
     CompromiseWarning
     """
     off, turned = motions.end_errors, motions.end_rotation_errors
-    # One after another: thousands of motions are not copied.
-    paths = np.array([_way(positions) for positions in motions.positions])
-    far = off > TOLD * paths + BROKEN
+    far = off > TOLD * motions.path_lengths + BROKEN
     missed = far | (turned > TOLD_TURN)
     for k in np.flatnonzero(missed & ~far):
         missed[k] = turned[k] > TOLD_TURN * _whole_turns(motions[int(k)])
@@ -215,6 +213,7 @@ def tell_many(law: Law, rule: Rule, motions: Motions) -> None:
         )
     limits = rule.system.limits
     hard = np.array(limits.per_row(c.priority == 0 for c in limits.constraints), dtype=bool)
+    # One after another: thousands of motions are not copied.
     least = np.array([margins[:, hard].min(initial=np.inf) for margins in motions.margins])
     if (least < -BROKEN).any():
         warn(
@@ -296,10 +295,6 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
         target = "its goal" if boundary.at == 1 else f"via {boundary.at:g}"
         is_failure = off > MISSED * length + BROKEN or turned > MISSED_TURN * turns
         yield is_failure, f"{passes} {' and '.join(parts)} from {target}"
-
-
-def _way(positions: Floats) -> float:
-    return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
 
 
 def _whole_turns(motion: PoseTrajectory) -> float:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from noslip import named_columns
 from noslip.errors import InputError
 from noslip.named_columns import NamedColumns, number
 from noslip.recordings import load_demonstrations, read_column
@@ -94,3 +99,74 @@ def test_the_page_on_recordings_lists_every_format():
             # A row may hold suffixes that are read only; then it says which are written.
             written = row[3].startswith("yes") and ("(" not in row[3] or suffix in row[3])
             assert written == (suffix in each.written)
+
+
+PLAIN = st.floats(allow_nan=False, allow_infinity=False)
+"""The repr of any of them is a cell that both ways read."""
+CELLS = st.one_of(
+    PLAIN.map(repr),
+    st.floats().map("{:+.3g}".format),
+    st.integers().map(str),
+    st.decimals(allow_nan=False, allow_infinity=False, places=30).map(str),
+    st.sampled_from(
+        ["", " ", " 1", "1 ", "\t1", "1\xa0", "\u0661", "1_5", "1,5", "1 5", "1-5", ".5"]
+    ),
+    st.sampled_from(["5.", ".", "-", "- 1", "e5", "1e", "1E+5", "1e999", "1e-999", "0x10", "1d5"]),
+    st.sampled_from(["1.2.3", "1e5e5", "1f", "nan", "nan(1)", "-NAN", "inf", "Infinity", "-0"]),
+    st.sampled_from(['"1"', '"1', '"a\n1"', "word", "007", "true"]),
+)
+"""Whatever may stand in a file."""
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> str:
+    """Texts of tables, plain ones and others, in all dialects and with all faults."""
+    delimiter = draw(st.sampled_from([",", ";", "\t", ", "]))
+    ends = st.sampled_from(["\n", "\r\n", "\r"]) if draw(st.booleans()) else st.just("\n")
+    names = draw(st.lists(st.sampled_from(["a", "b", "word", '"c"', ""]), max_size=2))
+    names.insert(draw(st.integers(0, len(names))), "x")
+    plain = draw(st.booleans())
+    widths = st.just(len(names)) if plain else st.integers(max(len(names) - 1, 0), len(names) + 1)
+    cells = PLAIN.map(repr) if plain else CELLS
+    rows = widths.flatmap(lambda width: st.lists(cells, min_size=width, max_size=width))
+    lines = [names, *draw(st.lists(rows, max_size=5))]
+    text = "".join(delimiter.join(line) + draw(ends) for line in lines)
+    before, after = (draw(st.sampled_from(["", "", "\n", " \r\n"])) for _ in range(2))
+    return before + text.removesuffix(draw(st.sampled_from(["", "\n"]))) + after
+
+
+def outcome(path: Path, long: float) -> object:
+    """What is read, to the bit, or what is said."""
+    with patch.object(named_columns, "LONG", long):
+        try:
+            table = NamedColumns.open(path)
+            lines, of, _ = table.read([name for name in table.names if name in "abcx" and name])
+        except InputError as error:
+            return str(error)
+    return list(lines), {name: values.tobytes() for name, values in of.items()}
+
+
+@given(text=tables())
+def test_a_long_table_is_read_as_a_short_one(tmp_path_factory, text):
+    pytest.importorskip("pyarrow", reason="needs the extra tables")
+    path = tmp_path_factory.getbasetemp() / "table.csv"
+    path.write_text(text, newline="", encoding="utf-8")
+    assert outcome(path, long=0) == outcome(path, long=math.inf)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("delimiter", [",", "; ", "\t"])
+def test_the_loop_over_rows_is_left_to_what_is_not_plain(tmp_path, delimiter, end):
+    pytest.importorskip("pyarrow", reason="needs the extra tables")
+    path = tmp_path / "table.csv"
+    values = np.random.default_rng(0).normal(size=(20_000, 3)) * 10.0 ** np.arange(-150, 151, 150)
+    rows = [
+        ["t", "x", "word", "y"],
+        *(f"{t!r} {x!r} up {y!r}".split() for t, x, y in values.tolist()),
+    ]
+    path.write_text("".join(delimiter.join(row) + end for row in rows), newline="")
+    table = NamedColumns.open(path)
+    lines, of, _ = table.read(("y", "t", "x"))
+    np.testing.assert_array_equal(np.column_stack([of["t"], of["x"], of["y"]]), values)
+    assert list(lines) == list(range(2, 20_002))
+    assert next(table.rows)[0] == 2, "rows were passed"

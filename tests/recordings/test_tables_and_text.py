@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -180,9 +179,3 @@ def test_a_missing_extra_is_named_elsewhere_too(tmp_path, monkeypatch, motion) -
     with pytest.raises(MissingDependencyError, match=r"noslip\[bags\]"):
         bag_topics(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["set"]
-
-
-def test_extras_are_not_imported_before_they_are_needed() -> None:
-    code = "import sys, noslip.cli; print({'rosbags', 'pyarrow', 'h5py'} & set(sys.modules))"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (shown.stdout, shown.stderr) == ("set()\n", "")

@@ -69,6 +69,14 @@ def same_as_one_by_one(dmp: ns.ConstrainedDMP, given: dict[str, Any]) -> None:
         np.testing.assert_array_equal(motions[i].positions, motions.positions[i])
 
 
+def test_their_paths_are_as_long_as_those_of_each() -> None:
+    dmp = primitive()
+    goals = dmp.goal_position + 0.1 * np.random.default_rng(1).normal(size=(70, 3))
+    motions = dmp.rollout_many(goals=goals, steps=20)
+    each = [motions[k].path_length for k in range(70)]
+    np.testing.assert_allclose(motions.path_lengths, each, rtol=1e-14)
+
+
 @pytest.mark.parametrize("name", ["blade", "free", "limits", "breathing"])
 def test_compiled_they_are_those_of_one_by_one(name: str, compiling: Path) -> None:
     # A primitive of its own: what one test compiles no other must find.

@@ -4,60 +4,77 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
 from textwrap import indent
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from noslip._version import __version__
-from noslip.cli import (
-    adapt,
-    check,
-    convert,
-    demo,
-    doctor,
-    export,
-    learn,
-    plot,
-    report,
-    rollout,
-    segment,
-    simulate,
-    topics,
-    view,
-)
 from noslip.errors import ConvergenceError, MissedError, NoslipError, NoslipWarning
 
 EXIT_VIOLATED, EXIT_USAGE = 1, 2
 """What a script tells apart: a job that was not done, and a call that is wrong."""
 
-app = typer.Typer(
-    name="noslip",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
 PANELS = {
-    "Start here": (demo, doctor),
-    "Recordings": (topics, convert, segment, check),
-    "Primitives": (learn, rollout, adapt),
-    "Look at them": (plot, view, report),
-    "To the robot": (simulate, export),
+    "Start here": ("demo", "doctor"),
+    "Recordings": ("topics", "convert", "segment", "check"),
+    "Primitives": ("learn", "rollout", "adapt"),
+    "Look at them": ("plot", "view", "report"),
+    "To the robot": ("simulate", "export"),
 }
 """The commands by what a person does with them, in the order in which that is done."""
-for panel, commands in PANELS.items():
-    for command in commands:
-        # A command's module has its name, and examples below the first line of what it says.
-        _, _, examples = (command.__doc__ or "").partition("\n\n")
-        app.command(
-            name=command.__name__.rpartition(".")[2],
-            epilog=f"\nExamples:\n\n{indent(examples, '  ')}",
-            rich_help_panel=panel,
-        )(command.run)
+_LOOK: dict[str, Any] = {
+    "add_completion": False,
+    "rich_markup_mode": "rich",
+    "pretty_exceptions_enable": False,
+}
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands by their names; each is imported when it is asked for."""
+
+    def __init__(self) -> None:
+        self._panels = {name: panel for panel, names in PANELS.items() for name in names}
+
+    def __getitem__(self, name: str) -> Any:
+        return _command(name, self._panels[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._panels)
+
+    def __len__(self) -> int:
+        return len(self._panels)
+
+
+@cache
+def _command(name: str, panel: str) -> Any:
+    """Return one command; its module has its name, and examples below the first line it says."""
+    command = import_module(f"{__name__}.{name}")
+    _, _, examples = (command.__doc__ or "").partition("\n\n")
+    alone = typer.Typer(**_LOOK)
+    alone.command(
+        name=name, epilog=f"\nExamples:\n\n{indent(examples, '  ')}", rich_help_panel=panel
+    )(command.run)
+    return typer.main.get_command(alone)
+
+
+class _Group(TyperGroup):
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes | {"commands": _Commands()})
+
+
+app = typer.Typer(
+    name="noslip",
+    cls=_Group,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    **_LOOK,
+)
 
 
 def _print_version(wanted: bool) -> None:

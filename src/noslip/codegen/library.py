@@ -236,7 +236,7 @@ def _opened(path: Path) -> Library:
         path=path,
         run=function("noslip_run", *[pointer] * 4, count),
         step=function("noslip_step", *[pointer] * 2, ctypes.c_double, result=ctypes.c_int),
-        drives=function("noslip_drives", pointer, count, pointer),
-        rollouts=function("noslip_rollouts", *[pointer] * 3, *[count] * 2, pointer),
+        drives=function("noslip_drives", pointer, count, *[pointer] * 2),
+        rollouts=function("noslip_rollouts", *[pointer] * 4, *[count] * 2, pointer),
         sizes=(sizes[0], sizes[1]),
     )

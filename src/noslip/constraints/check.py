@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from noslip import _arguments
+from noslip._supplied import Supplied
 from noslip._typing import Floats
-from noslip._values import Supplied, html_table
+from noslip._values import html_table
 from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, row_units
 from noslip.constraints.edge_motion import edge_steps
 from noslip.constraints.system import ConstraintSystem, as_system

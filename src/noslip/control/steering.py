@@ -46,7 +46,7 @@ DEADBAND = 0.1
 
 def turn_that_allows(
     system: ConstraintSystem,
-    speed: float,
+    speed: Expression,
     time: Expression,
     position: Expression,
     quaternion: Expression,
@@ -60,14 +60,14 @@ def turn_that_allows(
     ----------
     system : ConstraintSystem
         Only its velocity-level equalities steer.
-    speed : float
-        Mean speed of the motion (m/s).
+    speed : expression
+        Mean speed of the motion (m/s); where there is none, nothing is turned.
     time, position, quaternion, linear_velocity, angular_velocity, wish : expression
         Pose and velocities are those of the path.
     """
     equalities = system.equalities
     rows = [i for i, is_velocity in enumerate(equalities.row_is_velocity) if is_velocity]
-    if not rows or speed <= 0:
+    if not rows:
         return ca.SX.zeros(3)
     turn, v = ca.SX.sym("turn", 3), ca.SX.sym("v", 3)
     turned = quaternion_product(quaternion_exp(turn), quaternion)
@@ -81,11 +81,12 @@ def turn_that_allows(
     damping = (SLOW * speed) ** 2 * ca.SX.eye(len(rows))
     found = -ca.mtimes(A_R.T, ca.solve(ca.mtimes(A_R, A_R.T) + damping, ca.mtimes(A_v, wish)))
     size = ca.norm_2(found)
-    return found * ca.fmin(1.0, LARGEST_TURN / ca.fmax(size, np.finfo(np.float64).tiny))
+    found = found * ca.fmin(1.0, LARGEST_TURN / ca.fmax(size, np.finfo(np.float64).tiny))
+    return ca.if_else(speed > 0, found, 0.0)
 
 
 class Guidance:
-    """Compares what was measured with the path; all in one expression graph.
+    """Compares what was measured with the path; all in one expression graph, one a system.
 
     Parameters
     ----------
@@ -121,30 +122,15 @@ class Guidance:
         tolerance: float,
         angle_tolerance: float,
     ) -> None:
-        path, measured = ca.SX.sym("path", PATH.size), ca.SX.sym("measured", STATE.size)
-        p, q, v, w, passed, time = (path[PATH[name]] for name in PATH)
-        position = p + passed * v
-        quaternion = quaternion_product(quaternion_exp(passed * w), q)
-        place, turned = measured[STATE["position"]], measured[STATE["quaternion"]]
-        off, unit = position - place, turned / ca.norm_2(turned)
-        distance = ca.norm_2(off) / (path_length or 1.0) / tolerance
-        wish = RETURN_RATE / duration * off
-        turn = turn_that_allows(
-            system, path_length / duration, time, position, quaternion, v, w, wish
-        )
-        turn = ca.if_else(distance > DEADBAND, turn, 0.0)
-        apart = quaternion_log(quaternion_product(quaternion, quaternion_conjugate(unit)))
-        angle = ca.norm_2(apart) / (angle_tolerance + ca.norm_2(turn))
-        state = ca.vertcat(place, unit, measured[VELOCITY])
-        # One sum instead of thirteen questions: what is not finite stays so.
-        found = ca.densify(ca.vertcat(distance, angle, ca.sum1(state), turn, state))
-        self._function = ca.Function("guidance", [path, measured], [ca.cse(found)])
+        function = system.owned("guidance", lambda: _comparison(system))
+        length, speed, rate = path_length or 1.0, path_length / duration, RETURN_RATE / duration
+        self._motion = np.array([length, speed, rate, tolerance, angle_tolerance])
         self.path, self.measured = np.zeros(PATH.size), np.zeros(STATE.size)
         self._found = np.zeros(_FOUND.size)
         self.steering, self.state = self._found[_FOUND["steering"]], self._found[_FOUND["state"]]
-        self._buffer, self._evaluate = self._function.buffer()
-        self._buffer.set_arg(0, self.path.data)
-        self._buffer.set_arg(1, self.measured.data)
+        self._buffer, self._evaluate = function.buffer()
+        for index, given in enumerate((self.path, self.measured, self._motion)):
+            self._buffer.set_arg(index, given.data)
         self._buffer.set_res(0, self._found.data)
 
     def __call__(self) -> None:
@@ -165,3 +151,24 @@ class Guidance:
     def angle(self) -> float:
         """Off the path's orientation, over what is tolerated."""
         return self._found.item(_FOUND.index("angle"))
+
+
+def _comparison(system: ConstraintSystem) -> ca.Function:
+    """(path, measured, what a motion has of its own) -> found."""
+    path, measured = ca.SX.sym("path", PATH.size), ca.SX.sym("measured", STATE.size)
+    motion = ca.SX.sym("motion", 5)
+    length, speed, rate, tolerance, angle_tolerance = ca.vertsplit(motion)
+    p, q, v, w, passed, time = (path[PATH[name]] for name in PATH)
+    position = p + passed * v
+    quaternion = quaternion_product(quaternion_exp(passed * w), q)
+    place, turned = measured[STATE["position"]], measured[STATE["quaternion"]]
+    off, unit = position - place, turned / ca.norm_2(turned)
+    distance = ca.norm_2(off) / length / tolerance
+    turn = turn_that_allows(system, speed, time, position, quaternion, v, w, rate * off)
+    turn = ca.if_else(distance > DEADBAND, turn, 0.0)
+    apart = quaternion_log(quaternion_product(quaternion, quaternion_conjugate(unit)))
+    angle = ca.norm_2(apart) / (angle_tolerance + ca.norm_2(turn))
+    state = ca.vertcat(place, unit, measured[VELOCITY])
+    # One sum instead of thirteen questions: what is not finite stays so.
+    found = ca.densify(ca.vertcat(distance, angle, ca.sum1(state), turn, state))
+    return ca.Function("guidance", [path, measured, motion], [ca.cse(found)])

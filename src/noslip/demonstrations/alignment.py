@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from noslip._typing import Floats
 from noslip.demonstrations._several import at_fractions, several
@@ -66,7 +66,9 @@ def align(demonstrations: Iterable[PoseTrajectory]) -> list[PoseTrajectory]:
         warps = np.array([_warp(warping, reference, feature) for feature in features])
         # The reference's own timing drops out: each is seen over the mean of all.
         common = warps.mean(axis=0)
-        warps = np.array([PchipInterpolator(common, warp)(fractions) for warp in warps])
+        warps = np.array(
+            [scipy.interpolate.PchipInterpolator(common, warp)(fractions) for warp in warps]
+        )
         reference = np.mean(
             [_at(feature, warp) for feature, warp in zip(features, warps, strict=True)], axis=0
         )
@@ -123,7 +125,7 @@ def _warp(warping: Any, reference: Floats, feature: Floats) -> Floats:
         np.concatenate([[0.0], curve, [1.0]]) for curve in (middle - lead / 2, middle + lead / 2)
     )
     own, other = (_increasing(curve) for curve in (own, other))
-    warp: Floats = PchipInterpolator(own, other)(np.linspace(0.0, 1.0, SAMPLES))
+    warp: Floats = scipy.interpolate.PchipInterpolator(own, other)(np.linspace(0.0, 1.0, SAMPLES))
     return warp
 
 
@@ -141,7 +143,8 @@ def _at(feature: Floats, warp: Floats) -> Floats:
 
 def _warped(motion: PoseTrajectory, warp: Floats) -> PoseTrajectory:
     fractions = np.linspace(0.0, 1.0, len(motion))
-    share = np.clip(PchipInterpolator(np.linspace(0.0, 1.0, SAMPLES), warp)(fractions), 0.0, 1.0)
+    share = scipy.interpolate.PchipInterpolator(np.linspace(0.0, 1.0, SAMPLES), warp)(fractions)
+    share = np.clip(share, 0.0, 1.0)
     moved = motion.resampled(times=motion.times[0] + motion.duration * share)
     return PoseTrajectory(
         times=motion.times[0] + motion.duration * fractions,

@@ -11,9 +11,8 @@ from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfiltfilt, zpk2sos
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
@@ -214,7 +213,9 @@ def _averaged_speeds(trajectory: PoseTrajectory) -> Floats:
     half = min(SPEED_WINDOW, times[-1] / 2)
     centers = np.clip(times, half, times[-1] - half)
     # Two running means of the velocity are a second difference of the position's integral.
-    integral = make_interp_spline(times, trajectory.positions, k=1).antiderivative()
+    integral = scipy.interpolate.make_interp_spline(
+        times, trajectory.positions, k=1
+    ).antiderivative()
     before = integral(np.maximum(centers - half, 0))
     after = integral(np.minimum(centers + half, times[-1]))
     velocities = (after - 2 * integral(centers) + before) / half**2
@@ -273,15 +274,15 @@ def lowpass(
         )
     order = _arguments.count(f"{name}: lowpass order", order)
 
-    zeros, poles, gain = butter(order, cutoff, fs=rate, output="zpk")
-    sections = zpk2sos(zeros, poles, gain)
+    zeros, poles, gain = scipy.signal.butter(order, cutoff, fs=rate, output="zpk")
+    sections = scipy.signal.zpk2sos(zeros, poles, gain)
     ringing = np.log(RINGING_LEFT) / np.log(np.abs(poles).max())
     padding = _arguments.samples(f"{name}: lowpass={cutoff:g} Hz", np.ceil(np.abs(ringing)))
 
     def smooth(samples: Floats) -> Floats:
         # Unlike SciPy's own padding, np.pad reflects again where a short recording ends.
         padded = np.pad(samples, ((padding,) * 2, (0, 0)), mode="reflect", reflect_type="odd")
-        filtered = sosfiltfilt(sections, padded, axis=0, padlen=0)
+        filtered = scipy.signal.sosfiltfilt(sections, padded, axis=0, padlen=0)
         return np.asarray(filtered[padding:-padding], dtype=np.float64)
 
     return PoseTrajectory(

@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter1d
 
 from noslip import _arguments
 from noslip._pose_checks import MINIMUM_SAMPLES
@@ -238,7 +238,7 @@ def _speed_thresholds(
     """Lower and upper threshold from the noise at rest; None where no rest stands out."""
     # The fastest sample around each tells a rest from a moment in which the tool turns back.
     window = int(np.clip(round(minimum_rest / recording.period), 1, len(speeds)))
-    around = maximum_filter1d(speeds, window)
+    around = scipy.ndimage.maximum_filter1d(speeds, window)
     quiet = around <= ABOVE_NOISE * np.quantile(around, QUIETEST)
     low = ABOVE_NOISE * float(np.median(speeds[quiet]))
     moving = speeds[speeds > low]

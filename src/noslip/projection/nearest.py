@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import nnls
 
 from noslip._typing import Floats
 
@@ -95,7 +95,7 @@ def least_change(
     end = np.zeros(7)
     end[-1] = 1.0
     E = np.vstack([G.T, h])
-    push, distance = nnls(E, end)
+    push, distance = scipy.optimize.nnls(E, end)
     left = E @ push - end
     if distance < _CONTRADICTION:
         return least_change(rows[~is_limit], reach[~is_limit], is_limit[~is_limit], weights)

@@ -24,7 +24,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.spatial.transform import RotationSpline
 
 from noslip import _arguments
@@ -304,7 +304,7 @@ def _project_from_coarse(request: Request) -> ProjectedTrajectory:
     inside = np.clip(trajectory.times, times[0], times[-1])
     guess = PoseTrajectory(
         times=trajectory.times,
-        positions=trajectory.positions + CubicSpline(times, moved)(inside),
+        positions=trajectory.positions + scipy.interpolate.CubicSpline(times, moved)(inside),
         rotations=RotationSpline(times, turned)(inside) * trajectory.rotations,
         name=trajectory.name,
     )

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
@@ -310,7 +310,7 @@ class _Search:
                 if nearest < APART:
                     return None
                 distance, able = min(distance, nearest), min(able, self.ik.manipulability())
-        spline = CubicSpline(self.times, path)
+        spline = scipy.interpolate.CubicSpline(self.times, path)
         inner = np.linspace(self.times[0], self.times[-1], 4 * count)
         margin = min(
             float(self.robot.room(path).min()),

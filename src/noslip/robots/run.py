@@ -6,7 +6,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.spatial.transform import Slerp
 
 from noslip._typing import Floats
@@ -103,7 +103,7 @@ class Run:
         """Track the motion at its own pace or, where that is too fast, slower."""
         placed = self.commanded
         end, h = float(placed.clock[-1]), placed.period
-        path = CubicSpline(placed.clock, placed.positions)
+        path = scipy.interpolate.CubicSpline(placed.clock, placed.positions)
         turns = Slerp(placed.clock, placed.rotations)
         clock, x = 0.0, np.zeros(self.robot.size)
         joints, rates, clocks = [q], [x], [clock]

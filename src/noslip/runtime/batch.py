@@ -89,6 +89,17 @@ class Motions(Value):
         return self.states[:, :, STATE["angular_velocity"]]
 
     @property
+    def path_lengths(self) -> Floats:
+        """Of the polyline through the positions of each (m), shape (M,)."""
+        lengths = np.empty(len(self))
+        # A few at a time: thousands of motions are not copied.
+        for first in range(0, len(self), _TOGETHER):
+            steps = np.diff(self.positions[first : first + _TOGETHER], axis=1)
+            squares = np.einsum("ijk,ijk->ij", steps, steps)
+            lengths[first : first + _TOGETHER] = np.sqrt(squares).sum(axis=1)
+        return lengths
+
+    @property
     def end_errors(self) -> Floats:
         """Distance of each from its last sample to its goal (m), shape (M,)."""
         off = self.positions[:, -1] - self.goals[:, STATE["position"]]
@@ -307,14 +318,16 @@ def _together(
     tell: Callable[[int, int], None],
 ) -> None:
     count, steps = len(states), states.shape[1] - 1
-    struct, drives = Struct(law, rule), np.empty((steps, DRIVE.size))
-    library.drives(struct.address, steps, drives.ctypes.data)
+    struct = Struct(law, rule)
+    drives, windings = np.empty((steps, DRIVE.size)), np.empty((steps, 4))
+    library.drives(struct.address, steps, drives.ctypes.data, windings.ctypes.data)
 
     def run(first: int) -> int:
         last = min(first + _TOGETHER, count)
         library.rollouts(
             struct.address,
             drives.ctypes.data,
+            windings.ctypes.data,
             beginnings[first:last].ctypes.data,
             last - first,
             steps,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
@@ -174,7 +174,12 @@ def paces(motion: Motion, limits: ConstraintSystem, least: float = 1.0) -> list[
     while np.isnan(factors).any() and upper < _SLOWEST * least:
         lower, upper = upper, 2 * upper
         for row in np.flatnonzero(np.isnan(factors) & (margins(upper) >= 0)):
-            root = brentq(lambda factor: margins(factor)[row], lower, upper, xtol=1e-15)  # noqa: B023
+            root = scipy.optimize.brentq(
+                lambda factor: margins(factor)[row],  # noqa: B023
+                lower,
+                upper,
+                xtol=1e-15,
+            )
             factors[row] = root * (1 + _BEYOND)
     slowest = [part.max() for part in np.split(factors, np.cumsum(limits.rows)[:-1])]
     return [

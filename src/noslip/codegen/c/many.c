@@ -29,8 +29,9 @@ static void sample(const noslip_state *s, double *state) {
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) state[STATE_VALUES + i] = s->values[i];
 }
 
-/* What drives a motion in so many steps: it depends on the phase alone. */
-void noslip_drives(const noslip_primitive *primitive, long long steps, double *drives) {
+/* What drives a motion in so many steps, and its winding: they depend on the phase alone. */
+void noslip_drives(const noslip_primitive *primitive, long long steps, double *drives,
+                   double *windings) {
     const double h = 1.0 / (double)steps;
     noslip_state s;
     long long k;
@@ -38,6 +39,7 @@ void noslip_drives(const noslip_primitive *primitive, long long steps, double *d
     s.duration = 1;
     for (k = 0; k < steps; ++k) {
         stepping_drive(primitive, &s, h, drives + DRIVE_SIZE * k);
+        winding_at(primitive, s.fraction, windings + 4 * k);
         s.fraction += h;
         s.previous_step = h;
     }
@@ -45,13 +47,15 @@ void noslip_drives(const noslip_primitive *primitive, long long steps, double *d
 
 /* One motion for each of several beginnings, from the first sample of each. */
 void noslip_rollouts(const noslip_primitive *primitive, const double *drives,
-                     const double *beginnings, long long count, long long steps, double *states) {
+                     const double *windings, const double *beginnings, long long count,
+                     long long steps, double *states) {
     long long motion, k;
     int i;
     for (motion = 0; motion < count; ++motion) {
         const double *begin = beginnings + motion * BEGINNING_SIZE;
         const double *first = states + motion * (steps + 1) * STATE_SIZE;
         noslip_state s;
+        goal_lead lead;
         noslip_start(primitive, &s);
         for (i = 0; i < 3; ++i) {
             s.position[i] = first[STATE_POSITION + i];
@@ -70,10 +74,12 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *drives,
         }
         s.duration = begin[BEGINNING_DURATION];
         s.pull_in = begin[BEGINNING_PULL_IN];
+        lead_to_goal(primitive, &s, &lead);
         for (k = 1; k <= steps; ++k) {
             const long long at = motion * (steps + 1) + k;
             const double h = s.duration / (double)steps;
-            const int lost = advance(primitive, &s, h, drives + DRIVE_SIZE * (k - 1));
+            const int lost = advance(primitive, &s, h, drives + DRIVE_SIZE * (k - 1),
+                                     windings + 4 * (k - 1), &lead);
             sample(&s, states + at * STATE_SIZE);
             /* The caller looks for it. */
             if (lost) states[at * STATE_SIZE] = NAN;

@@ -123,32 +123,43 @@ static void turn_between(const noslip_real *from, const noslip_real *to, noslip_
     for (i = 0; i < 3; ++i) vector[i] = scale * turn[1 + i];
 }
 
+/* What leads the rotation to its goal, alike in all steps: from where the winding ends to the first
+ * goal, in the tool's frame; and from there to the goal, a rotation vector in the world's. */
+typedef struct goal_lead {
+    noslip_real first[4], moved[3];
+} goal_lead;
+
+static void lead_to_goal(const noslip_primitive *p, const noslip_state *s, goal_lead *lead) {
+    noslip_real back[4];
+    conjugate(p->knot_quaternions[p->knots - 1], back);
+    multiply(back, s->first_goal_quaternion, lead->first);
+    turn_between(s->first_goal_quaternion, s->goal_quaternion, lead->moved);
+}
+
 /* The rotation that plays the goal's part in the attractor, and what is added to the turn there: the
  * winding and the learned torque, led to where the goal is by now. */
-static void leading(const noslip_primitive *p, const noslip_state *s, const noslip_real *drive,
-                    noslip_real *quaternion, noslip_real *offset) {
-    const noslip_real entered = entered_at(s->fraction);
-    noslip_real rotation[4], back[4], first[4], turn[4], moved[4], ahead[3], vector[3];
-    int i;
-    winding_at(p, s->fraction, rotation);
-    /* To where it begins, in the tool's frame. */
-    conjugate(p->knot_quaternions[p->knots - 1], back);
-    multiply(back, s->first_goal_quaternion, turn);
-    multiply(rotation, turn, first);
-    /* And on from there, in the world's. */
-    turn_between(s->first_goal_quaternion, s->goal_quaternion, vector);
+static void leading(const goal_lead *lead, const noslip_real *winding, noslip_real entered,
+                    const noslip_real *drive, noslip_real *quaternion, noslip_real *offset) {
+    noslip_real first[4], turn[4], back[4], torque[4] = {0}, turned[4], vector[3];
+    int i, moves = 0;
+    multiply(winding, lead->first, first);
     for (i = 0; i < 3; ++i) {
-        ahead[i] = (drive[DRIVE_DRAWN] - entered) * vector[i];
-        vector[i] *= entered;
+        torque[1 + i] = drive[DRIVE_ANGULAR + i];
+        vector[i] = entered * lead->moved[i];
+        moves |= vector[i] < 0 || vector[i] > 0;
     }
-    quaternion_of(vector, turn);
-    multiply(turn, first, quaternion);
-    moved[0] = 0;
-    for (i = 0; i < 3; ++i) moved[1 + i] = drive[DRIVE_ANGULAR + i];
-    conjugate(turn, back);
-    multiply(turn, moved, rotation);
-    multiply(rotation, back, moved);
-    for (i = 0; i < 3; ++i) offset[i] = moved[1 + i] + ahead[i];
+    if (moves) {
+        quaternion_of(vector, turn);
+        conjugate(turn, back);
+        multiply(turn, torque, turned);
+        multiply(turned, back, torque);
+        multiply(turn, first, quaternion);
+    } else {
+        for (i = 0; i < 4; ++i) quaternion[i] = first[i];
+    }
+    for (i = 0; i < 3; ++i) {
+        offset[i] = torque[1 + i] + (drive[DRIVE_DRAWN] - entered) * lead->moved[i];
+    }
 }
 
 /* Of shorter steps, fractions of the duration, what a moving target adds would be rounding. */
@@ -307,9 +318,9 @@ static noslip_real slowed(const noslip_state *s, noslip_real time_step, noslip_r
     return speed > 0 ? slower / speed : 0;
 }
 
-/* A step that is driven so; 1 and the state as it was if what comes of it is not finite. */
+/* A step that is driven and led so; 1 and the state as it was if what comes of it is not finite. */
 static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
-                   const noslip_real *drive) {
+                   const noslip_real *drive, const noslip_real *winding, const goal_lead *lead) {
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2;
     const noslip_real *factor = factors(p, state, h);
@@ -335,7 +346,8 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
         gain = 0;
         slip_rate = AT_ONCE;
     }
-    leading(p, state, drive, step + STEP_ROTATION_GOAL, step + STEP_ROTATION_OFFSET);
+    leading(lead, winding, entered_at(state->fraction), drive, step + STEP_ROTATION_GOAL,
+            step + STEP_ROTATION_OFFSET);
     for (i = 0; i < 3; ++i) {
         now[STATE_POSITION + i] = state->position[i];
         now[STATE_LINEAR_VELOCITY + i] = state->linear_velocity[i];
@@ -382,7 +394,8 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 }
 
 int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
-    noslip_real h = time_step / state->duration, drive[DRIVE_SIZE] = {0};
+    noslip_real h = time_step / state->duration, drive[DRIVE_SIZE] = {0}, winding[4];
+    goal_lead lead;
     /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
     if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
     if (!noslip_done(state)) {
@@ -393,5 +406,7 @@ int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_r
         }
         stepping_drive(primitive, state, h, drive);
     }
-    return advance(primitive, state, time_step, drive);
+    winding_at(primitive, state->fraction, winding);
+    lead_to_goal(primitive, state, &lead);
+    return advance(primitive, state, time_step, drive, winding, &lead);
 }

@@ -1,0 +1,64 @@
+"""What ``noslip`` offers at its top level; :mod:`noslip` loads it with the first of these names."""
+
+from noslip import constraints, demonstrations, errors, recordings
+from noslip._version import __version__
+from noslip.boundary import Boundary
+from noslip.constraints import (
+    Blade,
+    Constraint,
+    DepthLimit,
+    KeepOutSphere,
+    Needle,
+    SpeedLimit,
+    Wheel,
+    keep_nonnegative,
+    position_constraint,
+    velocity_constraint,
+)
+from noslip.constraints.check import check
+from noslip.control import Controller
+from noslip.demonstrations import prepare, segment
+from noslip.errors import NoslipError, NoslipWarning
+from noslip.learning import learn
+from noslip.many import learn_each
+from noslip.primitive import ConstrainedDMP
+from noslip.projection.trajectory import project_trajectory
+from noslip.recordings import load_demonstrations
+from noslip.runtime.motion import Motion
+from noslip.runtime.state import State
+from noslip.saving import load_primitive
+from noslip.trajectory import PoseTrajectory
+
+__all__ = [
+    "Blade",
+    "Boundary",
+    "ConstrainedDMP",
+    "Constraint",
+    "Controller",
+    "DepthLimit",
+    "KeepOutSphere",
+    "Motion",
+    "Needle",
+    "NoslipError",
+    "NoslipWarning",
+    "PoseTrajectory",
+    "SpeedLimit",
+    "State",
+    "Wheel",
+    "__version__",
+    "check",
+    "constraints",
+    "demonstrations",
+    "errors",
+    "keep_nonnegative",
+    "learn",
+    "learn_each",
+    "load_demonstrations",
+    "load_primitive",
+    "position_constraint",
+    "prepare",
+    "project_trajectory",
+    "recordings",
+    "segment",
+    "velocity_constraint",
+]
