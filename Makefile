@@ -6,10 +6,10 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench soak sweep docs clean
+.PHONY: help demo test quick check format bench bench-quick soak sweep docs clean
 
 help: ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
 
 $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("noslip needs Python 3.11 or newer; choose one with: make PYTHON=python3.12 ...") if sys.version_info < (3, 11) else None'
@@ -48,6 +48,9 @@ format: $(VENV)/.dev ## put the code into the house's format
 
 bench: $(VENV)/.bench ## measure against the paper's method and movement-primitives
 	$(BIN)/python -m benchmarks --out benchmarks/results.json
+
+bench-quick: $(VENV)/.bench ## the ratios that must not fall, in two minutes; GATE=--gate fails where one has
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.gate $(GATE)
 
 soak: $(STAMP) ## step the exported C code 1e8 times and look for what must never happen
 	$(BIN)/python -m benchmarks.soak --steps 100000000

@@ -191,7 +191,7 @@ def _rollout(dmp: ConstrainedDMP, given: PoseTrajectory) -> PoseTrajectory:
     return dmp.rollout(time_step=given.duration / (len(given) - 1))
 
 
-def _pushed(dmp: ConstrainedDMP, given: PoseTrajectory) -> State:
+def pushed_state(dmp: ConstrainedDMP, given: PoseTrajectory) -> State:
     """Return a state on the way, pushed off its path across the blade."""
     state, time_step = dmp.initial_state(), given.duration / (len(given) - 1)
     for _ in range(round(PUSHED_AT * (len(given) - 1))):
@@ -285,7 +285,7 @@ def _noslip(
     limits = ConstraintSystem([Blade(), CORNER])
     limited = replace(ours, rule=replace(ours.rule, system=limits))
     limited_shared = replace(shared, rule=replace(shared.rule, system=limits))
-    pushed = _pushed(ours, given)
+    pushed = pushed_state(ours, given)
     walk = _Walk(lambda: None, lambda state: ours.step(state, time_step), ours.initial_state)
     few = max(1, repeat_fast // 4)
     return [
