@@ -249,7 +249,11 @@ _REMEDIES = (
     ),
     ("duration for its speed", rf"a duration of {NUMBER} s or more mends that", r"times as fast"),
     ("more basis functions", r"give more basis functions, or none", r"basis functions leave"),
-    ("priority", r"no motion found that keeps ([\w, -]+) between these ends", r"no motion found"),
+    (
+        "priority",
+        r"no motion found that keeps ([\w, -]+) between these ",
+        r"no motion found that keeps",
+    ),
 )
 """Kinds of remedies: a name, how to know one, and what is not said any more where it was taken."""
 

@@ -405,9 +405,10 @@ def _projected(request: Request) -> ProjectedTrajectory:
         if constraint.priority == 0 and name in projected.left_out
     ]
     if left_out:
+        places = "ends or via points" if request.boundaries[2:] else "ends"
         raise ConvergenceError(
-            f"no motion found that keeps {', '.join(left_out)} between these ends; give it more "
-            "time (duration), other ends, or a priority above 0"
+            f"no motion found that keeps {', '.join(left_out)} between these {places}; give it "
+            f"more time (duration), other {places}, or a priority above 0"
         )
     return projected
 
