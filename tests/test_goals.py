@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -109,6 +109,24 @@ def test_goals_of_a_recorded_contour_are_reached_at_any_step(
     recordings: Path, run: str, rate: float
 ) -> None:
     assert_reached(contour(recordings, run, rate), 4)
+
+
+LONGER = {0.1: (1e-5, 2e-3), 3.0: (1e-4, 4e-3), 10.0: (5e-3, 0.3)}
+"""Times the step that was planned on, and what a rollout may be off its goal then."""
+
+
+@pytest.mark.parametrize("make", [numerical, lambda: excision(0)], ids=["example", "excision"])
+def test_goals_are_reached_and_nothing_slips_from_a_tenth_to_ten_times_the_step(make: Any) -> None:
+    dmp, rng = make(), np.random.default_rng(7)
+    for _ in range(2):
+        goal = Goal.beside(dmp, rng, dmp.rollout().path_length)
+        new = dmp.adapt(goal_position=goal.position, goal_rotation=goal.rotation)
+        for times, (moved, turned) in LONGER.items():
+            motion = new.rollout(time_step=times * new.duration / new.steps)
+            off = np.linalg.norm(motion.positions[-1] - goal.position)
+            assert off <= moved * motion.path_length
+            assert degrees(motion.rotations[-1], goal.rotation) <= turned
+            assert np.abs(slip(motion)).max() <= SLIP
 
 
 # -------------------------------------------------------------------- beyond them
