@@ -151,7 +151,7 @@ ROWS = {
 
 
 def test_the_readme_tells_the_numbers_of_the_summary(results):
-    """In millimeters, m/s and rad/s, as rounded there; residuals that are rounding by their size."""
+    """In mm, m/s and rad/s, as rounded there; residuals that are rounding by their size."""
     summary = json.loads((results / "summary.json").read_text())["numerical_example"]
     readme = (Path(__file__).resolve().parents[1] / "README.md").read_text()
     for row, motions in ROWS.items():

@@ -48,13 +48,18 @@ ELSEWHERE = {
     "noslip learn session --topic": "tests/test_bag_to_arm.py runs this block",
     "noslip simulate cut.json --robot panda --level tool": "tests/test_bag_to_arm.py runs it",
     "noslip check arm/tool.csv": "tests/test_bag_to_arm.py runs this block",
-    "noslip simulate cut.json --placement": "is refused; tests/robots has refusals",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",
 }
 """Commands that do not run here, by how they begin."""
 NEEDS_A_CLUSTER = "tcp://10.0.0.5"
 """Python that does not run here."""
+REFUSED = "noslip simulate excision.json --placement"
+ILLUSTRATION = ("noslip learn --each", "noslip view excision.json")
+"""What these print on a page is of thousands of recordings, or of a server."""
+NEAR = 0.1, 1e-3
+"""Numbers on a page are within this share of those printed, or both are smaller than the latter."""
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?(?![\w.]*\d)")
 SMALLER = {"jobs=8": "jobs=1", "--jobs 8": "--jobs 1"}
 """A process takes a second to start, and the recordings are four."""
 
@@ -68,10 +73,31 @@ def blocks(page: Path) -> list[tuple[str, str]]:
     return BLOCK.findall(page.read_text())
 
 
+def dialogue(block: str) -> list[tuple[str, str]]:
+    """Commands of a console block, each with what the page says it prints, in one line."""
+    told: list[tuple[str, str]] = []
+    for line in re.sub(r"\\\n\s*", "", block).splitlines():
+        if line.startswith("$ "):
+            told.append((line[2:], ""))
+        elif told:
+            told[-1] = (told[-1][0], f"{told[-1][1]} {line}".strip())
+    return told
+
+
 def commands(block: str) -> list[str]:
-    """Commands of a console block, without what they print."""
-    joined = re.sub(r"\\\n\s*", "", block)
-    return [line[2:] for line in joined.splitlines() if line.startswith("$ ")]
+    return [command for command, _ in dialogue(block)]
+
+
+def assert_printed(said: str, printed: str) -> None:
+    """Whether the same words were printed, with numbers near those of the page; "..." is any."""
+    words = NUMBER.sub("#", said)
+    pattern = re.escape(words).replace(r"\#", f"({NUMBER.pattern})").replace(r"\.\.\.", ".*")
+    found = re.search(pattern, " ".join(printed.split()))
+    assert found, f"the page says\n  {said}\nbut printed was\n{printed}"
+    share, small = NEAR
+    for there, here in zip(NUMBER.findall(said), found.groups(), strict=True):
+        a, b = float(there), float(here)
+        assert abs(a - b) <= max(share * abs(b), small), f"{there} on the page, {here} printed"
 
 
 PAGES = [page for page in pages() if {"python", "console"} & {kind for kind, _ in blocks(page)}]
@@ -162,9 +188,11 @@ def test_every_block_of_a_page_runs(
         if kind == "python" and NEEDS_A_CLUSTER not in block:
             exec(compile(block, page.name, "exec"), names)
         elif kind == "console":
-            for command in commands(block):
+            for command, said in dialogue(block):
                 if reason_not_to_run(command) is None:
-                    run(command, monkeypatch, capsys)
+                    printed = run(command, monkeypatch, capsys)
+                    if not command.startswith(ILLUSTRATION):
+                        assert_printed(said, printed)
     # Matplotlib's state is everybody's.
     assert mpl.get_backend().lower() == "agg"
 
@@ -173,8 +201,11 @@ def interrupt(seconds: float) -> None:
     raise KeyboardInterrupt
 
 
-def run(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Run a command of noslip's as the shell would; only ``check`` may find a violation."""
+def run(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a command of noslip's as the shell would; only ``check`` may find a violation.
+
+    A command that a page shows being refused must be.
+    """
     words = shlex.split(command, comments=True)
     assert words[0] == "noslip", f"{command}: not run, and not listed as such"
     found = [
@@ -189,7 +220,10 @@ def run(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
         main()
     told = capsys.readouterr()
     fine = {"check": {0, None, 1}, "view": {0, None, 130}}.get(words[1], {0, None})
+    if command.startswith(REFUSED):
+        fine = {2}
     assert done.value.code in fine, f"{command}: exit code {done.value.code}\n{told.err}{told.out}"
+    return told.out + told.err
 
 
 def test_every_block_names_its_language() -> None:
