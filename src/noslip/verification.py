@@ -337,7 +337,9 @@ def _remedy(law: Law, rule: Rule, asked: Sequence[Boundary]) -> str:
     if system.limits.size and does(replace(rule, system=system.equalities)):
         names = ", ".join(system.limits.names)
         return f"{names} in its way: loosen that, or choose ends farther from it"
+    others = ["other ends or via points" if asked[1:] else "other ends"]
+    others += ["a path farther from the limits"] if system.limits.size else []
     return (
-        "no other metric and no longer duration mends that: choose other ends, a path farther "
-        "from the limits, or more basis functions"
+        f"no other metric and no longer duration mends that: choose {', '.join(others)} or more "
+        "basis functions"
     )
