@@ -16,7 +16,15 @@ from benchmarks.control_loop import LATE_STEPS, MOTIONS, compiling, control
 from benchmarks.environment import environment
 from benchmarks.example import SAMPLES
 from benchmarks.goals import SHIFTS, move_goals
-from benchmarks.growth import ADAPTED_SIZES, ADAPTING, BASIS_SIZES, SAMPLE_SIZES, grow
+from benchmarks.growth import (
+    ADAPTED_SIZES,
+    ADAPTING,
+    BASIS_SIZES,
+    LIMIT_SIZES,
+    SAMPLE_SIZES,
+    VIA_SIZES,
+    grow,
+)
 from benchmarks.many import RECORDINGS, learn_many
 from benchmarks.perturbation import CASES, perturb
 from noslip._files import write_beside
@@ -53,7 +61,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
             progress=progress,
         )
         growths += grow(
-            sample_sizes=ADAPTED_SIZES, basis_sizes=(), tasks=(ADAPTING,), progress=progress
+            sample_sizes=ADAPTED_SIZES,
+            basis_sizes=(),
+            limit_sizes=LIMIT_SIZES,
+            via_sizes=VIA_SIZES[:-2] if quick else VIA_SIZES,
+            tasks=(ADAPTING,),
+            progress=progress,
         )
         arrivals = move_goals(
             samples=SAMPLES, shifts=SHIFTS[-1:] if quick else SHIFTS, progress=progress

@@ -16,10 +16,11 @@ from benchmarks import peers
 from benchmarks.case import Case
 from benchmarks.example import BASIS_FUNCTIONS, SAMPLES
 
-Axis = Literal["samples", "basis_functions"]
+Axis = Literal["samples", "basis_functions", "limits", "vias"]
 
 SAMPLE_SIZES = (100, 1000, 10_000, 100_000)
-BASIS_SIZES = (10, 100, 300, 1000)
+BASIS_SIZES = (30, 100, 300, 1000)
+LIMIT_SIZES, VIA_SIZES = (1, 4, 16), (1, 4, 16, 64)
 LONGEST_CASE = 60.0
 LONGEST_GROWTH = 140.0
 """Seconds after which what is left is skipped, and reported so."""
@@ -42,7 +43,8 @@ class Growth:
     Attributes
     ----------
     task : str
-    axis : "samples" or "basis_functions"
+    axis : str
+        What grows.
     cases : tuple of Case
         In the order of size; sizes that took too long are missing.
     """
@@ -74,39 +76,47 @@ def grow(
     *,
     sample_sizes: Sequence[int] = SAMPLE_SIZES,
     basis_sizes: Sequence[int] = BASIS_SIZES,
+    limit_sizes: Sequence[int] = (),
+    via_sizes: Sequence[int] = (),
     tasks: Sequence[str] = TASKS,
     progress: Callable[[str], None] = lambda message: None,
 ) -> list[Growth]:
     """Measure each task at each size, each in its own process."""
     until = perf_counter() + LONGEST_GROWTH
-    sizes: list[tuple[Axis, list[tuple[int, int]]]] = [
-        ("samples", [(size, BASIS_FUNCTIONS) for size in sample_sizes]),
-        ("basis_functions", [(SAMPLES, size) for size in basis_sizes]),
-    ]
+    usual = {"samples": SAMPLES, "basis_functions": BASIS_FUNCTIONS, "limits": 0, "vias": 0}
+    growing: list[tuple[Axis, str, Sequence[int]]] = []
+    growing += [("samples", task, sample_sizes) for task in tasks]
+    growing += [("basis_functions", task, basis_sizes) for task in tasks]
+    growing += [("limits", "rollout", limit_sizes), ("vias", ADAPTING, via_sizes)]
     growths = []
-    for axis, pairs in sizes:
-        for task in tasks:
-            if not pairs or (task in THEIRS and peers.MISSING):
-                continue
-            cases: list[Case] = []
-            for samples, basis_functions in pairs:
-                progress(f"growth: {task}, {samples} samples, {basis_functions} basis functions")
-                case = run_case(task, samples, basis_functions, until - perf_counter())
-                if case is None:
-                    break
-                cases.append(case)
-            growths.append(Growth(task, axis, tuple(cases)))
+    for axis, task, sizes in growing:
+        if not sizes or (task in THEIRS and peers.MISSING):
+            continue
+        cases: list[Case] = []
+        for size in sizes:
+            progress(f"growth: {task}, {size} {axis}")
+            case = run_case(task, *(usual | {axis: size}).values(), until - perf_counter())
+            if case is None:
+                break
+            cases.append(case)
+        growths.append(Growth(task, axis, tuple(cases)))
     return growths
 
 
 def run_case(
-    task: str, samples: int, basis_functions: int, seconds_left: float = LONGEST_CASE
+    task: str,
+    samples: int,
+    basis_functions: int,
+    limits: int = 0,
+    vias: int = 0,
+    seconds_left: float = LONGEST_CASE,
 ) -> Case | None:
     """Run one case in a child process; None if there is no time for it."""
     timeout = min(LONGEST_CASE, seconds_left)
     if timeout <= 0:
         return None
-    command = [sys.executable, "-m", "benchmarks.case", task, str(samples), str(basis_functions)]
+    sizes = map(str, (samples, basis_functions, limits, vias))
+    command = [sys.executable, "-m", "benchmarks.case", task, *sizes]
     try:
         done = subprocess.run(
             command, cwd=_ROOT, timeout=timeout, capture_output=True, text=True, check=False

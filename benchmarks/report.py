@@ -24,7 +24,12 @@ from benchmarks.perturbation import REACHED, Recovery, Summary, summaries
 FORMAT = 1
 """Version of the JSON's layout."""
 
-_AXES = {"samples": "samples", "basis_functions": "basis functions"}
+_AXES = {
+    "samples": "samples",
+    "basis_functions": "basis functions",
+    "limits": "limits that do not bind",
+    "vias": "via points",
+}
 
 
 @dataclass(frozen=True)
