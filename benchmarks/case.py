@@ -1,7 +1,7 @@
 """One case of the growth, in a process of its own so that its peak memory is its own.
 
-``python -m benchmarks.case learn 10000 100`` (samples, basis functions; limits, vias) prints its time
-and memory as JSON.
+``python -m benchmarks.case learn 10000 100`` (samples, basis functions; limits, vias) prints its
+time and memory as JSON.
 """
 
 from __future__ import annotations

@@ -173,7 +173,7 @@ def idle(dmp: ns.ConstrainedDMP) -> ns.ConstrainedDMP:
 
 def in_turn(dmp: ns.ConstrainedDMP) -> ns.ConstrainedDMP:
     """The same under eight balls above its path that it ducks under, one after another."""
-    motion, radius, depth = dmp.rollout(), 0.05, 2e-3
+    motion, radius, depth = dmp.rollout(), 0.2, 0.04
     places = motion.positions[(np.linspace(0.15, 0.85, 8) * (len(motion) - 1)).astype(int)]
     above = places + [0, 0, radius - depth]
     return _limited(dmp, [ns.KeepOutSphere(center=tuple(c), radius=radius) for c in above.tolist()])

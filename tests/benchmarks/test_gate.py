@@ -60,4 +60,4 @@ def test_the_pairs_are_what_they_say(tmp_path: Path) -> None:
     assert not idle.rollout().gave_way
     motion, own = turns.rollout(), dmp.rollout()
     assert abs(motion.positions - own.positions).max() > 1e-4
-    assert (abs(motion.margins) < 1e-3).any(axis=0).sum() >= 6
+    assert (abs(motion.margins) < 1e-3).any(axis=0).sum() == 8
