@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 SAMPLES_PER_FUNCTION = 10
 """Samples of a force, of the finer basis, when it is fitted in another one."""
 WEIGHTS_PER_BASIS_FUNCTION = 2
-"""Of a CartesianDMP, whose functions are wider than ours: as many of them leave 1e-3 of the path of
+"""Of a CartesianDMP, whose functions are wider than ours: as many of them leave 4e-4 of the path of
 a noisy force, twice as many 3e-7."""
 BASIS_FUNCTIONS_PER_WEIGHT = 4
 """The other way: so many leave 7e-5 of the path where weights follow noise."""
@@ -174,9 +174,9 @@ def to_movement_primitives(
 
     How much differs: with twice as many weights as basis functions, the default, the exact
     solutions of both are 3e-7 of the path and 1e-4 degrees apart, also for a noisy recording; with
-    as many weights 1e-7 for a smooth one and 1e-3 for a noisy one, with half as many 4e-3.  Its own
-    integration adds an error of first order: with 1000 steps 0.0015 of the path and 0.07 degrees
-    where the motion is smooth, up to 0.009 where it is noisy.
+    as many weights 2e-7 for a smooth one and 4e-4 for a noisy one, with half as many 3e-3.  Its own
+    integration adds an error of first order: with 1000 steps 0.002 of the path and 0.2 degrees
+    where the motion is smooth, up to 0.03 and 2 degrees where it is noisy.
 
     What does not carry over: constraints (those of a ConstrainedDMP hold in noslip only); and, in
     ``open_loop``, the velocity at the start, which CartesianDMP always begins without.  It is
@@ -252,7 +252,7 @@ def from_movement_primitives(
     not its.
 
     How much differs: with four functions a weight, the default, the exact solutions of both are
-    1e-6 of the path and 1e-4 degrees apart; 7e-5 and 0.02 degrees where many weights follow the
+    1e-6 of the path and 1e-4 degrees apart; 7e-5 and 0.01 degrees where many weights follow the
     noise of a recording.  Its own rollouts are farther off, by their integration.
 
     Parameters

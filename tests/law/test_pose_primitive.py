@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from motions import cut
+from motions import cut, numerical_example
 from noslip import ConstrainedDMP, PoseTrajectory, State, learn
 from noslip._typing import Floats
 from noslip.errors import InputError
@@ -810,3 +810,13 @@ def test_a_measured_state_without_a_step_behind_it_goes_on_from_its_phase() -> N
         state = dmp.step(state, time_step)
     off = np.linalg.norm(state.position - motion.positions[-1])
     assert off <= 1e-2 * motion.path_length
+
+
+@pytest.mark.parametrize("make", [cut, numerical_example, Smooth(1).sampled])
+def test_fifty_steps_keep_the_shape(make: Callable[[], PoseTrajectory]) -> None:
+    dmp = learn(make())
+    usual, hasty = dmp.rollout(), dmp.rollout(duration=0.05, time_step=0.001)
+    assert len(hasty) == 51
+    there = usual.resampled(times=hasty.times * usual.duration / hasty.duration)
+    off = np.linalg.norm(hasty.positions - there.positions, axis=1).max()
+    assert off <= 1e-4 * usual.path_length

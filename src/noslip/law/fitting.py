@@ -24,7 +24,7 @@ path off where shorter ones run it."""
 MOST_BASIS_FUNCTIONS = 2000
 """More take minutes to fit, and follow nothing that a recording holds."""
 FEWEST_STEPS = 200
-"""A rollout takes at least this many steps unless asked otherwise: its error is then 1e-5 of the
+"""A rollout takes at least this many steps unless asked otherwise: its error is then 3e-5 of the
 path."""
 
 
