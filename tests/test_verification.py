@@ -101,6 +101,17 @@ def test_a_goal_that_is_missed_is_refused_with_a_remedy_that_is_true() -> None:
     assert known.end_error <= 1e-3 * known.path_length and known.margins.min() >= -1e-9
 
 
+def test_a_limit_that_pushes_the_path_aside_is_named_as_the_reason() -> None:
+    ball = ns.KeepOutSphere(center=(0.5, 0.17, 0.1), radius=0.12)
+    plane = ns.DepthLimit(depth=1.0)
+    with pytest.warns(CompromiseWarning, match="primitive leaves cut by") as told:
+        ns.learn(cut(), [ns.Blade(), plane, ball], basis_functions=40)
+    (text,) = (str(one.message) for one in told if "leaves cut" in str(one.message))
+    assert "; keep-out-sphere in its way: loosen that, or demonstrate" in text
+    # Loosened, it does not.
+    ns.learn(cut(), [ns.Blade(), plane], basis_functions=40)
+
+
 def test_a_hard_limit_that_the_primitive_cannot_keep_is_not_exported(tmp_path: Path) -> None:
     @ns.velocity_constraint
     def advance(motion):  # type: ignore[no-untyped-def]

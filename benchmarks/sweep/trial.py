@@ -241,7 +241,12 @@ _REMEDIES = (
     ("shared metric", r"metric 'shared' mends that", _MISSES),
     ("longer duration", rf"a duration of {NUMBER} s, not {NUMBER}, mends that", _MISSES),
     ("default step", rf"the default step of {NUMBER} s mends that", _MISSES),
-    ("without limits", r"; ([\w, -]+) in its way: loosen that", _MISSES),
+    ("without limits", r"; ([\w, -]+) in its way: loosen that, or choose", _MISSES),
+    (
+        "without limits, on its way",
+        r"; ([\w, -]+) in its way: loosen that, or demo",
+        r"the primitive leaves",
+    ),
     (
         "duration for a limit",
         rf"along its path the motion takes {NUMBER} s; give it that",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial, wraps
+from itertools import compress
 from typing import Literal, ParamSpec
 
 import numpy as np
@@ -266,7 +267,7 @@ def learn(
             f"{remedy}",
             CompromiseWarning,
         )
-    _tell(record, sampled, rotation_smoothing)
+    _tell(record, sampled, system, rotation_smoothing)
     demonstrated = fitted(sampled, count, pace.factor) if system.size else law
     return ConstrainedDMP(law, rule, demonstrated, record, Spread.about(law, followed))
 
@@ -281,8 +282,19 @@ def _kept_end(system: ConstraintSystem, demonstration: PoseTrajectory) -> End:
     return "position" if np.all(margins[-1] > 0) else "free"
 
 
+def _in_the_way(system: ConstraintSystem, demonstration: PoseTrajectory) -> list[str]:
+    """Names of the limits on poses that a demonstration does not keep."""
+    limits, still = system.of_poses.limits, np.zeros((len(demonstration), 3))
+    poses = demonstration.clock, demonstration.positions, demonstration.quaternions
+    broken = limits.residuals(*poses, still, still).min(axis=0) < 0
+    return list(dict.fromkeys(compress(limits.per_row(limits.names), broken)))
+
+
 def _tell(
-    record: Sequence[LearningRecord], demonstrations: Sequence[PoseTrajectory], smoothing: float
+    record: Sequence[LearningRecord],
+    demonstrations: Sequence[PoseTrajectory],
+    system: ConstraintSystem,
+    smoothing: float,
 ) -> None:
     """Warn of what a person should look at before trusting the primitive."""
     remedy = "low-pass the recording, give the tool's frame, or check the constraint's axes"
@@ -312,10 +324,13 @@ def _tell(
     if left:
         worst, length = max(left, key=lambda pair: pair[0].path_error)
         which = f"{len(left)} of {len(record)} demonstrations, the most " if several else ""
+        if several:
+            remedy = "learn from each alone, or from those that lie together"
+        elif names := _in_the_way(system, demonstrations[0]):
+            remedy = f"{', '.join(names)} in its way: loosen that, or demonstrate the way round"
         warn(
             f"the primitive leaves {which}{worst.demonstration} by "
-            f"{worst.path_error * 1e3:.3g} mm of a path of {length * 1e3:.3g} mm; "
-            + ("learn from each alone, or from those that lie together" if several else remedy),
+            f"{worst.path_error * 1e3:.3g} mm of a path of {length * 1e3:.3g} mm; {remedy}",
             CompromiseWarning,
         )
 
