@@ -144,6 +144,48 @@ def coupling(
     return couple
 
 
+def without_limits(
+    system: ConstraintSystem, *, inverse_metric: Sequence[float], push: Push
+) -> Coupling:
+    """Build the coupling term of the equalities alone; it suffices where no limit stops its motion.
+
+    Parameters
+    ----------
+    system : ConstraintSystem
+        With limits.
+    inverse_metric, push
+        As for :func:`coupling`.
+    """
+    metric = tuple(inverse_metric)
+
+    def couple(s: StepSymbols, linear: Expression, angular: Expression) -> Coupled:
+        free, limits = ca.vertcat(linear, angular), ca.SX(system.limits.size, 1)
+        whole = _Step(system, metric, push, s, free)
+        velocities, multipliers, forces, lost = free, ca.SX(0, 1), ca.SX(6, 0), ca.SX(0)
+        if system.equalities.size:
+            alone = _Step(system.equalities, metric, push, s, free)
+            velocities, multipliers, forces, _ = alone.solve()
+            lost, _, _ = alone.merit(velocities, alone.jacobian)
+        # Of limits, how far beyond each; and not so near that one could be met on the way there, of
+        # which the passes see linear parts.
+        there, here = (
+            ca.substitute(whole.goal - whole.phi, whole.unknown, at)[system.equalities.size :, :]
+            for at in (velocities, free)
+        )
+        stopped = ca.mmax(there + ca.fabs(there - here)) > 0
+        return Coupled(
+            velocities[:3],
+            velocities[3:],
+            whole.values(velocities),
+            ca.vertcat(multipliers, limits) / s.kick,
+            ca.horzcat(forces, ca.SX(6, system.limits.size)) / s.kick,
+            ca.SX(system.size, 1),
+            suffices=ca.logic_not(ca.logic_or(lost, stopped)),
+        )
+
+    return couple
+
+
 class _Step:
     """The projection of one step's velocities: equalities first, then limits, row by row."""
 
@@ -317,11 +359,11 @@ class _Step:
         violates no limit that allows it, or to heed the equalities alone.
         """
         rest = ca.DM([float(weight == 0) for weight in self.metric]) * velocities
-        found = self._merit(velocities, rows)
-        others = [(rest, self._merit(rest, rows))]
+        found = self.merit(velocities, rows)
+        others = [(rest, self.merit(rest, rows))]
         if self.limits.size:
             without = self._without_limits()
-            others.append((without, self._merit(without, rows)))
+            others.append((without, self.merit(without, rows)))
         failed = ca.logic_or(found[0] > 0, found[1] > _REACHED * self.asked)
         best, (lost, hard, soft) = velocities, found
         for candidate, (lost_there, hard_there, soft_there) in others:
@@ -342,7 +384,7 @@ class _Step:
             soft = ca.if_else(take, soft_there, soft)
         return best - velocities
 
-    def _merit(
+    def merit(
         self, velocities: Expression, rows: Expression
     ) -> tuple[Expression, Expression, Expression]:
         """Whether equalities are missed or a turn is too long; how much of limits is missed."""
