@@ -65,6 +65,8 @@ _SMALL_TURN, _LARGEST_TURN = 0.02, 0.5
 lets tools that pass an obstacle slide off their path, twice as much is not always converged."""
 _STRAIGHT = 0.01
 """Largest share of the rotation in corrections of what is left, over that of the position."""
+_BEYOND = 1e300
+"""A margin that no motion has."""
 _STILL = 1e-11
 """Speed (m/s) of a tool at rest."""
 _APPROACHING, _RESTORING = 3, 3
@@ -168,15 +170,14 @@ def without_limits(
             lost, _, _ = alone.merit(velocities, alone.jacobian)
         # Of limits, how far beyond each; and not so near that one could be met on the way there, of
         # which the passes see linear parts.
-        there, here = (
-            ca.substitute(whole.goal - whole.phi, whole.unknown, at)[system.equalities.size :, :]
-            for at in (velocities, free)
-        )
-        stopped = ca.mmax(there + ca.fabs(there - here)) > 0
+        values, before = (whole.values(at) for at in (velocities, free))
+        there, here = (each[system.equalities.size :, :] for each in (values, before))
+        goal = _residual_after(system.limits, s, _barrier_rates(system.limits, s), usual=True)
+        stopped = ca.mmax(goal - there + ca.fabs(there - here)) > 0
         return Coupled(
             velocities[:3],
             velocities[3:],
-            whole.values(velocities),
+            values,
             ca.vertcat(multipliers, limits) / s.kick,
             ca.horzcat(forces, ca.SX(6, system.limits.size)) / s.kick,
             ca.SX(system.size, 1),
@@ -548,6 +549,8 @@ def _residual_after(
     s: StepSymbols,
     rates: Sequence[Expression],
     values: Expression | None = None,
+    *,
+    usual: bool = False,
 ) -> Expression:
     """What residuals may be after the step: zero, once they were zero.
 
@@ -565,6 +568,8 @@ def _residual_after(
     velocity level no more than not to violate it, unless a rate is named.  And a tool outside of a
     limit of poses, though its way out is stopped at that rate, comes in as onto an equality, at
     :attr:`StepSymbols.residual_rate` unless one is named: from rest by d at ``rate d / e`` at most.
+
+    ``usual`` leaves out the start and the outside of limits of poses, where nothing then suffices.
     """
     before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
     state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
@@ -600,17 +605,18 @@ def _residual_after(
             continue
 
         def decayed(rate: Expression, i: int = i) -> Expression:
-            # No step has led to the start; there the velocities tell.
-            change = ca.if_else(
-                previous > 0,
-                (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous,
-                (drift[i] + rate * now[i]) * dt,
-            )
+            change = (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous
+            if not usual:
+                # No step has led to the start; there the velocities tell.
+                change = ca.if_else(previous > 0, change, (drift[i] + rate * now[i]) * dt)
             return ca.exp(-rate * dt) * (now[i] + change)
 
         asked = decayed(rate)
         if is_limit:
             inside = ca.fmin(ca.fmax(asked, ca.exp(-rate * dt) * now[i]), now[i])
+            if usual:
+                targets.append(ca.if_else((now[i] >= 0) * (previous > 0), inside, _BEYOND))
+                continue
             slowly = asked if named[i] else decayed(s.residual_rate)
             outside = ca.fmax(slowly, ca.fmin(asked, now[i]))
             asked = ca.if_else(now[i] >= 0, inside, outside)

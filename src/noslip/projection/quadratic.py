@@ -29,6 +29,8 @@ REGULAR = 1e-11
 _FLAT = 1e-9
 """A driven row that moves less than this per unit of its multiplier cannot be satisfied."""
 _NEVER = 1e300
+CALLED = {"never_inline": True}
+"""Of functions that stay calls in the graphs that use them."""
 _INEXACT = 30.0
 """What the regularization leaves of a row, over REGULAR and its multiplier, and a margin."""
 
@@ -101,7 +103,7 @@ def _search(size: int, exchanges: int, fresh: bool) -> ca.Function:
         state, _ = _up_to(exchange, exchanges)(wanted, *problem, state)
     Q, q, _, _, before = problem
     name = f"push_{'fresh' if fresh else 'later'}_{exchanges}"
-    return ca.Function(name, given, _finish(size)(Q, q, before, state), {"never_inline": True})
+    return ca.Function(name, given, _finish(size)(Q, q, before, state), CALLED)
 
 
 def _up_to(exchange: ca.Function, count: int) -> ca.Function:
@@ -218,7 +220,7 @@ def _solver(size: int) -> ca.Function:
         found = mask * right / chosen
     else:
         found = ca.ldl_solve(mask * right, *ca.ldl(ca.densify(chosen)))
-    return ca.Function("solve", [matrix, mask, right], [found], {"never_inline": True})
+    return ca.Function("solve", [matrix, mask, right], [found], CALLED)
 
 
 def _first(values: Expression, wanted: Expression) -> Expression:
