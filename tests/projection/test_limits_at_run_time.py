@@ -7,6 +7,7 @@ from functools import cache
 from itertools import combinations
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,6 +19,7 @@ from measures import assert_same_poses
 from noslip import ConstrainedDMP, Constraint, Motion
 from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
+from noslip.errors import ConstraintError, InputError
 from noslip.law import fit
 from noslip.law.layout import VELOCITY, output_layout
 from noslip.projection.metric import inverse_metric
@@ -168,6 +170,20 @@ def test_limits_that_are_far_are_left_out_of_every_step_but_the_first() -> None:
     for k, step in enumerate(table):
         before, _, suffices[k] = short(before, step)
     assert suffices[1:].all()
+
+
+def test_a_limit_that_is_undefined_somewhere_is_not_left_out_there() -> None:
+    @ns.keep_nonnegative
+    def log(motion: ns.constraints.Instant) -> Any:
+        return 10 + ca.log(0.5 - motion.position[0])
+
+    dmp = constrained([ns.Blade(), log, wall(50.0)])
+    with pytest.raises(InputError, match="not finite"):
+        dmp.rollout()
+    with pytest.raises(ConstraintError, match="'log' is nan"):
+        state = dmp.initial_state()
+        while not state.done:
+            state = dmp.step(state, 1 / STEPS)
 
 
 # -------------------------------------------------------------------- one step, linear limits

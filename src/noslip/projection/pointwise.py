@@ -173,7 +173,8 @@ def without_limits(
         values, before = (whole.values(at) for at in (velocities, free))
         there, here = (each[system.equalities.size :, :] for each in (values, before))
         goal = _residual_after(system.limits, s, _barrier_rates(system.limits, s), usual=True)
-        stopped = ca.mmax(goal - there + ca.fabs(there - here)) > 0
+        # Written so that what is undefined stops it.
+        clear = ca.sum1(goal - there + ca.fabs(there - here) <= 0) == system.limits.size
         return Coupled(
             velocities[:3],
             velocities[3:],
@@ -181,7 +182,7 @@ def without_limits(
             ca.vertcat(multipliers, limits) / s.kick,
             ca.horzcat(forces, ca.SX(6, system.limits.size)) / s.kick,
             ca.SX(system.size, 1),
-            suffices=ca.logic_not(ca.logic_or(lost, stopped)),
+            suffices=ca.logic_and(clear, ca.logic_not(lost)),
         )
 
     return couple
