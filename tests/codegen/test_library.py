@@ -14,8 +14,10 @@ import pytest
 
 import noslip as ns
 from benchmarks.timing import forget
-from noslip.codegen import library
+from noslip.codegen import c99, library
+from noslip.constraints import ConstraintSystem
 from noslip.experiments.numerical_example import demonstration
+from noslip.rule import Rule
 from noslip.runtime.stepper import stepper_of
 
 
@@ -32,6 +34,19 @@ def test_the_motion_is_the_same_to_the_bit(compiling: Path) -> None:
     after = dmp.rollout(duration=2.0)
     for name in ("positions", "quaternions", "linear_velocities", "multipliers", "row_forces"):
         np.testing.assert_array_equal(getattr(before, name), getattr(after, name))
+
+
+def test_limits_are_not_written_out_one_against_another() -> None:
+    """Twice as many are less than three times as long: one exchange is, and it is called."""
+
+    def length(limits: int) -> int:
+        walls = [ns.DepthLimit(depth=1.0 + k) for k in range(limits)]
+        rule = Rule(ConstraintSystem([ns.Blade(), *walls]))
+        return len(c99.source(stepper_of(rule).function, rule.system.size))
+
+    lengths = [length(limits) for limits in (4, 8, 16)]
+    assert lengths[1] < 2.5 * lengths[0]
+    assert lengths[2] < 3 * lengths[1]
 
 
 def test_it_is_compiled_once_for_the_same_constraints(compiling: Path) -> None:

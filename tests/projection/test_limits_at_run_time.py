@@ -7,6 +7,7 @@ from functools import cache
 from itertools import combinations
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,10 +19,13 @@ from measures import assert_same_poses
 from noslip import ConstrainedDMP, Constraint, Motion
 from noslip._typing import Floats
 from noslip.constraints import ConstraintSystem
+from noslip.errors import ConstraintError, InputError
 from noslip.law import fit
+from noslip.law.layout import VELOCITY, output_layout
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
-from noslip.runtime.rollout import integrate
+from noslip.runtime.rollout import initial_state, integrate, steps_ahead
+from noslip.runtime.stepper import stepper_of
 from strategies import seeds, triple, unit
 
 FULL = (1.0,) * 6
@@ -116,6 +120,70 @@ def test_a_limit_does_nothing_before_it_is_met() -> None:
     first = int(np.argmax(motion.limit_multipliers[:, 0] > 0))
     assert first > 50
     np.testing.assert_array_equal(motion.positions[:first], free_motion().positions[:first])
+
+
+# -------------------------------------------------------------------- what is evaluated
+
+BLADE = ns.Blade()
+NEAR: dict[str, tuple[Sequence[Constraint], Sequence[float]]] = {
+    "wall": ([BLADE, wall(0.6)], POSITION_ONLY),
+    "wall, turning": ([BLADE, wall(0.6)], FULL),
+    "wall, free": ([wall(0.6)], POSITION_ONLY),
+    "soft wall": ([BLADE, wall(0.6, priority=1)], FULL),
+    "sphere": ([BLADE, ns.KeepOutSphere(center=(0.3, 0.05, 0), radius=0.1)], FULL),
+    "speed": ([BLADE, ns.SpeedLimit(speed=1.0), wall(0.7)], FULL),
+    "acceleration": ([BLADE, ns.constraints.AccelerationLimit(linear=20.0, angular=50.0)], FULL),
+    "needle": ([ns.Needle(), ns.constraints.AngularRateLimit(rate=2.0), wall(0.7)], FULL),
+    "wheel": ([ns.Wheel(), ns.SpeedLimit(speed=1.0)], FULL),
+}
+
+
+@pytest.mark.parametrize("pushed", [0.0, 0.1])
+@pytest.mark.parametrize("name", NEAR)
+def test_limits_are_left_out_only_where_they_change_nothing(name: str, pushed: float) -> None:
+    dmp = constrained(*NEAR[name])
+    function, system, rng = stepper_of(dmp.rule).function, dmp.rule.system, np.random.default_rng(0)
+    whole, short = (function.find_function(part) for part in ("whole", "short"))
+    start = initial_state(dmp.law, dmp.rule)
+    before, left_out = start.carried(system), 0.0
+    for step in steps_ahead(dmp.law, dmp.rule, start, STEPS, start.duration / STEPS):
+        found = (*function(before, step), whole(before, step)[0])
+        after, output, limited = (np.array(each).ravel() for each in found)
+        scale = max(1.0, float(np.abs(limited).max()))
+        np.testing.assert_allclose(after, limited, rtol=0, atol=1e-9 * scale)
+        suffices = float(short(before, step)[2])
+        multipliers = output[output_layout(system.size)["multipliers"]][system.equalities.size :]
+        assert not suffices or not multipliers.any()
+        left_out += suffices
+        before = after
+        before[VELOCITY] += pushed * rng.normal(size=6)
+    # Some steps are stopped by a limit, others are not.
+    assert 0 < left_out < STEPS
+
+
+def test_limits_that_are_far_are_left_out_of_every_step_but_the_first() -> None:
+    dmp = constrained([ns.Blade(), *idle_limits(1)], FULL, seed=1)
+    short = stepper_of(dmp.rule).function.find_function("short")
+    start = initial_state(dmp.law, dmp.rule)
+    before, suffices = start.carried(dmp.rule.system), np.empty(STEPS)
+    table = steps_ahead(dmp.law, dmp.rule, start, STEPS, start.duration / STEPS)
+    for k, step in enumerate(table):
+        before, _, suffices[k] = short(before, step)
+    assert suffices[1:].all()
+
+
+def test_a_limit_that_is_undefined_somewhere_is_not_left_out_there() -> None:
+    @ns.keep_nonnegative
+    def log(motion: ns.constraints.Instant) -> Any:
+        return 10 + ca.log(0.5 - motion.position[0])
+
+    dmp = constrained([ns.Blade(), log, wall(50.0)])
+    with pytest.raises(InputError, match="not finite"):
+        dmp.rollout()
+    with pytest.raises(ConstraintError, match="'log' is nan"):
+        state = dmp.initial_state()
+        while not state.done:
+            state = dmp.step(state, 1 / STEPS)
 
 
 # -------------------------------------------------------------------- one step, linear limits

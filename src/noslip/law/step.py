@@ -85,6 +85,8 @@ class Coupled:
         What each row adds to the acceleration.
     yielding : expression, shape (m,)
         1 for limits that gave way.
+    suffices : expression
+        1 unless constraints that it leaves out would change it.
     """
 
     linear: Expression
@@ -93,13 +95,16 @@ class Coupled:
     multipliers: Expression
     forces: Expression
     yielding: Expression
+    suffices: Expression = 1
 
 
 Coupling = Callable[[StepSymbols, Expression, Expression], Coupled]
 """(symbols, unconstrained v+, w+) -> what the constraints make of them."""
 
 
-def step_function(coupling: Coupling | None, rows: int) -> ca.Function:
+def step_function(
+    coupling: Coupling | None, rows: int, first: Coupling | None = None
+) -> ca.Function:
     """Return the step (carried, row of the step table) -> (carried, outputs) as one graph.
 
     Parameters
@@ -108,7 +113,23 @@ def step_function(coupling: Coupling | None, rows: int) -> ca.Function:
         Moves the unconstrained velocities onto the constraints.
     rows : int
         Of constraints.
+    first : Coupling, optional
+        Tried first; the other one is evaluated only where this one does not suffice.
     """
+    if first is None:
+        return _graph("step", coupling, rows, 2)
+    whole, short = _graph("whole", coupling, rows, 2), _graph("short", first, rows, 3)
+    given = [ca.MX.sym(name, whole.numel_in(k)) for k, name in enumerate(("state", "step"))]
+    found = [ca.MX.sym(name, whole.numel_out(k)) for k, name in enumerate(("after", "output"))]
+    kept = ca.Function("kept", [*given, *found], found)
+    anew = ca.Function("anew", [*given, *found], whole(*given))
+    *found, suffices = short(*given)
+    chosen = ca.Function.if_else("chosen", kept, anew)(suffices, *given, *found)
+    return ca.Function("step", given, chosen)
+
+
+def _graph(name: str, coupling: Coupling | None, rows: int, outputs: int) -> ca.Function:
+    """The step with one coupling term: after, output and whether that suffices."""
     layout = carried_layout(rows)
     state, step = ca.SX.sym("state", layout.size), ca.SX.sym("step", STEP.size)
     field = {name: step[STEP[name]] for name in STEP}
@@ -120,15 +141,16 @@ def step_function(coupling: Coupling | None, rows: int) -> ca.Function:
     )
     linear = decay * symbols.linear_velocity + gain * (field["position_target"] - symbols.position)
     angular = decay * symbols.angular_velocity + gain * (turn + field["rotation_offset"])
-    output, values = ca.SX(FORCE.size, 1), ca.SX(0, 1)
+    output, values, suffices = ca.SX(FORCE.size, 1), ca.SX(0, 1), ca.SX(1)
     if coupling is not None:
         held = coupling(symbols, linear, angular)
         force = ca.vertcat(held.linear - linear, held.angular - angular) / symbols.kick
         output = ca.vertcat(force, held.multipliers, held.yielding, ca.vec(held.forces))
-        values = held.values
+        values, suffices = held.values, ca.SX(held.suffices)
         linear, angular = held.linear, held.angular
     position, quaternion = symbols.advance(linear, angular)
     quaternion = quaternion / ca.norm_2(quaternion)
     after = ca.densify(ca.vertcat(position, quaternion, linear, angular, values))
     # The coupling term evaluates poses and residuals more than once; each is computed once.
-    return ca.Function("step", [state, step], ca.cse([after, ca.densify(output)]))
+    found = [after, ca.densify(output), suffices][:outputs]
+    return ca.Function(name, [state, step], ca.cse(found))

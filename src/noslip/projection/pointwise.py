@@ -65,6 +65,8 @@ _SMALL_TURN, _LARGEST_TURN = 0.02, 0.5
 lets tools that pass an obstacle slide off their path, twice as much is not always converged."""
 _STRAIGHT = 0.01
 """Largest share of the rotation in corrections of what is left, over that of the position."""
+_BEYOND = 1e300
+"""A margin that no motion has."""
 _STILL = 1e-11
 """Speed (m/s) of a tool at rest."""
 _APPROACHING, _RESTORING = 3, 3
@@ -139,6 +141,48 @@ def coupling(
             multipliers / s.kick,
             forces / s.kick,
             yielding,
+        )
+
+    return couple
+
+
+def without_limits(
+    system: ConstraintSystem, *, inverse_metric: Sequence[float], push: Push
+) -> Coupling:
+    """Build the coupling term of the equalities alone; it suffices where no limit stops its motion.
+
+    Parameters
+    ----------
+    system : ConstraintSystem
+        With limits.
+    inverse_metric, push
+        As for :func:`coupling`.
+    """
+    metric = tuple(inverse_metric)
+
+    def couple(s: StepSymbols, linear: Expression, angular: Expression) -> Coupled:
+        free, limits = ca.vertcat(linear, angular), ca.SX(system.limits.size, 1)
+        whole = _Step(system, metric, push, s, free)
+        velocities, multipliers, forces, lost = free, ca.SX(0, 1), ca.SX(6, 0), ca.SX(0)
+        if system.equalities.size:
+            alone = _Step(system.equalities, metric, push, s, free)
+            velocities, multipliers, forces, _ = alone.solve()
+            lost, _, _ = alone.merit(velocities, alone.jacobian)
+        # Of limits, how far beyond each; and not so near that one could be met on the way there, of
+        # which the passes see linear parts.
+        values, before = (whole.values(at) for at in (velocities, free))
+        there, here = (each[system.equalities.size :, :] for each in (values, before))
+        goal = _residual_after(system.limits, s, _barrier_rates(system.limits, s), usual=True)
+        # Written so that what is undefined stops it.
+        clear = ca.sum1(goal - there + ca.fabs(there - here) <= 0) == system.limits.size
+        return Coupled(
+            velocities[:3],
+            velocities[3:],
+            values,
+            ca.vertcat(multipliers, limits) / s.kick,
+            ca.horzcat(forces, ca.SX(6, system.limits.size)) / s.kick,
+            ca.SX(system.size, 1),
+            suffices=ca.logic_and(clear, ca.logic_not(lost)),
         )
 
     return couple
@@ -317,11 +361,11 @@ class _Step:
         violates no limit that allows it, or to heed the equalities alone.
         """
         rest = ca.DM([float(weight == 0) for weight in self.metric]) * velocities
-        found = self._merit(velocities, rows)
-        others = [(rest, self._merit(rest, rows))]
+        found = self.merit(velocities, rows)
+        others = [(rest, self.merit(rest, rows))]
         if self.limits.size:
             without = self._without_limits()
-            others.append((without, self._merit(without, rows)))
+            others.append((without, self.merit(without, rows)))
         failed = ca.logic_or(found[0] > 0, found[1] > _REACHED * self.asked)
         best, (lost, hard, soft) = velocities, found
         for candidate, (lost_there, hard_there, soft_there) in others:
@@ -342,7 +386,7 @@ class _Step:
             soft = ca.if_else(take, soft_there, soft)
         return best - velocities
 
-    def _merit(
+    def merit(
         self, velocities: Expression, rows: Expression
     ) -> tuple[Expression, Expression, Expression]:
         """Whether equalities are missed or a turn is too long; how much of limits is missed."""
@@ -506,6 +550,8 @@ def _residual_after(
     s: StepSymbols,
     rates: Sequence[Expression],
     values: Expression | None = None,
+    *,
+    usual: bool = False,
 ) -> Expression:
     """What residuals may be after the step: zero, once they were zero.
 
@@ -523,6 +569,8 @@ def _residual_after(
     velocity level no more than not to violate it, unless a rate is named.  And a tool outside of a
     limit of poses, though its way out is stopped at that rate, comes in as onto an equality, at
     :attr:`StepSymbols.residual_rate` unless one is named: from rest by d at ``rate d / e`` at most.
+
+    ``usual`` leaves out the start and the outside of limits of poses, where nothing then suffices.
     """
     before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
     state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
@@ -558,17 +606,18 @@ def _residual_after(
             continue
 
         def decayed(rate: Expression, i: int = i) -> Expression:
-            # No step has led to the start; there the velocities tell.
-            change = ca.if_else(
-                previous > 0,
-                (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous,
-                (drift[i] + rate * now[i]) * dt,
-            )
+            change = (now[i] - ca.exp(-rate * previous) * earlier[i]) * dt / previous
+            if not usual:
+                # No step has led to the start; there the velocities tell.
+                change = ca.if_else(previous > 0, change, (drift[i] + rate * now[i]) * dt)
             return ca.exp(-rate * dt) * (now[i] + change)
 
         asked = decayed(rate)
         if is_limit:
             inside = ca.fmin(ca.fmax(asked, ca.exp(-rate * dt) * now[i]), now[i])
+            if usual:
+                targets.append(ca.if_else((now[i] >= 0) * (previous > 0), inside, _BEYOND))
+                continue
             slowly = asked if named[i] else decayed(s.residual_rate)
             outside = ca.fmax(slowly, ca.fmin(asked, now[i]))
             asked = ca.if_else(now[i] >= 0, inside, outside)

@@ -76,9 +76,13 @@ def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive
     rows = rule.system.equalities.size, rule.system.limits.size
     texts = _texts(law, rule, name)
     instructions = _instructions(texts, name)
+    more = (
+        ";\n * undisturbed: who pushes is found only where a limit may stop it." if rows[1] else "."
+    )
     counted = (
         f"\n * At most {instructions} instructions in any step of {name} (callgrind, x86-64, -O2);"
-        "\n * each step runs the same code, but for the exponentials of the basis functions near."
+        "\n * each step runs the same code, but for the exponentials of the basis functions near"
+        f"{more}"
         if instructions
         else "\n * Instructions a step were not counted (that takes a C compiler and valgrind)."
     )

@@ -11,7 +11,7 @@ from noslip.codegen.library import Native
 from noslip.constraints.system import ConstraintSystem
 from noslip.law.layout import carried_layout, output_layout
 from noslip.law.step import step_function
-from noslip.projection.pointwise import POSITION_ONLY, Push, coupling
+from noslip.projection.pointwise import POSITION_ONLY, Push, coupling, without_limits
 from noslip.rule import Rule
 
 
@@ -39,10 +39,12 @@ class Stepper:
         self, system: ConstraintSystem, inverse_metric: tuple[float, ...], push: Push
     ) -> None:
         self.carried, self.outputs = carried_layout(system.size), output_layout(system.size)
-        held = None
+        held, alone = None, None
         if system.size:
             held = coupling(system, inverse_metric=inverse_metric, push=push)
-        self.function = step_function(held, system.size)
+        if system.limits.size:
+            alone = without_limits(system, inverse_metric=inverse_metric, push=push)
+        self.function = step_function(held, system.size, alone)
         self._accumulated = lru_cache(maxsize=8)(self._accumulate)
         self.native = Native(self.function, system.size)
         self._runs = 0
