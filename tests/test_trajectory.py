@@ -43,6 +43,20 @@ def trajectories(draw: st.DrawFn, *, least: int = 2, most: int = 40) -> PoseTraj
     )
 
 
+@given(arrays(np.float64, (5, 3), elements=st.floats(-9.0, 9.0)), st.sampled_from([1, 1e-3, 1e-9]))
+def test_steps_turn_by_what_leads_from_each_rotation_to_the_next(vectors, scale):
+    rotations = Rotation.from_rotvec(scale * np.concatenate([vectors, vectors[-1:]]))
+    motion = PoseTrajectory(np.arange(6.0), np.zeros((6, 3)), rotations)
+    _, turns = motion.step_velocities()
+    assert np.linalg.norm(turns, axis=1).max() <= np.pi
+    np.testing.assert_array_equal(turns[-1], 0.0)
+    left = Rotation.from_rotvec(turns.copy()) * rotations[:-1] * rotations[1:].inv()
+    assert left.magnitude().max() <= 1e-14
+    np.testing.assert_allclose(
+        turns, (rotations[1:] * rotations[:-1].inv()).as_rotvec(), rtol=0, atol=4e-15
+    )
+
+
 @dataclass(frozen=True)
 class Motion:
     """A motion known in closed form: Exp(t u) Exp(t v) turns at u + Exp(t u) v."""

@@ -186,8 +186,7 @@ class PoseTrajectory(Value):
     @cached_property
     def _steps(self) -> tuple[Floats, Floats]:
         periods = np.diff(self.times)[:, None]
-        turns = self.rotations[1:] * self.rotations[:-1].inv()
-        steps = np.diff(self.positions, axis=0) / periods, turns.as_rotvec() / periods
+        steps = np.diff(self.positions, axis=0) / periods, _turns(self.rotations) / periods
         for velocities in steps:
             velocities.flags.writeable = False
         return steps
@@ -306,6 +305,28 @@ def continuous_quaternions(rotations: Rotation) -> Floats:
     flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
     signs = np.concatenate([[1.0], np.cumprod(flips)])
     return np.ascontiguousarray(quaternions * signs[:, None])
+
+
+def _turns(rotations: Rotation) -> Floats:
+    """Rotation vectors (rad, world frame) from each rotation to the next, shape (N - 1, 3).
+
+    Of recordings of a million samples SciPy's product takes longer than reading them.
+    """
+    quaternions = np.ascontiguousarray(rotations.as_quat().T)
+    (a, b, c, d), (e, f, g, h) = quaternions[:, 1:], quaternions[:, :-1]
+    # The product of the later one with the conjugate of the earlier.
+    cosine = a * e + b * f + c * g + d * h
+    sines = np.stack(
+        [
+            a * h - d * e - b * g + c * f,
+            b * h - d * f - c * e + a * g,
+            c * h - d * g - a * f + b * e,
+        ]
+    )
+    sine = np.sqrt(np.sum(sines**2, axis=0))
+    angle = 2 * np.arctan2(sine, np.abs(cosine))
+    scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0)
+    return np.ascontiguousarray((np.copysign(scale, cosine) * sines).T)
 
 
 def _linear_velocities(trajectory: PoseTrajectory) -> Floats:
