@@ -1,6 +1,6 @@
-"""Steps compiled to machine code, where a C compiler is found; kept in the user's cache folder.
+"""C compiled to machine code, where there is a compiler; kept in the user's cache folder.
 
-Everything works without: CasADi's virtual machine runs the same graph, operation by operation, so
+Everything works without: CasADi's virtual machine runs the same graphs, operation by operation, so
 that rollouts are the same to the bit.  What is compiled is keyed by its content, the compiler and
 the flags; several processes may build at once, and what is broken is built again.
 ``NOSLIP_COMPILE=0`` turns it off; ``CC`` and ``NOSLIP_CACHE`` name another compiler and folder.
@@ -18,17 +18,19 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import casadi as ca
 
 from noslip._files import write_beside
 from noslip.codegen import c99
 from noslip.errors import NoslipError
+
+T = TypeVar("T")
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
 """No contraction: a fused multiplication and addition would round otherwise than two operations."""
@@ -87,12 +89,132 @@ def compiler() -> Compiler | None:
 
 
 def cache_folder() -> Path:
-    """Where compiled steps are kept."""
+    """Where what is compiled is kept."""
     if named := os.environ.get("NOSLIP_CACHE"):
         return Path(named)
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "noslip"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip"
+
+
+class Native(Generic[T]):
+    """Code on its way to machine code.
+
+    Parameters
+    ----------
+    load : callable
+        Finds it in the cache or builds it, and opens it.
+
+    Attributes
+    ----------
+    library : T or None
+        Once it is there, and while compiling is allowed.
+    failure : str
+        Why it is not, if compiling failed.
+    """
+
+    def __init__(self, load: Callable[[], T]) -> None:
+        self._library: T | None = None
+        self.failure = ""
+        self._load = load
+        self._thread: threading.Thread | None = None
+        self._starting = threading.Lock()
+
+    @property
+    def library(self) -> T | None:
+        # One is shared by all primitives under the same rule, whoever had it compiled.
+        return self._library if wanted() else None
+
+    def begin(self) -> None:
+        """Compile in the background."""
+        with self._starting:
+            if self._thread is None and wanted() and compiler() is not None:
+                # Not waited for at exit: what it writes appears whole or not at all.
+                self._thread = threading.Thread(target=self._build, daemon=True)
+                self._thread.start()
+
+    def wait(self) -> T | None:
+        """Compile if need be and wait; the machine code, or None without a compiler."""
+        self.begin()
+        if self._thread is not None:
+            self._thread.join()
+        return self.library
+
+    def _build(self) -> None:
+        try:
+            self._library = self._load()
+        except (OSError, subprocess.SubprocessError, AttributeError, NoslipError) as error:
+            self.failure = str(error)
+
+
+def built(name: str, texts: dict[str, str], *options: str) -> Path:
+    """Machine code of C texts, from the cache or built anew.
+
+    Parameters
+    ----------
+    name : str
+        Of the file in the cache, before what tells it from others.
+    texts : dict of str
+        By file name.
+    options : str
+        Of the compiler, besides :data:`FLAGS`.
+    """
+    found = compiler()
+    if found is None:
+        raise OSError(f"no C compiler ({compiler_name()})")
+    flags = (*FLAGS, *options)
+    parts = [*texts.values(), *found.command, found.version, *flags, platform.machine()]
+    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    library = cache_folder() / f"{name}-{key[:32]}.so"
+    if not _whole(library):
+        content = _compiled(texts, found, flags)
+        write_beside(library, content)
+        write_beside(_sum(library), _digest(content))
+    return library
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
+
+
+def _sum(library: Path) -> Path:
+    return library.with_suffix(".sha256")
+
+
+def _whole(library: Path) -> bool:
+    """Whether a library is there and is what was written."""
+    try:
+        return _digest(library.read_bytes()) == _sum(library).read_bytes()
+    except OSError:
+        return False
+
+
+def _compiled(texts: dict[str, str], found: Compiler, flags: Sequence[str]) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="noslip-") as scratch:
+        for name, text in texts.items():
+            (Path(scratch) / name).write_text(text, encoding="utf-8")
+        sources = [name for name in texts if name.endswith(".c")]
+        done = subprocess.run(
+            [*found.command, *flags, *sources, "-lm", "-o", "built.so"],
+            cwd=scratch,
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST,
+            check=False,
+        )
+        if done.returncode != 0:
+            lines = [line for line in done.stderr.splitlines() if "error" in line]
+            raise OSError(f"{found.command[0]}: {lines[0] if lines else 'failed'}")
+        return (Path(scratch) / "built.so").read_bytes()
+
+
+def function(
+    code: ctypes.CDLL, name: str, *arguments: Any, result: Any = None
+) -> Callable[..., Any]:
+    """A function of machine code, by its name and the types of its arguments and result."""
+    found = code[name]
+    found.argtypes, found.restype = arguments, result
+    return found
 
 
 @dataclass(frozen=True)
@@ -115,128 +237,24 @@ class Library:
     rollouts: Callable[..., None]
     sizes: tuple[int, int]
 
-
-class Native:
-    """A step function on its way to machine code.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        (carried, row of the step table) -> (carried, outputs); expressions alone, no calls.
-    rows : int
-        Of constraints.
-
-    Attributes
-    ----------
-    library : Library or None
-        Once it is there, and while compiling is allowed.
-    failure : str
-        Why it is not, if compiling failed.
-    """
-
-    def __init__(self, function: ca.Function, rows: int) -> None:
-        self._library: Library | None = None
-        self.failure = ""
-        self._function, self._rows = function, rows
-        self._thread: threading.Thread | None = None
-        self._starting = threading.Lock()
-
-    @property
-    def library(self) -> Library | None:
-        # One is shared by all primitives under the same rule, whoever had it compiled.
-        return self._library if wanted() else None
-
-    def begin(self) -> None:
-        """Compile in the background."""
-        with self._starting:
-            if self._thread is None and wanted() and compiler() is not None:
-                # Not waited for at exit: what it writes appears whole or not at all.
-                self._thread = threading.Thread(target=self._build, daemon=True)
-                self._thread.start()
-
-    def wait(self) -> Library | None:
-        """Compile if need be and wait; the machine code, or None without a compiler."""
-        self.begin()
-        if self._thread is not None:
-            self._thread.join()
-        return self.library
-
-    def _build(self) -> None:
-        try:
-            self._library = loaded(self._function, self._rows)
-        except (OSError, subprocess.SubprocessError, AttributeError, NoslipError) as error:
-            self.failure = str(error)
-
-
-def loaded(function: ca.Function, rows: int) -> Library:
-    """Machine code of a step function, from the cache or built anew."""
-    found = compiler()
-    if found is None:
-        raise OSError(f"no C compiler ({compiler_name()})")
-    texts = {
-        "noslip.h": c99.header(rows, 0),
-        "noslip.c": c99.source(function, rows) + "\n" + c99.template("many.c"),
-    }
-    parts = [*texts.values(), *found.command, found.version, *FLAGS, platform.machine()]
-    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
-    library = cache_folder() / f"step-{key[:32]}.so"
-    if not _whole(library):
-        content = _compiled(texts, found)
-        write_beside(library, content)
-        write_beside(_sum(library), _digest(content))
-    return _opened(library)
-
-
-def _digest(content: bytes) -> bytes:
-    return hashlib.sha256(content).hexdigest().encode()
-
-
-def _sum(library: Path) -> Path:
-    return library.with_suffix(".sha256")
-
-
-def _whole(library: Path) -> bool:
-    """Whether a library is there and is what was written."""
-    try:
-        return _digest(library.read_bytes()) == _sum(library).read_bytes()
-    except OSError:
-        return False
-
-
-def _compiled(texts: dict[str, str], found: Compiler) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="noslip-") as scratch:
-        for name, text in texts.items():
-            (Path(scratch) / name).write_text(text, encoding="utf-8")
-        done = subprocess.run(
-            [*found.command, *FLAGS, "noslip.c", "-lm", "-o", "step.so"],
-            cwd=scratch,
-            capture_output=True,
-            text=True,
-            timeout=_LONGEST,
-            check=False,
+    @classmethod
+    def of(cls, step_function: ca.Function, rows: int) -> Library:
+        """That of a step function with so many rows of constraints."""
+        texts = {
+            "noslip.h": c99.header(rows, 0),
+            "noslip.c": c99.source(step_function, rows) + "\n" + c99.template("many.c"),
+        }
+        path = built("step", texts)
+        code, pointer, count = ctypes.CDLL(str(path)), ctypes.c_void_p, ctypes.c_longlong
+        sizes = (count * 2)()
+        function(code, "noslip_sizes", pointer)(ctypes.addressof(sizes))
+        return cls(
+            path=path,
+            run=function(code, "noslip_run", *[pointer] * 4, count),
+            step=function(
+                code, "noslip_step", *[pointer] * 2, ctypes.c_double, result=ctypes.c_int
+            ),
+            drives=function(code, "noslip_drives", pointer, count, *[pointer] * 2),
+            rollouts=function(code, "noslip_rollouts", *[pointer] * 4, *[count] * 2, pointer),
+            sizes=(sizes[0], sizes[1]),
         )
-        if done.returncode != 0:
-            lines = [line for line in done.stderr.splitlines() if "error" in line]
-            raise OSError(f"{found.command[0]}: {lines[0] if lines else 'failed'}")
-        return (Path(scratch) / "step.so").read_bytes()
-
-
-def _opened(path: Path) -> Library:
-    code = ctypes.CDLL(str(path))
-    pointer, count = ctypes.c_void_p, ctypes.c_longlong
-
-    def function(name: str, *arguments: Any, result: Any = None) -> Callable[..., Any]:
-        found = code[name]
-        found.argtypes, found.restype = arguments, result
-        return found
-
-    sizes = (count * 2)()
-    function("noslip_sizes", pointer)(ctypes.addressof(sizes))
-    return Library(
-        path=path,
-        run=function("noslip_run", *[pointer] * 4, count),
-        step=function("noslip_step", *[pointer] * 2, ctypes.c_double, result=ctypes.c_int),
-        drives=function("noslip_drives", pointer, count, *[pointer] * 2),
-        rollouts=function("noslip_rollouts", *[pointer] * 4, *[count] * 2, pointer),
-        sizes=(sizes[0], sizes[1]),
-    )

@@ -23,9 +23,14 @@ class Band:
 
     def add(self, shift: int, i: int, j: int, values: Floats) -> None:
         """Add ``values[k]`` at (stage k, i) x (stage k + shift, j)."""
-        row = 2 * self.width + i - j - shift * self.stage
         first, last = max(0, -shift), self.count - max(0, shift)
-        self.view[row, j, first + shift : last + shift] += values[first:last]
+        self.entries(shift, i, j)[:] += values[first:last]
+
+    def entries(self, shift: int, i: int, j: int) -> Floats:
+        """Entries (stage k, i) x (stage k + shift, j), of the stages k that have such."""
+        first, last = max(0, -shift), self.count - max(0, shift)
+        row = 2 * self.width + i - j - shift * self.stage
+        return self.view[row, j, first + shift : last + shift]
 
     def add_transposed(self, shift: int, i: int, j: int, values: Floats) -> None:
         """Add ``values[k]`` at (stage k + shift, j) x (stage k, i)."""

@@ -24,6 +24,8 @@ PLUNGING = 0.2
 """Share of its speed in the blade's plane up to which a tool that goes backwards just plunges."""
 SIDEWAYS = 0.01
 """Share of the speed within the blade's plane below which its direction there is not trusted."""
+_ROUNDED = 1e-9
+"""Share of a length that its sum over a path may be wrong by."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,10 @@ def _travel(positions: Floats, times: Floats) -> Floats:
 def _first_beyond(positions: Floats, reach: float) -> NDArray[np.intp]:
     """For each sample the first later one that is farther than a reach, or the last."""
     last = len(positions) - 1
-    found = np.minimum(np.arange(last + 1) + 1, last)
+    # None before as much of the path lies between.
+    path = np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))
+    found = np.searchsorted(path, np.append(0.0, path) + (1 - _ROUNDED) * reach) + 1
+    found = np.clip(found, np.minimum(np.arange(last + 1) + 1, last), last)
     near = np.arange(last)
     while len(near):
         away = np.sum((positions[found[near]] - positions[near]) ** 2, axis=1)

@@ -1,12 +1,4 @@
-"""One trajectory projection as a banded Newton and interior-point iteration.
-
-Newton steps on the optimality conditions, whose matrix is banded when samples and multipliers are
-interleaved: time and memory grow linearly with the number of samples.
-
-Limits join as further rows, by the primal-dual interior-point method: a slack s > 0 and a
-multiplier mu > 0 with ``h - s = 0`` and ``mu s = tau``, tau going to zero.  In the matrix a limit
-is a row like an equality's, with ``-s / mu`` on its diagonal.
-"""
+"""One trajectory projection: what is iterated on, set up from a request, and what comes of it."""
 
 from __future__ import annotations
 
@@ -20,11 +12,12 @@ from scipy.spatial.transform import Rotation
 from noslip._typing import Floats
 from noslip.boundary import Boundary, end_twist
 from noslip.constraints.declaration import UNITS
-from noslip.projection.band import Band
-from noslip.projection.blend import inverse_left_jacobian, spread
+from noslip.projection import planner
+from noslip.projection.blend import spread
+from noslip.projection.newton import Plan
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
-from noslip.projection.stage import Entries, Stage
+from noslip.projection.stage import Stage
 from noslip.trajectory import PoseTrajectory, continuous_quaternions
 
 _REST_WEIGHT = 1e-3
@@ -38,19 +31,6 @@ does next to nothing, ten times as much costs a sixth of the path's precision.
 """
 _TURNED_REFERENCE = 1.2 * np.pi
 """Beyond this turn, nearest means nearest to the turned demonstration: Exp is singular at 2 pi."""
-_LARGEST_TURN = 0.7
-"""Longest Newton step (rad): the linearization holds for little more."""
-_GAUSS_NEWTON_STEPS = 2
-"""Steps without the constraints' curvature, before multipliers are worth trusting."""
-_NEAR = 0.05
-"""A careful attempt uses the curvature only once its steps are shorter than this (rad)."""
-_DUAL_REGULARIZATION = 1e-12
-"""On the diagonal of the constraints' rows, which are of order 1: dependent rows stay solvable, and
-what it leaves of a residual is below rounding."""
-_STEP_TOLERANCE = 1e-6
-"""Longest last step (rad, or path lengths): quadratic convergence leaves its square."""
-_STILL = 1e-3
-"""Longest step (rad, or path lengths) of an iteration that may end for want of patience."""
 _RESIDUAL_TOLERANCE = 1e-11
 """Relative to the path's mean speed (velocity level) or length (position level): what a hundred
 roundings of a thousand samples amount to."""
@@ -59,17 +39,9 @@ _LAST_BARRIER = 1e-11
 tolerance."""
 _LIMIT_TOLERANCE = 1e-8
 """As for equalities, of which no such precision is asked."""
-_STUCK, _MOST_STUCK = 1e-2, 6
-"""An iteration that goes no farther than this fraction of its step, and how many may in a row."""
-_BARRIER_FALL, _SHORT_STEP_FALL, _LONG_STEP = 0.1, 0.8, 0.7
-"""tau relative to the mean of mu s, after steps longer than this fraction, and after others."""
-_LEAST_SLACK = 1e-3
-"""First slack of a limit that is violated, relative to the path's mean speed or length."""
 _APPROACH = 0.05
 """Share of the samples over which a clearance grows from none, at the ends and where a pose is
 fixed."""
-_TO_THE_BOUNDARY = 0.99
-"""Share of the way to where a slack or multiplier would vanish that a step may go."""
 
 
 class Problem:
@@ -88,75 +60,70 @@ class Problem:
 
     def __init__(self, request: Request, turns: Floats) -> None:
         trajectory, system, boundaries = request.reference, request.system, request.fixed
-        hold_position = request.hold_position
-        self.given, self.system = trajectory, system
-        self.smoothing = request.weights.rotation_smoothing
-        self.begin = request.begin
+        self.given, self.smoothing, self.begin = (
+            trajectory,
+            request.weights.rotation_smoothing,
+            request.begin,
+        )
         self.equalities, self.limits = system.equalities, system.limits
-        count, rows = len(trajectory), system.size
-        self.count, self.rows = count, rows
-        self.unknowns = 3 if hold_position else 6
-        self.stage = self.unknowns + rows
+        count = self.count = len(trajectory)
         self.time_step = trajectory.duration / (count - 1)
         self.length = trajectory.path_length or 1.0
-        levels = np.array(self.equalities.row_levels + self.limits.row_levels, dtype=object)
-        self.is_limit = np.arange(rows) >= self.equalities.size
+        self.levels = np.array(self.equalities.row_levels + self.limits.row_levels, dtype=object)
+        self.is_limit = np.arange(system.size) >= self.equalities.size
+
+        self.reference = trajectory.rotations
+        if np.linalg.norm(turns, axis=1).max() > _TURNED_REFERENCE:
+            self.reference = Rotation.from_rotvec(turns) * trajectory.rotations
+            turns = np.zeros((count, 3))
+        stage = Stage.of(system, request.hold_position)
+        # With what an end lacks of a neighbor.
+        z = np.zeros((count + 2, stage.unknowns))
+        self.z = z[1:-1]
+        self.z[:, :3] = turns
+        self.fixed = self._fix(boundaries)
         speed_scale = self.length / trajectory.duration
         scales = {
             "position": self.length,
             "velocity": speed_scale,
             "acceleration": speed_scale / trajectory.duration,
         }
-        self.row_scale = np.array([1 / scales[level] for level in levels])
-
-        self.z = np.zeros((count, self.unknowns))
-        self.reference = trajectory.rotations
-        if np.linalg.norm(turns, axis=1).max() <= _TURNED_REFERENCE:
-            self.z[:, :3] = turns
-        else:
-            self.reference = Rotation.from_rotvec(turns) * trajectory.rotations
-
-        self.twists = request.twists
-        self._turned_reference = PoseTrajectory(
-            trajectory.times, trajectory.positions, self.reference
+        positions, quaternions = self._stages(trajectory.positions, self.reference)
+        turn_weights, turn_slopes = self._weigh()
+        weights, h = request.weights, 1 / (count - 1)
+        self.plan = Plan(
+            stage,
+            positions,
+            quaternions,
+            turn_weights,
+            turn_slopes,
+            self.fixed,
+            self._active(boundaries, request.hold_position),
+            self._clearance(request),
+            np.array([1 / scales[level] for level in self.levels]),
+            np.where(self.is_limit, max(_LIMIT_TOLERANCE, self._tolerance), self._tolerance),
+            self._twists(request),
+            z,
+            self.time_step,
+            self.length,
+            self.begin,
+            weights.position * h,
+            np.array([weights.rotation_smoothing, weights.position_smoothing]) / h**3,
+            _LAST_BARRIER / count,
         )
-        self.fixed = self._fix(boundaries)
-        weights = request.weights
-        self._weigh(weights.position, weights.position_smoothing, weights.rotation_smoothing)
-        self._constraints = Stage.of(system, hold_position)
-        self.parameters = self._stage_parameters()
-        # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
-        self.active = np.ones((count, rows), dtype=bool)
-        self.active[0] = levels == "position"
-        decided = np.zeros(count, dtype=bool)
-        for k, boundary in boundaries.items():
-            holds_position = boundary.position is not None or hold_position
-            decided[k] = holds_position and boundary.rotation is not None
-        for k in takewhile(lambda k: decided[k], range(count)):
-            self.active[k] = False
-        # An acceleration is that from the step before a sample to the step after it.
-        self.active[-1] &= levels != "acceleration"
-        self.slack = np.ones((count, rows))
-        # None at what is fixed, which may lie on a limit.
-        places = [0, count - 1, *(k for k, b in boundaries.items() if b.position is not None)]
-        away = np.abs(np.arange(count)[:, None] - places).min(axis=1) / (_APPROACH * count)
-        units = np.array(self.equalities.row_units + self.limits.row_units, dtype=object)
-        cleared = self.is_limit & (levels == "position") & (units == UNITS["position"])
-        self.clearance = request.clearance * np.minimum(away, 1.0)[:, None] * cleared
 
     def begin_at(self, trajectory: PoseTrajectory) -> None:
         """Take a trajectory as the first guess."""
         turned = (trajectory.rotations * self.reference.inv()).as_rotvec()
         self.z[:, :3] += np.where(self.fixed[:, :3], 0.0, turned - self.z[:, :3])
-        if self.unknowns == 6:
+        if self.z.shape[1] == 6:
             moved = (trajectory.positions - self.given.positions) / self.length
             self.z[:, 3:] += np.where(self.fixed[:, 3:], 0.0, moved - self.z[:, 3:])
 
     def keeps_limits(self) -> bool:
         """Whether the first guess keeps all limits as it is."""
-        value, _ = self._constraints.slope(self.z, self.parameters)
-        heeded = self.active & self.is_limit
-        return bool(np.all((value * self.row_scale >= -_LIMIT_TOLERANCE) | ~heeded))
+        value = planner.values(self.plan) * self.plan.row_scale
+        return bool(np.all((value >= -_LIMIT_TOLERANCE) | ~self.plan.heeded))
 
     def _fix(self, boundaries: dict[int, Boundary]) -> NDArray[np.bool_]:
         """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
@@ -165,7 +132,7 @@ class Problem:
         for k, boundary in boundaries.items():
             if boundary.rotation is not None:
                 turns[k] = (boundary.rotation * self.reference[k].inv()).as_rotvec()
-            if boundary.position is not None and self.unknowns == 6:
+            if boundary.position is not None and self.z.shape[1] == 6:
                 shifts[k] = (boundary.position - self.given.positions[k]) / self.length
         for wanted_here, columns in ((turns, slice(0, 3)), (shifts, slice(3, 6))):
             if not wanted_here:
@@ -177,68 +144,65 @@ class Problem:
                 fixed[k, columns] = True
         return fixed
 
-    def _weigh(self, position: float, position_smoothing: float, rotation_smoothing: float) -> None:
+    def _active(self, boundaries: dict[int, Boundary], hold_position: bool) -> NDArray[np.bool_]:
+        """Which rows are asked for at which sample."""
+        active = np.ones((self.count, len(self.levels)), dtype=bool)
+        active[0] = self.levels == "position"
+        # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
+        decided = np.zeros(self.count, dtype=bool)
+        for k, boundary in boundaries.items():
+            holds_position = boundary.position is not None or hold_position
+            decided[k] = holds_position and boundary.rotation is not None
+        for k in takewhile(lambda k: decided[k], range(self.count)):
+            active[k] = False
+        # An acceleration is that from the step before a sample to the step after it.
+        active[-1] &= self.levels != "acceleration"
+        return active
+
+    def _clearance(self, request: Request) -> Floats:
+        """What limits are kept away from, shape (N, m)."""
+        # None at what is fixed, which may lie on a limit.
+        places = [0, self.count - 1]
+        places += [k for k, b in request.fixed.items() if b.position is not None]
+        away = np.abs(np.arange(self.count)[:, None] - places).min(axis=1) / (
+            _APPROACH * self.count
+        )
+        units = np.array(self.equalities.row_units + self.limits.row_units, dtype=object)
+        cleared = self.is_limit & (self.levels == "position") & (units == UNITS["position"])
+        return np.asarray(request.clearance * np.minimum(away, 1.0)[:, None] * cleared)
+
+    def _weigh(self) -> tuple[Floats, Floats]:
+        """What a turn costs at each sample, and what its change costs in each step."""
         h = 1 / (self.count - 1)
         velocities, _ = self.given.step_velocities()
         speed = np.linalg.norm(velocities, axis=1)
         speed = np.concatenate([speed[:1], speed])
-        relative = speed / speed.mean() if speed.any() else np.ones(self.count)
-        self.weights = np.full((self.count, self.unknowns), position * h)
-        self.weights[:, :3] = h * (relative[:, None] + _REST_WEIGHT)
-        self.bending = np.full(self.unknowns, position_smoothing / h**3)
-        self.bending[:3] = rotation_smoothing / h**3
-        # Of the step that leads from a sample to the next.
-        self.slope = np.zeros((self.count - 1, self.unknowns))
-        self.slope[:, :3] = _SLOPE / h / (1 + (relative[1:, None] / _SLOW) ** 2)
-        # Where a velocity is asked for, the correction bends as if mirrored there: half a second
-        # difference, 2 (z_1 - z_0 - h z'), that leads on to the step beyond.
-        for k in self.twists:
-            self.slope[min(k, self.count - 2)] += 2 * self.bending
+        relative = speed / mean if (mean := speed.mean()) else np.ones(self.count)
+        return h * (relative + _REST_WEIGHT), _SLOPE / h / (1 + (relative[1:] / _SLOW) ** 2)
 
-    def _changes(self) -> Floats:
-        """What each step changes of the correction, less what velocities at the ends ask for."""
-        changes = np.diff(self.z, axis=0)
-        for k, asked in self.twists.items():
-            turn = self.z[k, :3]
-            linear, angular = end_twist(self._turned_reference, min(k, 1))
-            # R = Exp(turn) R_ref turns with Exp(turn) w_ref + J turn'.
-            rate = asked[1] - Rotation.from_rotvec(turn).apply(angular)
-            wanted = inverse_left_jacobian(turn, rate)
-            if self.unknowns == 6:
-                wanted = np.concatenate([wanted, (asked[0] - linear) / self.length])
-            changes[min(k, self.count - 2)] -= self.time_step * wanted
-        return changes
+    def _twists(self, request: Request) -> list[Floats | None]:
+        """Twists that are asked for at the ends, and the reference's own."""
+        twists: list[Floats | None] = [None, None]
+        turned = PoseTrajectory(self.given.times, self.given.positions, self.reference)
+        for k, asked in request.twists.items():
+            end = min(k, 1)
+            own = end_twist(turned, end)
+            twists[end] = np.array([np.concatenate(asked), np.concatenate(own)])
+        return twists
 
-    def _stage_parameters(self) -> Floats:
-        quaternions = continuous_quaternions(self.reference)
-        previous = np.concatenate([[0], np.arange(self.count - 1)])
-        following = np.concatenate([np.arange(1, self.count), [self.count - 1]])
-        positions = self.given.positions
-        # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
-        velocities = np.diff(positions, axis=0) / self.time_step
-        # No step leads to the first sample; nothing is asked of one, but a rule may be undefined at
-        # rest: it is taken as the step after it.
-        velocities = np.concatenate([velocities[:1], velocities])
-        earlier = quaternions[previous]
-        first, second = self.reference[0], self.reference[1]
-        earlier[0] = ((first * second.inv()) * first).as_quat(scalar_first=True)
-        earlier[0] *= np.sign(earlier[0] @ quaternions[0])
-        times = self.given.times - self.given.times[0] + self.begin
-        return np.column_stack(
-            [
-                earlier,
-                quaternions,
-                quaternions[following],
-                positions,
-                velocities,
-                velocities[following],
-                times,
-                np.full(self.count, self.time_step),
-                np.full(self.count, self.length),
-            ]
-        )
+    def _stages(self, positions: Floats, rotations: Rotation) -> tuple[Floats, Floats]:
+        """Positions and quaternions, shape (N + 2, ...), with what an end lacks of a neighbor.
 
-    # ------------------------------------------------------------ Newton
+        No step leads to the first sample; nothing is asked of one, but a rule may be undefined at
+        rest: it is taken as the step after it.
+        """
+        p, q = np.empty((self.count + 2, 3)), np.empty((self.count + 2, 4))
+        p[1:-1], q[1:-1] = positions, continuous_quaternions(rotations)
+        p[0], p[-1] = 2 * p[1] - p[2], 2 * p[-2] - p[-3]
+        before = rotations[0] * rotations[1].inv() * rotations[0]
+        q[0], q[-1] = before.as_quat(scalar_first=True), q[-2]
+        q[0] *= np.sign(q[0] @ q[1])
+        return p, q
 
     def solve(
         self, max_iterations: int, careful: bool, barrier: float = 0.0
@@ -247,136 +211,23 @@ class Problem:
 
         With limits, ``barrier`` is the first tau over the step in time normalized.
         """
-        multipliers = np.zeros((self.count, self.rows))
-        heeded = self.active & self.is_limit
-        barrier, last_barrier, stuck = barrier / self.count, _LAST_BARRIER / self.count, 0
-        tolerance = np.where(self.is_limit, max(_LIMIT_TOLERANCE, self._tolerance), self._tolerance)
-        if heeded.any():
-            value, _ = self._constraints.slope(self.z, self.parameters)
-            value = (value - self.clearance) * self.row_scale
-            self.slack = np.where(heeded, np.maximum(value, _LEAST_SLACK), 1.0)
-            multipliers = np.where(heeded, -barrier / self.slack, 0.0)
-        converged, iteration, step_size = False, 0, np.inf
-        for iteration in range(max_iterations + 1):
-            value, jacobian = self._constraints.slope(self.z, self.parameters)
-            value = np.where(self.active, (value - self.clearance) * self.row_scale, 0.0)
-            missed = np.where(heeded, value - self.slack, value)
-            residual = float(np.max(np.abs(missed) / tolerance, initial=0.0))
-            if not np.isfinite(residual) or stuck > _MOST_STUCK:
-                break
-            is_last = barrier <= last_barrier
-            if residual <= 1 and step_size <= _STEP_TOLERANCE and is_last:
-                converged = True
-                break
-            if iteration == max_iterations:
-                # Feasible and all but still: nothing that more iterations would change matters.
-                still = residual <= 10 and step_size <= _STILL
-                converged = bool(still and is_last)
-                break
-            curvature: Entries = {}
-            if step_size < _NEAR if careful else iteration >= _GAUSS_NEWTON_STEPS:
-                weights = multipliers * self.row_scale
-                curvature = self._constraints.curvature(self.z, self.parameters, weights)
-            step, new = self._newton_step(value, jacobian, curvature, multipliers, barrier)
-            if not (np.all(np.isfinite(step)) and np.all(np.isfinite(new))):
-                break
-            step_size = float(np.abs(step).max(initial=0.0))
-            fraction = min(1.0, _LARGEST_TURN / max(step_size, 1e-300))
-            if heeded.any():
-                push, more = -multipliers[heeded], multipliers[heeded] - new[heeded]
-                slack = self.slack[heeded]
-                widened = (barrier - push * slack - slack * more) / push
-                fraction = min(fraction, _room(slack, widened), _room(push, more))
-                self.slack[heeded] = slack + fraction * widened
-                products = self.slack[heeded] * (push + fraction * more)
-                fall = _BARRIER_FALL if fraction > _LONG_STEP else _SHORT_STEP_FALL
-                barrier = min(barrier, max(fall * float(products.mean()), last_barrier))
-                stuck = stuck + 1 if fraction < _STUCK else 0
-            self.z += fraction * step
-            multipliers += fraction * (new - multipliers)
-        return self.result(converged, iteration, multipliers)
-
-    def is_solved(self) -> bool:
-        """Whether the trajectory as given satisfies everything: then it is the nearest."""
-        if self.z.any() or self._changes().any():
-            return False
-        value, _ = self._constraints.slope(self.z, self.parameters)
-        scaled = np.where(self.active, value * self.row_scale, 0.0)
-        return bool(np.abs(scaled).max(initial=0.0) <= self._tolerance)
+        self.plan.careful = careful
+        converged = planner.solve(self.plan, max_iterations, barrier / self.count)
+        return self.result(converged, self.plan.iteration, self.plan.multipliers)
 
     @property
     def _tolerance(self) -> float:
-        return max(_RESIDUAL_TOLERANCE, self._rounding())
-
-    def _rounding(self) -> float:
-        """Residual that the rounding of the positions alone causes."""
+        """Residual that counts as none: at least what the rounding of the positions causes."""
         largest = np.abs(self.given.positions).max(initial=0.0)
         speed_scale = self.length / self.given.duration
-        return float(16 * np.finfo(float).eps * largest / self.time_step / speed_scale)
-
-    def _newton_step(
-        self,
-        value: Floats,
-        jacobian: Entries,
-        curvature: Entries,
-        multipliers: Floats,
-        barrier: float,
-    ) -> tuple[Floats, Floats]:
-        reaches_over = "acceleration" in self.limits.row_levels
-        band = Band(self.count, self.stage, self.unknowns if reaches_over else 0)
-        for j in range(self.unknowns):
-            band.add_bending(j, self.bending[j])
-            band.add(0, j, j, self.weights[:, j])
-            band.add_slope(j, self.slope[:, j])
-        scaled_active = self.active * self.row_scale
-        for (row, column), entries in jacobian.items():
-            entries = entries * scaled_active[:, row]
-            block, unknown = divmod(column, self.unknowns)
-            i = self.unknowns + row
-            # Columns 0 .. n-1 belong to the sample before, then come the one itself and the next.
-            shift = block - 1
-            band.add(shift, i, unknown, entries)
-            band.add_transposed(shift, i, unknown, entries)
-        for (row, column), entries in curvature.items():
-            (a, i), (b, j) = divmod(row, self.unknowns), divmod(column, self.unknowns)
-            band.add_between(a - 1, i, b - 1, j, entries)
-            if row != column:
-                band.add_between(b - 1, j, a - 1, i, entries)
-        heeded = self.active & self.is_limit
-        softness = np.where(self.active, _DUAL_REGULARIZATION, 1.0)
-        softness[heeded] = self.slack[heeded] / -multipliers[heeded]
-        for row in range(self.rows):
-            i = self.unknowns + row
-            band.add(0, i, i, -softness[:, row])
-
-        right = np.zeros((self.count, self.stage))
-        right[:, : self.unknowns] = -self._cost_gradient()
-        asked = -value - _DUAL_REGULARIZATION * multipliers
-        asked[heeded] = self.slack[heeded] - value[heeded] - barrier / multipliers[heeded]
-        right[:, self.unknowns :] = asked
-        right[:, self.unknowns :][~self.active] = 0.0
-        for k, j in np.argwhere(self.fixed).tolist():
-            band.fix(k, j)
-            right[k, j] = 0.0
-        solution = band.solve(right.ravel()).reshape(self.count, self.stage)
-        return solution[:, : self.unknowns], solution[:, self.unknowns :]
-
-    def _cost_gradient(self) -> Floats:
-        gradient = self.weights * self.z
-        bend = self.bending * (self.z[2:] - 2 * self.z[1:-1] + self.z[:-2])
-        gradient[2:] += bend
-        gradient[1:-1] -= 2 * bend
-        gradient[:-2] += bend
-        change = self.slope * self._changes()
-        gradient[1:] += change
-        gradient[:-1] -= change
-        return gradient
+        rounding = 16 * np.finfo(float).eps * largest / self.time_step / speed_scale
+        return max(_RESIDUAL_TOLERANCE, float(rounding))
 
     def result(self, converged: bool, iterations: int, multipliers: Floats) -> ProjectedTrajectory:
         """What the iterations have come to."""
         rotations = Rotation.from_rotvec(self.z[:, :3]) * self.reference
         positions = self.given.positions.copy()
-        if self.unknowns == 6:
+        if self.z.shape[1] == 6:
             positions += self.length * self.z[:, 3:]
         trajectory = PoseTrajectory(
             times=self.given.times,
@@ -414,14 +265,7 @@ class Problem:
         )
         # No step leads to the first sample.
         residuals[0, self.equalities.row_is_velocity] = 0.0
-        applies = np.ones((self.count, self.rows), dtype=bool)
-        applies[0] = np.array(self.equalities.row_levels + self.limits.row_levels) == "position"
-        applies[-1] = self.active[-1]
+        applies = np.ones((self.count, len(self.levels)), dtype=bool)
+        applies[0], applies[-1] = self.levels == "position", self.plan.active[-1]
         margins[~applies[:, self.equalities.size :]] = np.inf
         return residuals, margins
-
-
-def _room(values: Floats, steps: Floats) -> float:
-    """Fraction of the steps that leaves positive values positive."""
-    falling = steps < 0
-    return float(np.min(-_TO_THE_BOUNDARY * values[falling] / steps[falling], initial=1.0))

@@ -16,6 +16,9 @@ from noslip.trajectory import PoseTrajectory
 
 FEWEST_SAMPLES = 4
 """Second differences of both ends must not share all of their samples."""
+_ROUNDED = 0.05
+"""Most of what a correction costs that the rounding of its fourth differences may come to: with six
+times as much the first guess is off by a tenth of a radian."""
 MAX_ITERATIONS = 40
 """Ten times what a Newton iteration usually takes that converges at all."""
 
@@ -54,6 +57,16 @@ class Weights:
         """Return them with the smoothing of the rotation multiplied."""
         return replace(self, rotation_smoothing=factor * self.rotation_smoothing)
 
+    @property
+    def most_samples(self) -> int:
+        """Of a trajectory that can be smoothed so much.
+
+        The terms of the smoothing grow with the fourth power of the count, and so does their
+        rounding.
+        """
+        strength = max(self.rotation_smoothing, self.position_smoothing / self.position)
+        return int((_ROUNDED / (np.finfo(float).eps * strength)) ** 0.25)
+
 
 LEARNING = Weights(1e5, 1e-6, 1e-6)
 """For demonstrations: the rotation gives way first, by a third of a radian before a path of a meter
@@ -91,7 +104,8 @@ class Request(Value):
     Raises
     ------
     InputError
-        If the samples are not uniform, or boundaries contradict each other or ``hold_position``.
+        If the samples are not uniform or too many for so much smoothing, or boundaries contradict
+        each other or ``hold_position``.
     """
 
     reference: PoseTrajectory
@@ -109,6 +123,11 @@ class Request(Value):
             raise InputError(
                 f"{reference.name}: a trajectory projection needs {FEWEST_SAMPLES} or more uniform "
                 "samples; resample it first"
+            )
+        if len(reference) > (most := self.weights.most_samples):
+            raise InputError(
+                f"{reference.name}: {len(reference)} samples are more than so much smoothing "
+                f"leaves digits for; resample it to {most} or fewer, or smooth less"
             )
         for boundary in self.boundaries:
             if not isinstance(boundary, Boundary):

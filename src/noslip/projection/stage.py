@@ -39,45 +39,52 @@ class Stage:
     """
 
     def __init__(self, system: ConstraintSystem, hold_position: bool) -> None:
-        z, parameters, phi = _residual(system, hold_position)
-        unknown, multipliers = ca.vertcat(*z), ca.SX.sym("lambda", system.size)
+        inputs, phi = _residual(system, hold_position)
+        unknown, multipliers = inputs[0], ca.SX.sym("lambda", system.size)
         jacobian = ca.jacobian(phi, unknown)
         # It is symmetric: below the diagonal, and on it, is enough.
         curvature = ca.tril(ca.hessian(ca.dot(multipliers, phi), unknown)[0])
-        self.rows = system.size
-        self._slope = _Mapped("slope", [*z, parameters], [ca.densify(phi), *jacobian.nonzeros()])
-        self._curvature = _Mapped("curvature", [*z, parameters, multipliers], curvature.nonzeros())
-        self._slope_places, self._curvature_places = _places(jacobian), _places(curvature)
+        values, slopes = ca.densify(phi), jacobian.nonzeros()
+        self.system = system
+        self.rows, self.unknowns = system.size, 3 if hold_position else 6
+        self.equalities = system.equalities.size
+        # With accelerations a row asks something of the sample after its own, too.
+        self.reaches_over = "acceleration" in system.limits.row_levels
+        self.functions = (
+            _of_stage("values", inputs, [values]),
+            _of_stage("slope", inputs, [values, *slopes]),
+            _of_stage("curvature", [*inputs, multipliers], curvature.nonzeros()),
+        )
+        self._slope, self._curvature = map(_Mapped, self.functions[1:])
+        self.slope_places, self.curvature_places = _places(jacobian), _places(curvature)
 
     @classmethod
     def of(cls, system: ConstraintSystem, hold_position: bool) -> Stage:
         """Return the one that the system owns: to build it takes as long as two Newton steps."""
         return system.owned(("stage", hold_position), lambda: cls(system, hold_position))
 
-    def slope(self, unknown: Floats, parameters: Floats) -> tuple[Floats, Entries]:
+    def slope(self, *stages: Floats) -> tuple[Floats, Entries]:
         """Residuals, shape (N, m), and their Jacobian.
 
         Parameters
         ----------
-        unknown : array, shape (N, n)
-        parameters : array, shape (N, ...)
+        *stages : array, shape (N, ...)
+            Unknowns and reference of the three samples; see :func:`_residual`.
         """
-        result = self._slope(*_neighbors(unknown), parameters)
+        result = self._slope(*stages)
         columns = np.ascontiguousarray(result[:, self.rows :].T)
-        return result[:, : self.rows], dict(zip(self._slope_places, columns, strict=True))
+        return result[:, : self.rows], dict(zip(self.slope_places, columns, strict=True))
 
-    def curvature(self, unknown: Floats, parameters: Floats, multipliers: Floats) -> Entries:
-        """Second derivative of ``lambda . phi``, its lower triangle."""
-        result = self._curvature(*_neighbors(unknown), parameters, multipliers)
-        columns = np.ascontiguousarray(result.T)
-        return dict(zip(self._curvature_places, columns, strict=True))
+    def curvature(self, *stages: Floats) -> Entries:
+        """Second derivative of ``lambda . phi``, its lower triangle; multipliers come last."""
+        columns = np.ascontiguousarray(self._curvature(*stages).T)
+        return dict(zip(self.curvature_places, columns, strict=True))
 
 
 class _Mapped:
     """A function of one stage, evaluated in place for all stages at once."""
 
-    def __init__(self, name: str, inputs: list[Expression], outputs: Sequence[Expression]) -> None:
-        function = ca.Function(name, inputs, [ca.cse(ca.vertcat(ca.SX(0, 1), *outputs))])
+    def __init__(self, function: ca.Function) -> None:
         self._width = function.numel_out(0)
         self._map = lru_cache(KEPT_COUNTS)(function.map)
 
@@ -94,21 +101,21 @@ class _Mapped:
         return result
 
 
-def _neighbors(unknown: Floats) -> tuple[Floats, Floats, Floats]:
-    before = np.concatenate([unknown[:1], unknown[:-1]])
-    after = np.concatenate([unknown[1:], unknown[-1:]])
-    return before, unknown, after
+def of_three(rows: Floats) -> Floats:
+    """Rows (N + 2, n), each but the outermost between its neighbors: shape (N, 3 n)."""
+    return np.hstack([rows[:-2], rows[1:-1], rows[2:]])
 
 
-def _residual(
-    system: ConstraintSystem, hold_position: bool
-) -> tuple[list[Any], Expression, Expression]:
-    """Unknowns of three samples, parameters, residual."""
+def _residual(system: ConstraintSystem, hold_position: bool) -> tuple[list[Any], Expression]:
+    """Inputs and residual of a stage.
+
+    The inputs are the unknowns, the reference's quaternions and its positions, each of three
+    samples; then the sample's time, the time step and the path's length.
+    """
     unknowns = 3 if hold_position else 6
-    z = [ca.SX.sym(f"z_{name}", unknowns) for name in ("before", "here", "after")]
-    q = [ca.SX.sym(f"q_{name}", 4) for name in ("before", "here", "after")]
-    p, v, v_after = ca.SX.sym("p", 3), ca.SX.sym("v", 3), ca.SX.sym("v_after", 3)
-    time, time_step, length = ca.SX.sym("t"), ca.SX.sym("dt"), ca.SX.sym("L")
+    inputs = [ca.SX.sym(name, n) for name, n in zip("zqpt", (3 * unknowns, 12, 9, 3), strict=True)]
+    z, q, p = (ca.vertsplit(each, each.numel() // 3) for each in inputs[:3])
+    time, time_step, length = ca.vertsplit(inputs[3])
     equalities, limits = system.equalities, system.limits
 
     turned = [
@@ -120,32 +127,37 @@ def _residual(
         turn = quaternion_product(turned[first + 1], quaternion_conjugate(turned[first]))
         return quaternion_log(turn) / time_step
 
-    position, velocity, next_velocity = p, v, v_after
-    if not hold_position:
-        position = p + length * z[1][3:]
-        velocity = v + length * (z[1][3:] - z[0][3:]) / time_step
-        next_velocity = v_after + length * (z[2][3:] - z[1][3:]) / time_step
-    spin = rate(0)
-    linear = (next_velocity - velocity) / time_step
-    angular = (rate(1) - spin) / time_step
+    def velocity(first: int) -> Expression:
+        velocity = (p[first + 1] - p[first]) / time_step
+        if hold_position:
+            return velocity
+        return velocity + length * (z[first + 1][3:] - z[first][3:]) / time_step
+
+    position = p[1] if hold_position else p[1] + length * z[1][3:]
+    linear, angular = velocity(0), rate(0)
+    accelerations = (velocity(1) - linear) / time_step, (rate(1) - angular) / time_step
     # The quaternions are continuous from sample to sample, so their sum is halfway between them.
     middle = turned[0] + turned[1]
     at_middle = (
         time - time_step / 2,
-        position - time_step / 2 * velocity,
+        position - time_step / 2 * linear,
         middle / ca.norm_2(middle),
-        velocity,
-        spin,
+        linear,
+        angular,
     )
-    at_end = (time, position, turned[1], velocity, spin)
+    at_end = (time, position, turned[1], linear, angular)
 
     def residual(part: ConstraintSystem, *accelerations: Expression) -> Expression:
         middles, ends = (part.residual(*at, *accelerations) for at in (at_middle, at_end))
         return part.by_level(middles, ends)
 
-    phi = ca.vertcat(residual(equalities), residual(limits, linear, angular))
-    parameters = ca.vertcat(*q, p, v, v_after, time, time_step, length)
-    return z, parameters, phi
+    return inputs, ca.vertcat(residual(equalities), residual(limits, *accelerations))
+
+
+def _of_stage(name: str, inputs: list[Expression], outputs: Sequence[Expression]) -> ca.Function:
+    stacked = ca.cse(ca.vertcat(ca.SX(0, 1), *outputs))
+    given = ["z", "q", "p", "at", "multipliers"][: len(inputs)]
+    return ca.Function(name, inputs, [stacked], given, ["found"])
 
 
 def _places(matrix: ca.SX) -> list[tuple[int, int]]:

@@ -24,8 +24,6 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-import scipy
-from scipy.spatial.transform import RotationSpline
 
 from noslip import _arguments
 from noslip._typing import Floats
@@ -55,8 +53,6 @@ step to step that alternate, and least amplitude (rad): of a smooth turn a twent
 _CLEARANCE = 3e-4
 """Of the path's length: what a fit of the path is off it, and what barriers act before a limit that
 a tool passes by.  Without it every touch is a jolt, and a blade misses its goal by up to 2 %."""
-_MOST_SAMPLES = 4000
-"""Beyond this, the fourth power of the count in the smoothing terms eats up the precision."""
 
 
 def project_trajectory(
@@ -101,7 +97,8 @@ def project_trajectory(
     Raises
     ------
     InputError
-        If the samples are not uniform, or boundary values contradict ``hold_position``.
+        If the samples are not uniform or too many for so much smoothing, or boundary values
+        contradict ``hold_position``.
     ConvergenceError
         If no attempt converges (unless ``on_failure="return"``).
     """
@@ -228,18 +225,13 @@ def _with_twists(trajectory: PoseTrajectory, request: Request) -> PoseTrajectory
 def _attempt(request: Request) -> ProjectedTrajectory:
     """Attempt after attempt at the equalities; the best result if none converges."""
     best: ProjectedTrajectory | None = None
-    count = len(request.reference)
-    if count > _MOST_SAMPLES and set(request.fixed) <= {0, count - 1}:
-        as_given = Problem(request, np.zeros((count, 3)))
-        if as_given.is_solved():
-            return as_given.solve(1, careful=False)
-        best = _project_from_coarse(request)
-        if best.converged:
-            return best
     moved = _moved(request.reference, request.fixed)
     for factor, careful, patience in _ATTEMPTS:
-        smoother = replace(request, weights=request.weights.smoother(factor))
-        heading = turn_edge_into_path(moved, request.system, smoother.weights.rotation_smoothing)
+        weights = request.weights.smoother(factor)
+        if len(request.reference) > weights.most_samples and best is not None:
+            break
+        smoother = replace(request, weights=weights)
+        heading = turn_edge_into_path(moved, request.system, weights.rotation_smoothing)
         problem = Problem(smoother, heading.turns)
         found = problem.solve(patience * request.max_iterations, careful)
         result = replace(found, backing=heading.backing)
@@ -272,7 +264,10 @@ def _project_within(request: Request, without: ProjectedTrajectory) -> Projected
     turns = np.asarray(without.turns)
     best: ProjectedTrajectory | None = None
     for factor, barrier, careful in _LIMIT_ATTEMPTS:
-        problem = Problem(replace(request, weights=weights.smoother(factor)), turns)
+        smoother = weights.smoother(factor)
+        if len(request.reference) > smoother.most_samples:
+            break
+        problem = Problem(replace(request, weights=smoother), turns)
         problem.begin_at(without.trajectory)
         if problem.keeps_limits():
             held = np.zeros((len(request.reference), request.system.size))
@@ -287,40 +282,6 @@ def _project_within(request: Request, without: ProjectedTrajectory) -> Projected
             break
     assert best is not None
     return best
-
-
-def _project_from_coarse(request: Request) -> ProjectedTrajectory:
-    """Project fewer samples, carry the correction over by splines, and make it exact.
-
-    On the fine grid only what interpolation left is corrected, so its many samples cost neither
-    iterations nor precision.
-    """
-    trajectory = request.reference
-    times = np.linspace(trajectory.times[0], trajectory.times[-1], _MOST_SAMPLES)
-    few = trajectory.resampled(times=times)
-    coarse = _attempt(replace(request, reference=few))
-    turned = coarse.trajectory.rotations * few.rotations.inv()
-    moved = coarse.trajectory.positions - few.positions
-    inside = np.clip(trajectory.times, times[0], times[-1])
-    guess = PoseTrajectory(
-        times=trajectory.times,
-        positions=trajectory.positions + scipy.interpolate.CubicSpline(times, moved)(inside),
-        rotations=RotationSpline(times, turned)(inside) * trajectory.rotations,
-        name=trajectory.name,
-    )
-    # Of what is left, little and smooth, only the swing from step to step needs to be smoothed: as
-    # much as the samples ask for would eat up the precision.
-    less = (_MOST_SAMPLES / len(guess)) ** 6
-    weights = replace(request.weights, rotation_smoothing=less * coarse.smoothing)
-    problem = Problem(replace(request, reference=guess, weights=weights), np.zeros((len(guess), 3)))
-    fine = problem.solve(request.max_iterations, careful=False)
-    return replace(
-        fine,
-        turns=(fine.trajectory.rotations * trajectory.rotations.inv()).as_rotvec(),
-        iterations=coarse.iterations + fine.iterations,
-        backing=coarse.backing,
-        smoothing=coarse.smoothing,
-    )
 
 
 def _moved(trajectory: PoseTrajectory, boundaries: dict[int, Boundary]) -> PoseTrajectory:

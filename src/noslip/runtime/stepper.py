@@ -7,7 +7,7 @@ from functools import lru_cache
 import casadi as ca
 
 from noslip._typing import Floats
-from noslip.codegen.library import Native
+from noslip.codegen.library import Library, Native
 from noslip.constraints.system import ConstraintSystem
 from noslip.law.layout import carried_layout, output_layout
 from noslip.law.step import step_function
@@ -46,7 +46,7 @@ class Stepper:
             alone = without_limits(system, inverse_metric=inverse_metric, push=push)
         self.function = step_function(held, system.size, alone)
         self._accumulated = lru_cache(maxsize=8)(self._accumulate)
-        self.native = Native(self.function, system.size)
+        self.native = Native(lambda: Library.of(self.function, system.size))
         self._runs = 0
 
     def _accumulate(self, count: int) -> ca.Function:
