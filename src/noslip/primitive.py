@@ -20,6 +20,7 @@ from noslip.control.controller import Controller
 from noslip.document import law_to_data, rule_to_data, spread_to_data, write_document
 from noslip.law.law import Law
 from noslip.law.scaling import scaled
+from noslip.projection import planner
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule
 from noslip.runtime.batch import rollout_many
@@ -220,11 +221,12 @@ class ConstrainedDMP(Value):
         return Controller(self, time_step=time_step, **options)
 
     def compile(self) -> bool:
-        """Compile the step and wait for it; whether a C compiler was there.
+        """Compile the step, and what plans, and wait for it; whether a C compiler was there.
 
-        Without this it happens in the background once a primitive is rolled out a second time.  The
-        motion is the same to the bit.
+        Without this the step is compiled in the background once a primitive is rolled out a second
+        time, and its motion is the same to the bit; what plans, when it first does.
         """
+        planner.compile_for(self.rule.system)
         return stepper_of(self.rule).native.wait() is not None
 
     # ---------------------------------------------------------------- new goals

@@ -96,7 +96,7 @@ def _cached() -> str:
         sizes = [file.stat().st_size for file in library.cache_folder().glob("*.so")]
     except OSError as error:
         return f"not readable: {error.strerror}"
-    return f"{len(sizes)} steps, {sum(sizes) / 1e6:.1f} MB" if sizes else "empty"
+    return f"{len(sizes)} files, {sum(sizes) / 1e6:.1f} MB" if sizes else "empty"
 
 
 def _extra(*names: str) -> str:

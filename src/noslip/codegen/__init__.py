@@ -1,1 +1,1 @@
-"""C99 of a primitive's step: as text for a robot, as machine code for this process."""
+"""C99 of a primitive's step and of a plan: text for a robot, machine code for this process."""

@@ -33,6 +33,7 @@ from noslip.control.steering import PATH, Guidance
 from noslip.errors import InputError, NoslipError
 from noslip.law.law import Law
 from noslip.law.layout import STATE
+from noslip.projection import planner
 from noslip.rule import Rule
 from noslip.runtime import engine
 from noslip.runtime.engine import Compiled, Memory, Virtual
@@ -153,6 +154,8 @@ class Controller:
     def _build(self) -> None:
         """Build what is made of graphs, or shared."""
         self._library = stepper_of(self.rule).native.wait()
+        if self.replans:
+            planner.compile_for(self.rule.system)
         self._guidance = Guidance(
             self.rule.system,
             self._length,

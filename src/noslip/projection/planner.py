@@ -16,7 +16,8 @@ import numpy as np
 
 from noslip._typing import Floats
 from noslip.codegen import c99
-from noslip.codegen.library import Native, built, function
+from noslip.codegen.library import Native, built, compiler, function, wanted
+from noslip.constraints.system import ConstraintSystem
 from noslip.errors import NoslipError
 from noslip.projection import newton
 from noslip.projection.newton import Outcome, Plan
@@ -200,6 +201,12 @@ def values(plan: Plan) -> Floats:
 def native(stage: Stage) -> Native[Compiled]:
     """Machine code of a stage's plan, or the way to it."""
     return stage.system.owned(("plan", stage.unknowns), lambda: Native(lambda: Compiled.of(stage)))
+
+
+def compile_for(system: ConstraintSystem) -> None:
+    """Have what plans under a system compiled, if that may be, so that no plan waits for it."""
+    for part in (system.equalities, system) if wanted() and compiler() else ():
+        native(Stage.of(part, hold_position=False)).wait()
 
 
 def _compiled(stage: Stage) -> Compiled | None:
