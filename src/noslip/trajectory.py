@@ -22,6 +22,7 @@ from noslip._supplied import Supplied
 from noslip._typing import Floats
 from noslip._values import Value, html_table, shortened
 from noslip.errors import InputError
+from noslip.quaternions import turns_between, without_flips
 
 UNIFORM_TOLERANCE = 1e-6
 """Largest relative spread of the sampling period that still counts as uniform."""
@@ -186,7 +187,9 @@ class PoseTrajectory(Value):
     @cached_property
     def _steps(self) -> tuple[Floats, Floats]:
         periods = np.diff(self.times)[:, None]
-        steps = np.diff(self.positions, axis=0) / periods, _turns(self.rotations) / periods
+        quaternions = self.rotations.as_quat(scalar_first=True)
+        turns = turns_between(quaternions[:-1], quaternions[1:])
+        steps = np.diff(self.positions, axis=0) / periods, turns / periods
         for velocities in steps:
             velocities.flags.writeable = False
         return steps
@@ -301,32 +304,7 @@ class PoseTrajectory(Value):
 
 def continuous_quaternions(rotations: Rotation) -> Floats:
     """Quaternions ``(qw, qx, qy, qz)``, shape (N, 4), each within a quarter sphere of the last."""
-    quaternions = rotations.as_quat(scalar_first=True)
-    flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
-    signs = np.concatenate([[1.0], np.cumprod(flips)])
-    return np.ascontiguousarray(quaternions * signs[:, None])
-
-
-def _turns(rotations: Rotation) -> Floats:
-    """Rotation vectors (rad, world frame) from each rotation to the next, shape (N - 1, 3).
-
-    Of recordings of a million samples SciPy's product takes longer than reading them.
-    """
-    quaternions = np.ascontiguousarray(rotations.as_quat().T)
-    (a, b, c, d), (e, f, g, h) = quaternions[:, 1:], quaternions[:, :-1]
-    # The product of the later one with the conjugate of the earlier.
-    cosine = a * e + b * f + c * g + d * h
-    sines = np.stack(
-        [
-            a * h - d * e - b * g + c * f,
-            b * h - d * f - c * e + a * g,
-            c * h - d * g - a * f + b * e,
-        ]
-    )
-    sine = np.sqrt(np.sum(sines**2, axis=0))
-    angle = 2 * np.arctan2(sine, np.abs(cosine))
-    scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0)
-    return np.ascontiguousarray((np.copysign(scale, cosine) * sines).T)
+    return without_flips(rotations.as_quat(scalar_first=True))
 
 
 def _linear_velocities(trajectory: PoseTrajectory) -> Floats:

@@ -254,6 +254,12 @@ class ConstraintSystem:
         self._require_defined(key, function, residuals, np.ravel(times), arguments, counted)
         return residuals
 
+    @property
+    def has_angles(self) -> bool:
+        """Whether a rule takes an angle, which is undefined where computers say 0."""
+        watch: Watch = self.owned(("residual", "watch"), lambda: Watch(self.function))
+        return watch.has_angles
+
     def _require_defined(
         self,
         key: str,

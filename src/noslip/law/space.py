@@ -19,7 +19,8 @@ from noslip._values import Value
 from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.layout import FORCE, POINT, STATE
-from noslip.law.winding import Winding
+from noslip.law.winding import Winding, farthest_from_goal
+from noslip.quaternions import inverse, product, turns_between
 from noslip.trajectory import PoseTrajectory
 
 
@@ -88,8 +89,7 @@ class PoseSpace:
     def difference(self, ends: Floats, begins: Floats) -> Floats:
         """``(p' - p, Log(R' R^T))`` of points, shape (N, 6)."""
         moved = ends[:, STATE["position"]] - begins[:, STATE["position"]]
-        turned = _rotation(ends) * _rotation(begins).inv()
-        return np.hstack([moved, turned.as_rotvec()])
+        return np.hstack([moved, turns_between(_quaternions(begins), _quaternions(ends))])
 
     def mean(self, points: Sequence[Floats]) -> Floats:
         """Mean point; of one, that one to the last bit."""
@@ -104,18 +104,22 @@ class PoseSpace:
     def goal(self, demonstrations: Sequence[Floats]) -> Goal:
         """Mean of where demonstrations end, with what leads the one to it that turns farthest."""
         point = self.mean([points[-1] for points in demonstrations])
-        turning = [_rotation(points) for points in demonstrations]
-        farthest = max(turning, key=lambda r: float((r[-1] * r.inv()).magnitude().max()))
-        winding = Winding.around(farthest * (farthest[-1].inv() * _rotation(point)))
-        return Goal(point[STATE["position"]], winding)
+        turning = [_quaternions(points) for points in demonstrations]
+        farthest = max(turning, key=farthest_from_goal)
+        led = product(inverse(farthest[-1]), _quaternions(point))
+        return Goal(point[STATE["position"]], Winding.around(product(farthest, led)))
 
 
 POSE = PoseSpace()
 """The one space there is."""
 
 
+def _quaternions(points: Floats) -> Floats:
+    return points[..., STATE["quaternion"]]
+
+
 def _rotation(points: Floats) -> Rotation:
-    return Rotation.from_quat(points[..., STATE["quaternion"]], scalar_first=True)
+    return Rotation.from_quat(_quaternions(points), scalar_first=True)
 
 
 def frozen(name: str, values: ArrayLike, size: int) -> Floats:

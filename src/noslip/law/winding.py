@@ -13,12 +13,18 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
 from noslip.law.attractor import Attractor
-from noslip.trajectory import continuous_quaternions
+from noslip.quaternions import turns_between, without_flips
 
 FARTHEST_FROM_GOAL = 0.75 * np.pi
 """Beyond this angle to a fixed goal the logarithm comes near its jump at pi."""
 FARTHEST_FROM_WINDING = 0.4 * np.pi
 _MOST_KNOTS = 1 << 14
+
+
+def farthest_from_goal(quaternions: Floats) -> float:
+    """Largest angle (rad) of rotations to the last of them."""
+    turns = turns_between(quaternions, quaternions[-1:])
+    return float(np.linalg.norm(turns, axis=1).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,17 +53,19 @@ class Winding(Value):
         object.__setattr__(self, "quaternions", quaternions)
 
     @classmethod
-    def around(cls, rotations: Rotation) -> Winding:
+    def around(cls, quaternions: Floats) -> Winding:
         """Fewest knots, in powers of two or all, that keep the logarithm away from its jump."""
-        if (rotations[-1] * rotations.inv()).magnitude().max() <= FARTHEST_FROM_GOAL:
-            return cls(continuous_quaternions(rotations[-1:]))
-        fractions = np.linspace(0.0, 1.0, len(rotations))
-        most = min(_MOST_KNOTS, len(rotations) - 1)
+        if farthest_from_goal(quaternions) <= FARTHEST_FROM_GOAL:
+            return cls(quaternions[-1:])
+        count, continuous = len(quaternions), without_flips(quaternions)
+        fractions = np.linspace(0.0, 1.0, count)
+        most = min(_MOST_KNOTS, count - 1)
         intervals, nearest, winding = min(2, most), np.inf, None
         while True:
-            samples = np.round(np.linspace(0, len(rotations) - 1, intervals + 1)).astype(int)
-            candidate = cls(continuous_quaternions(rotations[samples]))
-            distance = (candidate.at(fractions) * rotations.inv()).magnitude().max()
+            samples = np.round(np.linspace(0, count - 1, intervals + 1)).astype(int)
+            candidate = cls(without_flips(continuous[samples]))
+            along = candidate.at(fractions).as_quat(scalar_first=True)
+            distance = float(np.linalg.norm(turns_between(quaternions, along), axis=1).max())
             if distance < nearest:
                 nearest, winding = distance, candidate
             if distance <= FARTHEST_FROM_WINDING or intervals == most:

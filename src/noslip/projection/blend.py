@@ -10,7 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.boundary import Boundary, end_twist, sample_of
+from noslip.quaternions import product, turned
 from noslip.trajectory import PoseTrajectory
+
+_AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def spread(
@@ -98,7 +101,9 @@ def through(free: PoseTrajectory, boundaries: Iterable[Boundary]) -> PoseTraject
     for k, b in wanted.items():
         if b.position is not None:
             positions[k] = b.position
-    rotations = rotations * Rotation.from_rotvec(spread(turns, times, *turning))
+    turn = turned(spread(turns, times, *turning), _AS_IT_IS)
+    led = product(rotations.as_quat(scalar_first=True), turn)
+    rotations = Rotation.from_quat(led, scalar_first=True)
     return PoseTrajectory(times, positions, rotations, name=free.name)
 
 

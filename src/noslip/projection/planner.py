@@ -191,7 +191,7 @@ def values(plan: Plan) -> Floats:
     """Residuals of all rows at all samples, in their own units, shape (N, m)."""
     compiled = _compiled(plan.stage)
     if compiled is None:
-        return plan.stage.slope(*plan.arguments())[0]
+        return plan.stage.values(*plan.arguments())
     found = np.empty(plan.active.shape)
     plan.arguments()
     compiled.values(ctypes.byref(struct_of(plan, compiled)), found.ctypes.data)

@@ -18,6 +18,7 @@ from noslip.projection.newton import Plan
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.stage import Stage
+from noslip.quaternions import turned, turns_between
 from noslip.trajectory import PoseTrajectory, continuous_quaternions
 
 _REST_WEIGHT = 1e-3
@@ -114,8 +115,8 @@ class Problem:
 
     def begin_at(self, trajectory: PoseTrajectory) -> None:
         """Take a trajectory as the first guess."""
-        turned = (trajectory.rotations * self.reference.inv()).as_rotvec()
-        self.z[:, :3] += np.where(self.fixed[:, :3], 0.0, turned - self.z[:, :3])
+        turns = (trajectory.rotations * self.reference.inv()).as_rotvec()
+        self.z[:, :3] += np.where(self.fixed[:, :3], 0.0, turns - self.z[:, :3])
         if self.z.shape[1] == 6:
             moved = (trajectory.positions - self.given.positions) / self.length
             self.z[:, 3:] += np.where(self.fixed[:, 3:], 0.0, moved - self.z[:, 3:])
@@ -183,10 +184,10 @@ class Problem:
     def _twists(self, request: Request) -> list[Floats | None]:
         """Twists that are asked for at the ends, and the reference's own."""
         twists: list[Floats | None] = [None, None]
-        turned = PoseTrajectory(self.given.times, self.given.positions, self.reference)
+        reference = PoseTrajectory(self.given.times, self.given.positions, self.reference)
         for k, asked in request.twists.items():
             end = min(k, 1)
-            own = end_twist(turned, end)
+            own = end_twist(reference, end)
             twists[end] = np.array([np.concatenate(asked), np.concatenate(own)])
         return twists
 
@@ -225,20 +226,20 @@ class Problem:
 
     def result(self, converged: bool, iterations: int, multipliers: Floats) -> ProjectedTrajectory:
         """What the iterations have come to."""
-        rotations = Rotation.from_rotvec(self.z[:, :3]) * self.reference
+        rotations = turned(self.z[:, :3], self.plan.quaternions[1:-1])
         positions = self.given.positions.copy()
         if self.z.shape[1] == 6:
             positions += self.length * self.z[:, 3:]
         trajectory = PoseTrajectory(
             times=self.given.times,
             positions=positions,
-            rotations=rotations,
+            rotations=Rotation.from_quat(rotations, scalar_first=True),
             name=self.given.name,
         )
         residuals, margins = self._residuals(trajectory)
         return ProjectedTrajectory(
             trajectory=trajectory,
-            turns=(rotations * self.given.rotations.inv()).as_rotvec(),
+            turns=turns_between(self.given.rotations.as_quat(scalar_first=True), rotations),
             converged=converged,
             iterations=iterations,
             residual=float(np.abs(residuals).max(initial=0.0)),
@@ -251,6 +252,21 @@ class Problem:
 
     def _residuals(self, trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
         """Residuals (N, m) and margins (N, k) of a trajectory."""
+        positions, quaternions = self._stages(trajectory.positions, trajectory.rotations)
+        as_it_is = np.zeros((self.count + 2, self.z.shape[1]))
+        values = planner.values(
+            replace(self.plan, positions=positions, quaternions=quaternions, z=as_it_is)
+        )
+        applies = np.ones_like(self.plan.active)
+        # No step leads to the first sample.
+        applies[0], applies[-1] = self.levels == "position", self.plan.active[-1]
+        if self.plan.stage.system.has_angles or not np.isfinite(values[applies]).all():
+            self._require_defined(trajectory)
+        values = np.where(applies, values, np.where(self.is_limit, np.inf, 0.0))
+        return values[:, : self.equalities.size], values[:, self.equalities.size :]
+
+    def _require_defined(self, trajectory: PoseTrajectory) -> None:
+        """Refuse constraints that are undefined along a trajectory."""
         # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
         times: Floats = np.asarray(np.arange(self.count) * self.time_step + self.begin, np.float64)
         linear, angular = replace(trajectory, times=times).step_velocities()
@@ -258,14 +274,7 @@ class Problem:
             np.pad(np.diff(v, axis=0) / self.time_step, ((0, 1), (0, 0))) for v in (linear, angular)
         ]
         pose = (times, trajectory.positions, trajectory.quaternions)
-        first = (*(part[:1] for part in pose), linear[:1], angular[:1])
-        residuals, margins = (
-            np.vstack([part.residuals(*first), part.of_steps(*pose, linear, angular, *more)])
-            for part, more in ((self.equalities, ()), (self.limits, accelerations))
-        )
-        # No step leads to the first sample.
-        residuals[0, self.equalities.row_is_velocity] = 0.0
-        applies = np.ones((self.count, len(self.levels)), dtype=bool)
-        applies[0], applies[-1] = self.levels == "position", self.plan.active[-1]
-        margins[~applies[:, self.equalities.size :]] = np.inf
-        return residuals, margins
+        t, p, q = (part[:1] for part in pose)
+        for part, more in ((self.equalities, ()), (self.limits, accelerations)):
+            part.residuals(t, p, q, linear[:1], angular[:1])
+            part.of_steps(*pose, linear, angular, *more)

@@ -55,7 +55,7 @@ class Stage:
             _of_stage("slope", inputs, [values, *slopes]),
             _of_stage("curvature", [*inputs, multipliers], curvature.nonzeros()),
         )
-        self._slope, self._curvature = map(_Mapped, self.functions[1:])
+        self.values, self._slope, self._curvature = map(_Mapped, self.functions)
         self.slope_places, self.curvature_places = _places(jacobian), _places(curvature)
 
     @classmethod

@@ -39,9 +39,13 @@ from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
 from noslip.trajectory import PoseTrajectory
 
-_ATTEMPTS = ((1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (1000.0, False, 1))
+_ATTEMPTS = (
+    (1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (100.0, False, 1), (500.0, False, 1),
+    (1000.0, False, 1),
+)  # fmt: skip
 """Factor on the rotation's smoothing, whether careful, factor on the iterations allowed: what one
-attempt does not reach, a smoother and more patient one does; the last is for noise alone."""
+attempt does not reach, a smoother and more patient one does; the last are for noise, and for what
+curves so much that patience leads nowhere: of these one converges by luck, several surely."""
 _LIMIT_ATTEMPTS = ((1.0, 1e-2, False), (1.0, 1.0, False), (1.0, 1.0, True), (100.0, 1.0, True))
 """Factor on the rotation's smoothing, first tau over the step in time normalized, careful: a small
 tau is fast where few limits bind, a large one finds its way where many do."""
