@@ -20,9 +20,10 @@ def product(one: Floats, other: Floats) -> Floats:
     w, x, y, z = np.moveaxis(other, -1, 0)
     found = np.empty(np.broadcast_shapes(one.shape, other.shape))
     found[..., 0] = a * w - b * x - c * y - d * z
-    found[..., 1] = a * x + b * w + c * z - d * y
-    found[..., 2] = a * y - b * z + c * w + d * x
-    found[..., 3] = a * z + b * y - c * x + d * w
+    # In pairs that cancel where one is the inverse of the other: exactly no turn.
+    found[..., 1] = (a * x + b * w) + (c * z - d * y)
+    found[..., 2] = (a * y + c * w) + (d * x - b * z)
+    found[..., 3] = (a * z + d * w) + (b * y - c * x)
     return found
 
 
