@@ -263,17 +263,22 @@ class PoseTrajectory(Value):
                     f"cannot be resampled from {instants.min():g} to {instants.max():g} s"
                 )
         inside = np.clip(instants, self.times[0], self.times[-1])
-        path = scipy.interpolate.CubicSpline(self.times, self.positions)
-        turn = RotationSpline(self.times, self.rotations)
+        path, turn = self._splines
+        rotations = turn(inside)
         return PoseTrajectory(
             times=instants,
             positions=path(inside),
-            rotations=turn(inside),
+            rotations=rotations,
             linear_velocities=path(inside, 1),
             # RotationSpline's rates are in the body frame of the interpolated rotation.
-            angular_velocities=turn(inside).apply(turn(inside, 1)),
+            angular_velocities=rotations.apply(turn(inside, 1)),
             name=self.name,
         )
+
+    @cached_property
+    def _splines(self) -> tuple[Any, RotationSpline]:
+        path = scipy.interpolate.CubicSpline(self.times, self.positions)
+        return path, RotationSpline(self.times, self.rotations)
 
     # ---------------------------------------------------------------- files
 
