@@ -286,7 +286,7 @@ def _followed(
         changed = replace(asked, options=(*_without(options, "--metric"), "--metric", "shared"))
     elif kind == "more basis functions":
         changed = replace(asked, options=_without(options, "--basis-functions"))
-    elif kind == "without limits":
+    elif kind.startswith("without limits"):
         changed = asked.without(*found.group(1).split(", "))
     elif kind == "priority":
         names = found.group(1).split(", ")

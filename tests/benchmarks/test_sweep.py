@@ -28,6 +28,18 @@ def test_nothing_that_is_said_of_more_jobs_is_untrue(seed: int) -> None:
     assert not trial.of_seed(seed).contradictions
 
 
+# Far goals beside limits; via points; goals missed by steps of a controller; soft limits.
+@pytest.mark.parametrize("seed", [31, 90, 145, 202])
+def test_what_was_untrue_once_is_true(seed: int) -> None:
+    assert not trial.of_seed(seed).contradictions
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [49, 74, 148, 156, 2074])
+def test_what_was_untrue_once_is_true_slowly(seed: int) -> None:
+    assert not trial.of_seed(seed).contradictions
+
+
 # -------------------------------------------------------------------- the judge
 
 

@@ -29,6 +29,8 @@ _BEYOND = 1e-9
 """By which a factor exceeds its root, relative: there the margin is no longer negative."""
 _SAME = 1e-6
 """Relative difference of durations that is rounding: that of numbers as they are printed."""
+_LEAST = 0.98
+"""A duration is not called the least where so much of it would do."""
 _ROUNDS = 4
 """A rule that depends on the time changes the path a little as it takes longer; else one is enough
 to find the duration, and another to see that it is."""
@@ -110,11 +112,11 @@ def unhurried(
     """
     hurrying = timed(system)
     timeless = system.part([not h for h in hurrying])
-    total, rounds = Pace(1.0), 0
+    total, rounds, was_shortened = Pace(1.0), 0, False
     while any(hurrying):
         found = carry_out(system.part([not h for h in hurrying]), total.factor)
-        limits = system.part(hurrying)
-        asked = paces(run(found, timeless), limits)
+        motion, limits = run(found, timeless), system.part(hurrying)
+        asked = paces(motion, limits)
         needed = [each for each in asked if each is not None]
         rounds += 1
         if len(needed) < len(asked) or rounds > _ROUNDS:
@@ -126,15 +128,25 @@ def unhurried(
             ]
             given_up = iter(lost)
             hurrying = [h and not next(given_up) for h in hurrying]
-            total, rounds = Pace(1.0), 0
+            total, rounds, was_shortened = Pace(1.0), 0, False
             continue
-        more = max(needed, key=lambda each: each.factor)
+        more = max(needed, key=_factor)
+        if more.factor == 1 and not was_shortened and total.factor > 1:
+            # A motion that was a jerk when it was fast may be none: once, that is made up for.
+            enough = paces(motion, limits, 1 / total.factor)
+            least = max((each for each in enough if each is not None), key=_factor)
+            more = least if least.factor < _LEAST else more
+            rounds, was_shortened = 0, True
         if more.factor == 1:
             return found, total
         total = replace(more, factor=total.factor * more.factor)
         if not longer:
             return found, total
     return carry_out(system, 1.0), Pace(1.0)
+
+
+def _factor(pace: Pace) -> float:
+    return pace.factor
 
 
 def require_time(usual: Motion, system: ConstraintSystem, duration: float) -> None:
