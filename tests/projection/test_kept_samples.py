@@ -237,7 +237,6 @@ def test_a_constraint_that_knows_no_time_ignores_the_clock() -> None:
 
 @pytest.mark.slow
 def test_samples_are_kept_of_a_long_recording_too() -> None:
-    # Beyond 4000 samples, a projection without kept samples goes by way of fewer.
     base = askew(2)
     long = base.resampled(times=np.linspace(0, 1, 4201))
     boundaries = kept(long, {1234: "pose", 3000: "position"})

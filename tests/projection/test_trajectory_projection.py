@@ -179,7 +179,6 @@ def test_a_feasible_trajectory_comes_back_unchanged(seed: int, hold: bool) -> No
     assert change(again, feasible) < 1e-9
 
 
-# Fewer samples of it, with longer steps, would not be feasible.
 def test_a_long_feasible_trajectory_comes_back_unchanged() -> None:
     feasible = project_trajectory(facing(0, 4501), BLADE).trajectory
     assert np.abs(slip(feasible)).max() <= 1e-10

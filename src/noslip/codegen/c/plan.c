@@ -227,13 +227,13 @@ static void fix(double *band, double *right, int c) {
     right[c] = 0;
 }
 
-/* Size that each unknown and row is measured by; what regularizes the rows is relative to it. */
+/* What each unknown and row is measured by, 1 over its size; the rows' regularization is relative. */
 static void regularize(const noslip_plan *p, double *band, double *scale) {
     double most[SOME(ROWS)] = {0};
     int k, r, j, e;
     for (k = 0; k < p->knots; ++k) {
         double *sizes = scale + k * STAGE, *columns = band + k * STAGE * COLUMN;
-        for (j = 0; j < UNKNOWNS; ++j) sizes[j] = fabs(columns[j * COLUMN]);
+        for (j = 0; j < UNKNOWNS; ++j) sizes[j] = 1 / fabs(columns[j * COLUMN]);
         for (r = 0; r < ROWS; ++r) sizes[UNKNOWNS + r] = 0;
     }
     for (k = 0; k < p->knots; ++k) {
@@ -243,7 +243,7 @@ static void regularize(const noslip_plan *p, double *band, double *scale) {
             double *size = sizes + UNKNOWNS + slope_rows[e], entry;
             if (other < 0 || other >= p->knots) continue;
             entry = columns[slope_places[e]];
-            *size = larger(*size, entry * entry / sizes[slope_knots[e] * STAGE + slope_columns[e]]);
+            *size = larger(*size, entry * entry * sizes[slope_knots[e] * STAGE + slope_columns[e]]);
         }
         for (r = 0; r < ROWS; ++r) {
             if (p->active[k * ROWS + r]) most[r] = larger(most[r], sizes[UNKNOWNS + r]);
@@ -254,7 +254,7 @@ static void regularize(const noslip_plan *p, double *band, double *scale) {
             const int i = k * STAGE + UNKNOWNS + r;
             double size = larger(larger(scale[i], fabs(band[i * COLUMN])), VANISHING * most[r]);
             if (!(size > 0)) size = 1;
-            scale[i] = size;
+            scale[i] = 1 / size;
             if (p->active[k * ROWS + r]) band[i * COLUMN] -= DUAL_REGULARIZATION * size;
         }
     }
@@ -335,7 +335,6 @@ static int newton_step(noslip_plan *p) {
         }
     }
     regularize(p, band, scale);
-    for (i = 0; i < size; ++i) scale[i] = 1 / scale[i];
     if (!(solve_band(band, right, scale, size) <= MOST_GROWTH)) return 0;
     for (i = 0; i < size; ++i) {
         if (!isfinite(right[i])) return 0;
