@@ -310,4 +310,7 @@ def _go(plan: Plan, step: Floats, pull: Floats) -> None:
 def _room(values: Floats, steps: Floats) -> float:
     """Fraction of the steps that leaves positive values positive."""
     falling = steps < 0
-    return float(np.min(-TO_THE_BOUNDARY * values[falling] / steps[falling], initial=1.0))
+    with np.errstate(over="ignore"):
+        # What hardly falls leaves all the room there is.
+        room = -TO_THE_BOUNDARY * values[falling] / steps[falling]
+    return float(np.min(room, initial=1.0))
