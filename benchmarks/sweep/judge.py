@@ -77,8 +77,8 @@ class Facts:
         """At the default step."""
         return self.motions[0]
 
-    def misses(self) -> Iterator[tuple[str, list[float], list[float], float]]:
-        """Of each place: its name, distances (m) and angles (rad) from it, and share for each."""
+    def misses(self) -> Iterator[tuple[str, list[float], list[float]]]:
+        """Of each place: its name, and each motion's distance (m) and angle (rad) from it."""
         places = [("its goal", 1.0, self.asked.position, self.asked.quaternion)]
         places += [(f"via {at:g}", at, position, None) for at, position in self.asked.vias]
         for name, at, position, quaternion in places:
@@ -87,7 +87,7 @@ class Facts:
                 here, held = motion.at(at)
                 off.append(0.0 if position is None else float(np.linalg.norm(here[0] - position)))
                 turned.append(0.0 if quaternion is None else float(angles(held[0], quaternion)))
-            yield name, off, turned, at
+            yield name, off, turned
 
     def breaks(self, rule: Rule) -> float:
         """By how much a limit is broken, once the motion is inside; how far if it never is."""
@@ -130,7 +130,7 @@ def silences(facts: Facts, sentences: Sequence[str]) -> Iterator[str]:
     text = " | ".join(sentences)
     length, asked = facts.motion.length, facts.asked
     whole = max(1.0, facts.motion.turning / (2 * np.pi))
-    for name, off, turned, _ in facts.misses():
+    for name, off, turned in facts.misses():
         allowed = TOLD * length + BROKEN + (facts.noise if facts.is_learned else 0.0)
         if max(off) > 1.02 * allowed and f"from {name}" not in text and not _left(text):
             yield f"misses {name} by {max(off):.3g} m, untold"
@@ -186,7 +186,7 @@ Check = Callable[[Facts, re.Match[str]], bool | None]
 def _missed(facts: Facts, found: re.Match[str]) -> bool | None:
     length, unit, share, degrees, place = found.groups()
     of_poses = any(rule.of_poses for rule in facts.asked.rules)
-    for name, off, turned, _ in facts.misses():
+    for name, off, turned in facts.misses():
         if name != place:
             continue
         if facts.is_learned and (facts.noise or len(facts.references) > 1 or of_poses):

@@ -95,11 +95,16 @@ def wheel() -> Rule:
     return Rule("wheel", values)
 
 
+def _height(point: Floats, normal: Floats) -> Callable[[Track], Floats]:
+    unit = normal / np.linalg.norm(normal)
+    return lambda motion: _rows((motion.positions - point) @ unit)
+
+
 def plane_contact(point: Floats, normal: Floats) -> Rule:
     """A height of zero."""
     return Rule(
         f"plane-contact(point={_numbers(point)}, normal={_numbers(normal)})",
-        lambda motion: _rows((motion.positions - point) @ (normal / np.linalg.norm(normal))),
+        _height(point, normal),
         of_poses=True,
     )
 
@@ -138,7 +143,7 @@ def half_space(point: Floats, normal: Floats) -> Rule:
     """A height of zero or more."""
     return Rule(
         f"half-space(point={_numbers(point)}, normal={_numbers(normal)})",
-        lambda motion: _rows((motion.positions - point) @ (normal / np.linalg.norm(normal))),
+        _height(point, normal),
         is_limit=True,
         of_poses=True,
     )

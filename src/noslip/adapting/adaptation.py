@@ -53,8 +53,8 @@ FEWEST_SAMPLES = 20
 """Fewer do not show where a motion bends once."""
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, eq=False)
+class Plan(Value):
     """A law and how it was found; not yet seen to come where it was asked to.
 
     Attributes
@@ -94,27 +94,19 @@ class Plan:
         notes = (*self.notes, compromise, _turning(motion, before, rule) if asked[1:] else "")
         for note in filter(None, notes):
             warn(note, CompromiseWarning)
-        return Adapted(self.law, self.request, self.projected, motion)
+        return Adapted(**vars(self), motion=motion)
 
 
-@dataclass(frozen=True, eq=False)
-class Adapted(Value):
-    """What an adaptation comes to.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Adapted(Plan):
+    """What an adaptation comes to: a plan that was verified.
 
     Attributes
     ----------
-    law : Law
-        Fitted to the projected trajectory.
-    request : Request
-        What was projected: the unconstrained motion, moved to the boundaries.
-    projected : ProjectedTrajectory
     motion : Motion
         Of the law, at its default step: it was seen to come where it was asked to.
     """
 
-    law: Law
-    request: Request
-    projected: ProjectedTrajectory
     motion: Motion
 
 
