@@ -12,7 +12,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._files import write_beside
@@ -22,7 +22,7 @@ from noslip._supplied import Supplied
 from noslip._typing import Floats
 from noslip._values import Value, html_table, shortened
 from noslip.errors import InputError
-from noslip.quaternions import turns_between, without_flips
+from noslip.quaternions import inverse, product, turns_between, without_flips
 
 UNIFORM_TOLERANCE = 1e-6
 """Largest relative spread of the sampling period that still counts as uniform."""
@@ -229,7 +229,7 @@ class PoseTrajectory(Value):
     ) -> PoseTrajectory:
         """Return the trajectory at other instants, by cubic splines.
 
-        Positions follow a cubic spline, rotations SciPy's ``RotationSpline`` (both twice
+        Positions and quaternions follow cubic splines, the quaternions' normalized (both twice
         continuously differentiable); velocities are the splines' own derivatives.
 
         Parameters
@@ -263,22 +263,24 @@ class PoseTrajectory(Value):
                     f"cannot be resampled from {instants.min():g} to {instants.max():g} s"
                 )
         inside = np.clip(instants, self.times[0], self.times[-1])
-        path, turn = self._splines
-        rotations = turn(inside)
+        poses, rates = self._spline(inside), self._spline(inside, 1)
+        quaternions, size = poses[:, 3:], np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+        # Of q / |q|; what changes the length alone is the product's real part.
+        turning = product(rates[:, 3:], inverse(quaternions))[:, 1:] * (2 / size**2)
         return PoseTrajectory(
             times=instants,
-            positions=path(inside),
-            rotations=rotations,
-            linear_velocities=path(inside, 1),
-            # RotationSpline's rates are in the body frame of the interpolated rotation.
-            angular_velocities=rotations.apply(turn(inside, 1)),
+            positions=poses[:, :3],
+            rotations=Rotation.from_quat(quaternions, scalar_first=True),
+            linear_velocities=rates[:, :3],
+            angular_velocities=turning,
             name=self.name,
         )
 
     @cached_property
-    def _splines(self) -> tuple[Any, RotationSpline]:
-        path = scipy.interpolate.CubicSpline(self.times, self.positions)
-        return path, RotationSpline(self.times, self.rotations)
+    def _spline(self) -> Any:
+        return scipy.interpolate.CubicSpline(
+            self.times, np.hstack([self.positions, self.quaternions])
+        )
 
     # ---------------------------------------------------------------- files
 

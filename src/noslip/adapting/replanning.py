@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
@@ -13,13 +11,15 @@ from noslip._typing import Floats
 from noslip.adapting.adaptation import FEWEST_SAMPLES, Adapted, carried_out, samples_of
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
 from noslip.boundary import Boundary, End
+from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.law.law import Law
 from noslip.projection.blend import through
 from noslip.projection.feasibility import project_pose
 from noslip.projection.request import ADAPTING, Request, Weights
 from noslip.rule import Rule
-from noslip.runtime.rollout import rollout
+from noslip.runtime.motion import Motion
+from noslip.runtime.rollout import initial_state, integrate
 from noslip.runtime.state import State
 from noslip.trajectory import PoseTrajectory
 
@@ -31,6 +31,8 @@ _DETOUR = 5.0
 """Way for which time is allotted to a displacement, over its length: it may lie sideways."""
 _SETTLED = 0.3
 """Fraction of what remains after which a displacement is to be gone, unless it is large."""
+_FEWEST_LEFT = 4
+"""Steps of a plan: where no more of the motion than these would take is left, it is over."""
 _LEAST_TIME = 0.05
 """Of the duration, that a re-planned motion takes at least: a jump to the end is no plan."""
 
@@ -79,32 +81,28 @@ def replan(
     Adapted
         The ``initial_state`` of its law is the state to go on from.
     """
-    count = samples_of(law.basis.count, law.steps, samples)
+    samples = samples_of(law.basis.count, law.steps, samples)
     require_state(state)
-    nominal = rollout(law, rule, duration=state.duration, time_step=state.duration / (count - 1))
-    weights = Weights(position_weight, position_smoothing, rotation_smoothing)
-    request = Request(nominal, rule.system, weights=weights)
-    goal = asked("goal", goal_position, goal_rotation, goal_velocity)
     system = rule.system
+    done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
+    nominal, now = _nominal(law, rule, state, done, samples - 1)
+    goal = asked("goal", goal_position, goal_rotation, goal_velocity)
     is_given = duration is not None
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
-    done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
-    step = state.previous_step or state.duration / law.steps
-    if duration is None:
+    else:
         toward = state.goal_position if goal.position is None else goal.position
-        duration = max(_time_needed(nominal, state, done, toward), FEWEST_SAMPLES * step)
-    # Not on shorter steps than those that the motion is run on.
-    samples = min(len(nominal), max(round(duration / step) + 1, FEWEST_SAMPLES))
-    rest = _rest(nominal, done, samples, duration)
+        step = state.previous_step or state.duration / law.steps
+        duration = max(_time_needed(nominal, state, now, done, toward), FEWEST_SAMPLES * step)
+    rest = _rest(nominal, now, samples, duration)
     own = state.goal_position, state.goal_rotation
     at_end = state.time + duration
     last = placed(goal, own, system, rule.inverse_metric, at_end)
     if goal_velocity is None:
-        ends_as = rest if is_given or _is_over(nominal, done) else nominal
+        ends_as = rest if is_given or _is_over(nominal, now) else nominal
         last = moving(last, ends_as, rule, at_end, end)
     last = last.part(end)
-    first = allowed(_start(request, state, nominal, done), system, rule.inverse_metric, state.time)
+    first = allowed(_start(system, state, nominal, now), system, rule.inverse_metric, state.time)
     assert first.position is not None
     # Back onto the path, not just to its end, if the way there is long enough.
     moved = through(rest, [last])
@@ -114,10 +112,11 @@ def replan(
     back = []
     if k < samples - 1:
         back = [Boundary.keeping(moved, k / (samples - 1), "pose")]
-    request = replace(
-        request,
-        reference=through(moved, [first, *back, last]),
-        boundaries=(first, last),
+    request = Request(
+        through(moved, [first, *back, last]),
+        system,
+        (first, last),
+        Weights(position_weight, position_smoothing, rotation_smoothing),
         begin=state.time,
     )
     # The time step stays what it was, unless that is too long for the fit.
@@ -126,9 +125,24 @@ def replan(
     return plan.verified(law, rule)
 
 
-def _time_needed(nominal: PoseTrajectory, state: State, done: float, goal: Floats) -> float:
+def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tuple[Motion, int]:
+    """The motion as it was planned, and the sample in it that is now.
+
+    As many steps lead from there to the end, if there is anything left of it to speak of.
+    """
+    start = initial_state(law, rule, duration=state.duration)
+    passed = round(done * steps)
+    sections = [(steps, state.duration / steps)]
+    if 0 < passed < steps - _FEWEST_LEFT:
+        left = (1 - done) * state.duration
+        sections = [(passed, done * state.duration / passed), (steps, left / steps)]
+    return integrate(law, rule, start, sections), passed
+
+
+def _time_needed(
+    nominal: PoseTrajectory, state: State, now: int, done: float, goal: Floats
+) -> float:
     """Seconds for what is left of a motion, and for a displacement besides."""
-    now = round(done * (len(nominal) - 1))
     # Sideways, and the more so where little of the path is left to spread it over.
     displaced = float(np.linalg.norm(state.position - nominal.positions[now]))
     displaced += float(np.linalg.norm(goal - nominal.positions[-1]))
@@ -140,40 +154,37 @@ def _time_needed(nominal: PoseTrajectory, state: State, done: float, goal: Float
     return max(1.0 - done + longer, turn, _LEAST_TIME) * state.duration
 
 
-def _start(request: Request, state: State, nominal: PoseTrajectory, done: float) -> Boundary:
+def _start(system: ConstraintSystem, state: State, nominal: PoseTrajectory, now: int) -> Boundary:
     """Pose and velocities to go on from."""
     position, quaternion = state.position, state.rotation.as_quat(scalar_first=True)
-    system = request.system
     if "position" in system.row_levels:
         # A state off a surface is led back onto it at run time; the plan lies on it.
         position, quaternion = project_pose(system.equalities, state.time, position, quaternion)
     turned = Rotation.from_quat(quaternion, scalar_first=True)
-    return Boundary(0.0, position, turned, *_velocities_now(nominal, done, state))
+    return Boundary(0.0, position, turned, *_velocities_now(nominal, now, state))
 
 
-def _rest(nominal: PoseTrajectory, done: float, samples: int, duration: float) -> PoseTrajectory:
-    """What remains of a motion of which a fraction is done, over another duration."""
+def _rest(nominal: PoseTrajectory, now: int, samples: int, duration: float) -> PoseTrajectory:
+    """What remains of a motion, over another duration."""
     times = np.linspace(0.0, duration, samples)
-    if _is_over(nominal, done):
+    which = np.arange(now, now + samples)
+    if _is_over(nominal, now):
         # Next to nothing: it stays where it ends.
-        last = Rotation.concatenate([nominal.rotations[-1]] * samples)
-        return PoseTrajectory(times, np.repeat(nominal.positions[-1:], samples, axis=0), last)
-    fractions = np.linspace(done, 1.0, samples)
-    rest = nominal.resampled(times=nominal.times[0] + nominal.duration * fractions)
-    return PoseTrajectory(times, rest.positions, rest.rotations, name="re-planned")
+        which[:] = len(nominal) - 1
+    poses = nominal.positions[which], nominal.rotations[which]
+    return PoseTrajectory(times, *poses, name="re-planned")
 
 
-def _is_over(nominal: PoseTrajectory, done: float) -> bool:
-    """Whether too little is left of a motion to resample it."""
-    return (1 - done) * nominal.duration < 4 * nominal.period
+def _is_over(nominal: PoseTrajectory, now: int) -> bool:
+    """Whether too little is left of a motion to plan it as it was."""
+    return len(nominal) - 1 - now <= _FEWEST_LEFT
 
 
-def _velocities_now(nominal: PoseTrajectory, done: float, state: State) -> tuple[Floats, Floats]:
+def _velocities_now(nominal: PoseTrajectory, now: int, state: State) -> tuple[Floats, Floats]:
     """Velocities at a state, half a step after those of the step that led to it."""
     # Both velocities of the nominal motion change but little within half a step.
-    steps = len(nominal) - 1
-    k = min(max(round(done * steps), 1), steps - 1)
-    share = state.previous_step / 2 / nominal.period
+    k = min(max(now, 1), len(nominal) - 2)
+    share = state.previous_step / (nominal.times[k + 1] - nominal.times[k - 1])
     return (
         state.linear_velocity + share * np.diff(nominal.linear_velocities[k : k + 2], axis=0)[0],
         state.angular_velocity + share * np.diff(nominal.angular_velocities[k : k + 2], axis=0)[0],

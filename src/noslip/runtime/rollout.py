@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal, TypeVar, get_args
@@ -120,19 +120,20 @@ def motion_from(law: Law, rule: Rule, state: State, time_step: float | None = No
             )
         wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
         steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
-    return integrate(law, rule, state, steps, time_step)
+    last = state.duration - (steps - 1) * time_step
+    if steps == 1 or abs(last - time_step) <= SAME_STEP * time_step:
+        return integrate(law, rule, state, [(steps, time_step)])
+    return integrate(law, rule, state, [(steps - 1, time_step), (1, last)])
 
 
-def integrate(law: Law, rule: Rule, state: State, steps: int, time_step: float) -> Motion:
-    """Carry a state to the end of its duration, in steps of which the last may be shorter."""
+def integrate(law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, float]]) -> Motion:
+    """Carry a state to the end of its duration, in sections of so many steps of so many seconds."""
     stepper, system = stepper_of(rule), rule.system
-    states = np.empty((steps + 1, stepper.carried.size))
+    times, table = _ahead(law, rule, state, sections)
+    states = np.empty((len(times), stepper.carried.size))
     # The acceleration of the first sample is that of the step which leaves it.
-    outputs = np.empty((steps + 1, stepper.outputs.size))
+    outputs = np.empty((len(times), stepper.outputs.size))
     states[0] = state.carried(system)
-    times: Floats = state.time + time_step * np.arange(steps + 1, dtype=np.float64)
-    times[-1] = state.time + state.duration
-    table = _table(law, rule, state, times, time_step)
     stepper.run(states[0], table, states[1:], outputs[1:])
     require_defined(system, times, states)
     outputs[0] = outputs[1]
@@ -308,20 +309,21 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
     return table
 
 
-def _table(law: Law, rule: Rule, state: State, times: Floats, time_step: float) -> Floats:
-    """Rows of equal steps, and of a last one that may be shorter."""
-    steps = len(times) - 1
-    rest = times[-1] - state.time - (steps - 1) * time_step
-    if steps == 1 or abs(rest - time_step) <= SAME_STEP * time_step:
-        return steps_ahead(law, rule, state, steps, time_step)
-    done = law.clock.fraction(state.phase) + (steps - 1) * time_step / state.duration
-    late = replace(state, time=times[-2], phase=float(law.clock.at(done)), previous_step=time_step)
-    return np.vstack(
-        [
-            steps_ahead(law, rule, state, steps - 1, time_step),
-            steps_ahead(law, rule, late, 1, rest),
-        ]
-    )
+def _ahead(
+    law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, float]]
+) -> tuple[Floats, Floats]:
+    """Times of the samples, and rows of the steps, of sections of equal steps."""
+    times, tables = [np.array([state.time])], []
+    at = state
+    for steps, time_step in sections:
+        times.append(at.time + time_step * np.arange(1, steps + 1, dtype=np.float64))
+        tables.append(steps_ahead(law, rule, at, steps, time_step))
+        done = law.clock.fraction(at.phase) + steps * time_step / state.duration
+        at = replace(
+            at, time=times[-1][-1], phase=float(law.clock.at(done)), previous_step=time_step
+        )
+    times[-1][-1] = state.time + state.duration
+    return np.concatenate(times), tables[0] if len(tables) == 1 else np.vstack(tables)
 
 
 def _admissible(rule: Rule, state: State, project: ProjectStart) -> State:
