@@ -292,9 +292,9 @@ def test_many_turns_neither_wrap_nor_flip() -> None:
     quaternions = trajectory.quaternions
     assert np.all(np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.9)
     finer = trajectory.resampled(rate=200.0)
-    # Of fourth order in the seventh of a radian between two samples.
+    # Of fourth order in the eighth of a radian between two samples, of third at the ends.
     np.testing.assert_allclose(
-        finer.angular_velocities, np.broadcast_to(spin, (len(finer), 3)), atol=1e-4
+        finer.angular_velocities, np.broadcast_to(spin, (len(finer), 3)), atol=5e-4
     )
 
 
