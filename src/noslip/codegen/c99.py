@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -20,6 +20,7 @@ from noslip.law.layout import (
     memory_fields,
     output_layout,
 )
+from noslip.law.step import step_function
 
 _CONSTANT = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[-+]?\d+)?)")
 _INPUT = re.compile(r"arg\[(\d)\]\? arg\[\d\]\[(\d+)\] : 0")
@@ -114,10 +115,14 @@ def _core(function: ca.Function, outputs: int) -> str:
             after, output, *others = part(state, step)
             found = [after, output[:outputs], *others]
             parts[index] = ca.Function(part.name(), [state, step], ca.cse(found))
+    given, found = ("state", "step"), ("after", "output")
+    free = step_function(None, 0)
     if alone:
-        return plain({"core": parts[0]}, ("state", "step"), ("after", "output"))
-    helpers, text = _generated(parts)
-    return (helpers + "\n" + _screened(text, *parts)).replace("casadi_", "noslip_")
+        return plain({"core": parts[0], "free": free}, given, found)
+    helpers, _ = _generated([*parts, free])
+    _, text = _generated(parts)
+    texts = [helpers, _screened(text, *parts), *_plain({"free": free}, given, found)]
+    return "\n".join(texts).replace("casadi_", "noslip_")
 
 
 def _generated(functions: Iterable[ca.Function]) -> tuple[str, str]:
@@ -142,8 +147,14 @@ def plain(functions: dict[str, ca.Function], inputs: Sequence[str], outputs: Seq
     inputs, outputs : sequence of str
         Names of the arrays; of inputs, a function with fewer takes the first ones.
     """
-    helpers, text = _generated(functions.values())
-    lines = [helpers]
+    helpers, _ = _generated(functions.values())
+    return "\n".join([helpers, *_plain(functions, inputs, outputs)]).replace("casadi_", "noslip_")
+
+
+def _plain(
+    functions: dict[str, ca.Function], inputs: Sequence[str], outputs: Sequence[str]
+) -> Iterator[str]:
+    _, text = _generated(functions.values())
     for (name, function), (_, _, body) in zip(functions.items(), _BODY.findall(text), strict=True):
         code = _INPUT.sub(lambda m: f"{inputs[int(m[1])]}[{m[2]}]", body)
         code = _OUTPUT.sub(lambda m: f"{outputs[int(m[1])]}[{m[2]}]=", code)
@@ -152,8 +163,7 @@ def plain(functions: dict[str, ca.Function], inputs: Sequence[str], outputs: Seq
         head = f"static void noslip_{name}("
         between = ",\n" + " " * len(head)
         head += between.join([", ".join(given), ", ".join(found)]) + ") {"
-        lines += [head, _CONSTANT.sub(r"REAL(\1)", code).rstrip(), "}", ""]
-    return "\n".join(lines).replace("casadi_", "noslip_")
+        yield from (head, _CONSTANT.sub(r"REAL(\1)", code).rstrip(), "}", "")
 
 
 def _screened(text: str, short: ca.Function, whole: ca.Function) -> str:

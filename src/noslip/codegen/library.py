@@ -242,6 +242,7 @@ class Library:
         """That of a step function with so many rows of constraints."""
         texts = {
             "noslip.h": c99.header(rows, 0),
+            "inside.h": c99.template("inside.h"),
             "noslip.c": c99.source(step_function, rows) + "\n" + c99.template("many.c"),
         }
         path = built("step", texts)

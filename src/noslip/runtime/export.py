@@ -113,6 +113,7 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
     declared += f'#include "noslip.h"\n\nextern const noslip_primitive {name};\n\n#endif\n'
     texts = {
         "noslip.h": c99.header(system.equalities.size, system.limits.size),
+        "inside.h": c99.template("inside.h"),
         # Forces and values, without each row's own part.
         "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False),
         f"{name}.h": declared,

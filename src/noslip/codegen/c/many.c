@@ -79,7 +79,7 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *drives,
             const long long at = motion * (steps + 1) + k;
             const double h = s.duration / (double)steps;
             const int lost = advance(primitive, &s, h, drives + DRIVE_SIZE * (k - 1),
-                                     windings + 4 * (k - 1), &lead);
+                                     windings + 4 * (k - 1), &lead, noslip_core);
             sample(&s, states + at * STATE_SIZE);
             /* The caller looks for it. */
             if (lost) states[at * STATE_SIZE] = NAN;

@@ -1,13 +1,14 @@
-/* Phase, basis functions, attractor and winding; the constraints are in noslip_core. */
-#include "noslip.h"
-
-#include <tgmath.h>
+/* What drives a step, and the step itself; the constraints are in noslip_core. */
+#include "inside.h"
 
 /* Generated from the declaration of the constraints; see the end of this file. */
 static void noslip_core(const noslip_real *state, const noslip_real *step, noslip_real *after,
                         noslip_real *output);
+/* The same without constraints. */
+static void noslip_free(const noslip_real *state, const noslip_real *step, noslip_real *after,
+                        noslip_real *output);
+typedef void carrying(const noslip_real *, const noslip_real *, noslip_real *, noslip_real *);
 
-#define REAL(x) ((noslip_real)(x))
 /* Of the core: force, values, multipliers. */
 #define NOSLIP_OUTPUTS @OUTPUTS@
 
@@ -17,17 +18,6 @@ static void noslip_core(const noslip_real *state, const noslip_real *step, nosli
 #define AT_ONCE REAL(1e18)
 /* Residual that rounding causes, over the largest velocity, or 1. */
 #define HELD (sizeof(noslip_real) < sizeof(double) ? REAL(1e-4) : REAL(1e-12))
-
-/* Exponent below which a Gaussian is lost in the rounding of the sum. */
-#define NEGLIGIBLE REAL(-40)
-
-static noslip_real smaller(noslip_real a, noslip_real b) { return a < b ? a : b; }
-static noslip_real larger(noslip_real a, noslip_real b) { return a > b ? a : b; }
-
-static noslip_real exponent_of(const noslip_primitive *p, int i, noslip_real phase) {
-    const noslip_real apart = (phase - p->centers[i]) / p->widths[i];
-    return REAL(-0.5) * apart * apart;
-}
 
 /* How far a goal has entered at a fraction of the motion: the minimum-jerk blend. */
 static noslip_real entered_at(noslip_real fraction) {
@@ -41,86 +31,19 @@ static void drive_at(const noslip_primitive *p, noslip_real fraction, noslip_rea
     const noslip_real t = smaller(larger(fraction, 0), 1);
     const noslip_real slope = 30 * t * t * (1 - t) * (1 - t), bend = 60 * t * (1 - t) * (1 - 2 * t);
     const noslip_real phase = exp(-p->alpha_s * fraction);
-    const int count = p->basis_functions;
-    noslip_real place = fraction * (noslip_real)(count - 1) + REAL(0.5), nearest, sum = 0;
-    int middle, i, j, side;
+    noslip_real nearest, sum = 0;
+    int first, last, i, j;
+    const int middle = nearby_functions(p, fraction, phase, &first, &last);
     for (j = 0; j < 6; ++j) drive[j] = 0;
-    /* Centers are evenly spaced in time; from the nearest, or the outermost, both ways until the
-     * Gaussians vanish.  Its exponent is taken out, so that no phase leaves all of them at zero. */
-    if (!(place > 0)) place = 0;
-    middle = (int)smaller(place, (noslip_real)(count - 1));
+    /* The nearest one's exponent is taken out, so that no phase leaves all of them at zero. */
     nearest = exponent_of(p, middle, phase);
-    for (side = 1; side >= -1; side -= 2) {
-        for (i = side > 0 ? middle : middle - 1; i >= 0 && i < count; i += side) {
-            const noslip_real exponent = exponent_of(p, i, phase) - nearest;
-            const noslip_real psi = exponent >= NEGLIGIBLE ? exp(exponent) : 0;
-            if (!(psi > 0)) break;
-            sum += psi;
-            for (j = 0; j < 6; ++j) drive[j] += psi * p->weights[i][j];
-        }
+    for (i = first; i <= last; ++i) {
+        const noslip_real psi = exp(exponent_of(p, i, phase) - nearest);
+        sum += psi;
+        for (j = 0; j < 6; ++j) drive[j] += psi * p->weights[i][j];
     }
     for (j = 0; j < 6; ++j) drive[j] *= phase / sum;
     drive[DRIVE_DRAWN] = entered_at(fraction) + slope / p->beta + bend / (p->alpha * p->beta);
-}
-
-static void multiply(const noslip_real *a, const noslip_real *b, noslip_real *product) {
-    product[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
-    product[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
-    product[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
-    product[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
-}
-
-static void conjugate(const noslip_real *q, noslip_real *back) {
-    int i;
-    back[0] = q[0];
-    for (i = 1; i < 4; ++i) back[i] = -q[i];
-}
-
-/* Quaternion of a rotation vector. */
-static void quaternion_of(const noslip_real *vector, noslip_real *quaternion) {
-    const noslip_real size
-        = sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
-    const noslip_real scale = size > REAL(1e-6) ? sin(size / 2) / size : REAL(0.5) - size * size / 48;
-    int i;
-    quaternion[0] = cos(size / 2);
-    for (i = 0; i < 3; ++i) quaternion[1 + i] = scale * vector[i];
-}
-
-/* The winding's rotation at a fraction of the motion. */
-static void winding_at(const noslip_primitive *p, noslip_real fraction, noslip_real *rotation) {
-    noslip_real turn[4], vector[3], within;
-    const noslip_real *spline;
-    int interval, i;
-    if (p->knots == 1) {
-        for (i = 0; i < 4; ++i) rotation[i] = p->knot_quaternions[0][i];
-        return;
-    }
-    if (!(fraction > 0)) fraction = 0;
-    fraction = smaller(fraction, 1);
-    interval = (int)(fraction * (noslip_real)(p->knots - 1));
-    if (interval > p->knots - 2) interval = p->knots - 2;
-    within = fraction - (noslip_real)interval / (noslip_real)(p->knots - 1);
-    spline = p->knot_splines[interval];
-    for (i = 0; i < 3; ++i) {
-        vector[i] = ((spline[i] * within + spline[3 + i]) * within + spline[6 + i]) * within
-                    + spline[9 + i];
-    }
-    quaternion_of(vector, turn);
-    multiply(p->knot_quaternions[interval], turn, rotation);
-}
-
-/* Rotation vector that leads from one rotation to another, world frame. */
-static void turn_between(const noslip_real *from, const noslip_real *to, noslip_real *vector) {
-    noslip_real back[4], turn[4], size, scale;
-    int i;
-    conjugate(from, back);
-    multiply(to, back, turn);
-    if (turn[0] < 0) {
-        for (i = 0; i < 4; ++i) turn[i] = -turn[i];
-    }
-    size = sqrt(turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3]);
-    scale = size > REAL(1e-6) ? 2 * atan2(size, turn[0]) / size : 2 / turn[0];
-    for (i = 0; i < 3; ++i) vector[i] = scale * turn[1 + i];
 }
 
 /* What leads the rotation to its goal, alike in all steps: from where the winding ends to the first
@@ -162,57 +85,16 @@ static void leading(const goal_lead *lead, const noslip_real *winding, noslip_re
     }
 }
 
-/* Of shorter steps, fractions of the duration, what a moving target adds would be rounding. */
-#define LEAST_STEP (sizeof(noslip_real) < sizeof(double) ? REAL(1e-3) : REAL(1e-5))
-
-/* (exp(r t) - 1) / t, which is r for no time at all. */
-static noslip_real rate(noslip_real r, noslip_real t) { return t > 0 ? expm1(r * t) / t : r; }
-
-static noslip_real sinc(noslip_real x) { return x > 0 ? sin(x) / x : 1; }
-
-/* (1 - cos(w t)) / t. */
-static noslip_real risen(noslip_real w, noslip_real t) { return w * sin(w * t / 2) * sinc(w * t / 2); }
-
-/* P and G of a step h after another one, fractions of the duration. */
-static void carry(const noslip_primitive *p, noslip_real before, noslip_real h, noslip_real *found) {
-    const noslip_real c = p->alpha / 2, inside = c * c - p->alpha * p->beta;
-    const noslip_real root = sqrt(fabs(inside));
-    noslip_real share = 1;
-    if (inside >= 0) {
-        const noslip_real lead = rate(-c - root, before);
-        if (root > 0) share = rate(-2 * root, h) / rate(-2 * root, before);
-        found[0] = share * exp((root - c) * h - (root + c) * before);
-        found[1] = lead * (expm1((root - c) * h) * share + (share - 1));
-        found[1] += lead - rate(-c - root, h);
-    } else {
-        share = sinc(root * h) / sinc(root * before);
-        found[0] = share * exp(-c * (h + before));
-        found[1] = exp(-c * h) * (share * (rate(-c, before) + risen(root, before)) + risen(root, h));
-        found[1] -= rate(-c, h);
-    }
-}
-
-/* The same of the next step, and what a target that moves adds to itself, by its change and by its
- * bend. */
+/* P and G of the next step, and what a target that moves adds to itself. */
 static const noslip_real *factors(const noslip_primitive *p, noslip_state *s, noslip_real h) {
-    noslip_real before = s->previous_step / s->duration, wide[2], slope, bend;
+    const noslip_real before = s->previous_step / s->duration;
     noslip_real *found = s->known_factors;
     if (!(s->known_lengths[0] < h) && !(s->known_lengths[0] > h)
         && !(s->known_lengths[1] < before) && !(s->known_lengths[1] > before)) return found;
     s->known_lengths[0] = h;
     s->known_lengths[1] = before;
     carry(p, before, h, found);
-    wide[0] = found[0];
-    wide[1] = found[1];
-    if (h < LEAST_STEP) {
-        before *= LEAST_STEP / h;
-        h = LEAST_STEP;
-        carry(p, before, h, wide);
-    }
-    slope = (1 - wide[0]) / wide[1] - 1 / p->beta;
-    bend = (h + wide[0] * before) / wide[1] / 2 - slope / p->beta - 1 / (p->alpha * p->beta);
-    found[2] = slope / h;
-    found[3] = before > 0 ? bend / (h * h) : slope / h / 2;
+    led_by(p, before, h, found + 2);
     return found;
 }
 
@@ -320,7 +202,8 @@ static noslip_real slowed(const noslip_state *s, noslip_real time_step, noslip_r
 
 /* A step that is driven and led so; 1 and the state as it was if what comes of it is not finite. */
 static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
-                   const noslip_real *drive, const noslip_real *winding, const goal_lead *lead) {
+                   const noslip_real *drive, const noslip_real *winding, const goal_lead *lead,
+                   carrying *carried) {
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2;
     const noslip_real *factor = factors(p, state, h);
@@ -369,7 +252,9 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     step[STEP_DECAY] = decay;
     step[STEP_GAIN] = gain;
 
-    noslip_core(now, step, after, output);
+    for (i = 0; i < NOSLIP_OUTPUTS; ++i) output[i] = 0;
+    for (i = STATE_VALUES; i < STATE_SIZE; ++i) after[i] = 0;
+    carried(now, step, after, output);
 
     for (i = 0; i < STATE_VALUES; ++i) sum += after[i] - after[i];
     if (!(sum >= 0)) return 1;
@@ -393,7 +278,8 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     return 0;
 }
 
-int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
+static int step_by(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step,
+                   carrying *carried) {
     noslip_real h = time_step / state->duration, drive[DRIVE_SIZE] = {0}, winding[4];
     goal_lead lead;
     /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
@@ -408,5 +294,14 @@ int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_r
     }
     winding_at(primitive, state->fraction, winding);
     lead_to_goal(primitive, state, &lead);
-    return advance(primitive, state, time_step, drive, winding, &lead);
+    return advance(primitive, state, time_step, drive, winding, &lead, carried);
+}
+
+int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
+    return step_by(primitive, state, time_step, noslip_core);
+}
+
+int noslip_step_freely(const noslip_primitive *primitive, noslip_state *state,
+                       noslip_real time_step) {
+    return step_by(primitive, state, time_step, noslip_free);
 }
