@@ -21,7 +21,7 @@ LAYERS = [
     {"runtime"},
     {"verification"},
     {"adapting"},
-    {"control", "spread", "provenance", "merit"},
+    {"control", "exporting", "spread", "provenance", "merit"},
     {"document"},
     {"primitive"},
     {"learning", "saving", "interop", "result_table"},

@@ -18,13 +18,13 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.control.controller import Controller
 from noslip.document import law_to_data, rule_to_data, spread_to_data, write_document
+from noslip.exporting import export_c
 from noslip.law.law import Law
 from noslip.law.scaling import scaled
 from noslip.projection import planner
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule
 from noslip.runtime.batch import rollout_many
-from noslip.runtime.export import export_c
 from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread

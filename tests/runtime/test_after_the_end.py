@@ -15,7 +15,7 @@ from test_export import build, needs_compiler, run
 import noslip as ns
 from motions import gentle_cut
 from noslip._typing import Floats
-from noslip.runtime import export
+from noslip.exporting import export
 
 BRAKING = 0.3
 

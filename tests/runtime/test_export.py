@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from learned import under
 from noslip.experiments.numerical_example import demonstration
-from noslip.runtime import export
+from noslip.exporting import export
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O2")
 CC = shutil.which("cc")

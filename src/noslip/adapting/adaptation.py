@@ -34,7 +34,7 @@ from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
-from noslip.runtime.rollout import rollout
+from noslip.runtime.rollout import initial_state, motion_from, rollout
 from noslip.runtime.timing import Pace, timed, unhurried
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import followed_with, pose_at, verify
@@ -247,7 +247,8 @@ def adapt(
         free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
 
     def planned(tau: float) -> Plan:
-        own = rollout(free, Rule(), duration=tau, time_step=tau / (count - 1))
+        begun = initial_state(free, rule, duration=tau)
+        own = motion_from(free, Rule(), begun, tau / (count - 1))
 
         def reached(name: Literal["start", "goal"], *of_law: Any, at: float, kept: End) -> Boundary:
             place = placed(asked(name, *named[name]), of_law, rule.system, rule.inverse_metric, at)

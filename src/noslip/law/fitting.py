@@ -12,7 +12,7 @@ from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.clock import Phase
-from noslip.law.forcing import ForcingTerm
+from noslip.law.forcing import RIDGE, ForcingTerm
 from noslip.law.law import Law
 from noslip.law.space import POSE, Goal
 from noslip.trajectory import PoseTrajectory
@@ -35,7 +35,7 @@ def fit(
     alpha: float = 25.0,
     beta: float = 6.25,
     alpha_s: float = 1.0,
-    ridge: float = 1e-6,
+    ridge: float = RIDGE,
 ) -> Law:
     """Fit one law to one demonstration or several, by ridge regression.
 

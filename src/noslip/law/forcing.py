@@ -15,6 +15,10 @@ from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 
+RIDGE = 1e-6
+"""Regularization relative to the basis functions' mean square: it keeps those apart that few samples
+tell from each other, and costs no precision that is seen."""
+
 
 @dataclass(frozen=True, eq=False)
 class ForcingTerm(Value):
@@ -54,7 +58,7 @@ class ForcingTerm(Value):
 
     @classmethod
     def fit(
-        cls, basis: Basis, attractor: Attractor, forces: Sequence[Floats], *, ridge: float = 1e-6
+        cls, basis: Basis, attractor: Attractor, forces: Sequence[Floats], *, ridge: float = RIDGE
     ) -> ForcingTerm:
         """Fit the weights by ridge regression to one or several demonstrations' forces.
 

@@ -96,7 +96,9 @@ class Compiled:
 
     @classmethod
     def of(cls, stage: Stage) -> Compiled:
-        path = built("plan", sources(stage), "-O1")
+        texts = sources(stage)
+        texts["plan.c"] += _FOR_PYTHON
+        path = built("plan", texts, "-O1")
         code, pointer, integer = ctypes.CDLL(str(path)), ctypes.c_void_p, ctypes.c_int
         if function(code, "noslip_plan_size", result=integer)() != ctypes.sizeof(_Struct):
             raise NoslipError(f"{path}: another layout than expected; remove the file")
@@ -157,7 +159,7 @@ def sources(stage: Stage) -> dict[str, str]:
     }.items():
         header = header.replace(f"@{name}@", str(value))
     code = c99.template("plan.c").replace("@GENERATED@", "\n".join(generated))
-    return {"plan.h": header, "plan.c": code + _FOR_PYTHON}
+    return {"plan.h": header, "plan.c": code}
 
 
 _FOR_PYTHON = """

@@ -55,13 +55,13 @@ typedef struct noslip_workspace {
     int iterations;               /* Newton steps so far */
 
     /* Not to be written to. */
-    int phase, attempt, done_steps, passed, heeded, is_adapting, places, at_sample[3];
+    int phase, attempt, done_steps, passed, heeded, turned, exact_start;
     noslip_state state;
     noslip_plan plan;
-    double duration, begin, fraction, first_twist[6], last_twist[6], now[7], steps_around[2][6];
-    double last_steps[3][6], fastest[2], way, length, previous_step;
-    double twists[2][12], row_scale[NOSLIP_PLAN_ROWS + 1], tolerance[NOSLIP_PLAN_ROWS + 1];
-    double first[7], goal[7], smoothing;
+    double duration, begin, fraction, previous_step, length, smoothing, first_smoothing;
+    double first[7], goal[7], now[7], first_twist[6], last_twist[6], twists[2][12];
+    double steps_around[2][6], step_around, last_steps[3][6], fastest[2], left_fastest[2], way;
+    double row_scale[NOSLIP_PLAN_ROWS + 1], tolerance[NOSLIP_PLAN_ROWS + 1];
 } noslip_workspace;
 
 /* What becomes of a plan. */

@@ -14,6 +14,7 @@ import numpy as np
 from noslip._files import write_beside
 from noslip.codegen import c99
 from noslip.errors import InputError
+from noslip.exporting import planner
 from noslip.law.law import Law
 from noslip.rule import Rule
 from noslip.runtime import numbers
@@ -116,6 +117,7 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         "inside.h": c99.template("inside.h"),
         # Forces and values, without each row's own part.
         "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False),
+        **planner.sources(rule),
         f"{name}.h": declared,
         f"{name}.c": numbers.text(law, rule, name),
     }
