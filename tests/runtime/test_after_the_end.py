@@ -143,7 +143,7 @@ def test_a_motion_that_ends_at_speed_is_braked_along_its_path(
 def test_the_exported_step_ends_as_python_does(
     braking: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(export, "_instructions", lambda texts, name: None)
+    monkeypatch.setattr(export, "_instructions", lambda *told: None)
     dmp, count = running(), 150
     h = 0.0123 * dmp.duration
     dmp.export_c(tmp_path, name="cut")

@@ -115,13 +115,13 @@ def _core(function: ca.Function, outputs: int) -> str:
             after, output, *others = part(state, step)
             found = [after, output[:outputs], *others]
             parts[index] = ca.Function(part.name(), [state, step], ca.cse(found))
-    given, found = ("state", "step"), ("after", "output")
+    names = ("state", "step"), ("after", "output")
     free = step_function(None, 0)
     if alone:
-        return plain({"core": parts[0], "free": free}, given, found)
+        return plain({"core": parts[0], "free": free}, *names)
     helpers, _ = _generated([*parts, free])
     _, text = _generated(parts)
-    texts = [helpers, _screened(text, *parts), *_plain({"free": free}, given, found)]
+    texts = [helpers, _screened(text, *parts), *_plain({"free": free}, *names)]
     return "\n".join(texts).replace("casadi_", "noslip_")
 
 

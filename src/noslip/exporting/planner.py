@@ -1,4 +1,4 @@
-"""``replan.h`` and ``replan.c`` for a rule: its graphs, and the constants of the Python that they follow."""
+"""``replan.h`` and ``replan.c`` for a rule: its graphs, and the constants that Python has, too."""
 
 from __future__ import annotations
 
@@ -84,10 +84,12 @@ def sources(rule: Rule) -> dict[str, str]:
         _table("int", "row_priorities", priorities),
         _table(
             "int",
-            "row_is_length",
+            "row_has_clearance",
             [
-                int(level == "position" and unit == UNITS["position"])
-                for level, unit in zip(levels, units, strict=True)
+                int(
+                    k >= system.equalities.size and (level, unit) == ("position", UNITS["position"])
+                )
+                for k, (level, unit) in enumerate(zip(levels, units, strict=True))
             ],
         ),
         _table("double", "inverse_metric", np.broadcast_to(rule.inverse_metric, 6).tolist()),

@@ -16,8 +16,8 @@ from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 
 RIDGE = 1e-6
-"""Regularization relative to the basis functions' mean square: it keeps those apart that few samples
-tell from each other, and costs no precision that is seen."""
+"""Regularization, relative to the basis functions' mean square: it keeps those apart that few
+samples tell from each other, and costs no precision that is seen."""
 
 
 @dataclass(frozen=True, eq=False)

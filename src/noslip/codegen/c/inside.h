@@ -19,19 +19,19 @@ static inline noslip_real exponent_of(const noslip_primitive *p, int i, noslip_r
     return REAL(-0.5) * apart * apart;
 }
 
-/* Functions from the first to the last one matter at a phase; the one that is nearest in time, or outermost.
- * Centers are evenly spaced in time; from the nearest both ways until the Gaussians vanish. */
-static inline int nearby_functions(const noslip_primitive *p, noslip_real fraction, noslip_real phase,
-                            int *first, int *last) {
-    const int count = p->basis_functions;
-    noslip_real place = fraction * (noslip_real)(count - 1) + REAL(0.5), least;
-    int middle;
-    if (!(place > 0)) place = 0;
-    middle = *first = *last = (int)smaller(place, (noslip_real)(count - 1));
-    least = exponent_of(p, middle, phase) + NEGLIGIBLE;
-    while (*first > 0 && exponent_of(p, *first - 1, phase) >= least) --*first;
-    while (*last < count - 1 && exponent_of(p, *last + 1, phase) >= least) ++*last;
-    return middle;
+/* The function that is nearest in time to a fraction of the motion, or outermost: centers are evenly
+ * spaced in time. */
+static inline int nearest_function(const noslip_primitive *p, noslip_real fraction) {
+    const noslip_real place = fraction * (noslip_real)(p->basis_functions - 1) + REAL(0.5);
+    return place > 0 ? (int)smaller(place, (noslip_real)(p->basis_functions - 1)) : 0;
+}
+
+/* A Gaussian over that of the nearest one, so that no phase leaves all of them at zero; 0 where it is
+ * lost in the rounding of their sum, as are those beyond. */
+static inline noslip_real gaussian(const noslip_primitive *p, int i, noslip_real phase,
+                                   noslip_real nearest) {
+    const noslip_real exponent = exponent_of(p, i, phase) - nearest;
+    return exponent >= NEGLIGIBLE ? exp(exponent) : 0;
 }
 
 static inline void multiply(const noslip_real *a, const noslip_real *b, noslip_real *product) {

@@ -31,16 +31,17 @@ static void drive_at(const noslip_primitive *p, noslip_real fraction, noslip_rea
     const noslip_real t = smaller(larger(fraction, 0), 1);
     const noslip_real slope = 30 * t * t * (1 - t) * (1 - t), bend = 60 * t * (1 - t) * (1 - 2 * t);
     const noslip_real phase = exp(-p->alpha_s * fraction);
-    noslip_real nearest, sum = 0;
-    int first, last, i, j;
-    const int middle = nearby_functions(p, fraction, phase, &first, &last);
+    const int middle = nearest_function(p, fraction);
+    const noslip_real nearest = exponent_of(p, middle, phase);
+    noslip_real sum = 0, psi;
+    int i, j, side;
     for (j = 0; j < 6; ++j) drive[j] = 0;
-    /* The nearest one's exponent is taken out, so that no phase leaves all of them at zero. */
-    nearest = exponent_of(p, middle, phase);
-    for (i = first; i <= last; ++i) {
-        const noslip_real psi = exp(exponent_of(p, i, phase) - nearest);
-        sum += psi;
-        for (j = 0; j < 6; ++j) drive[j] += psi * p->weights[i][j];
+    for (side = 1; side >= -1; side -= 2) {
+        for (i = side > 0 ? middle : middle - 1; i >= 0 && i < p->basis_functions; i += side) {
+            if (!((psi = gaussian(p, i, phase, nearest)) > 0)) break;
+            sum += psi;
+            for (j = 0; j < 6; ++j) drive[j] += psi * p->weights[i][j];
+        }
     }
     for (j = 0; j < 6; ++j) drive[j] *= phase / sum;
     drive[DRIVE_DRAWN] = entered_at(fraction) + slope / p->beta + bend / (p->alpha * p->beta);

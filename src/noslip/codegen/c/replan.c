@@ -627,7 +627,7 @@ static void set_up(noslip_workspace *w, const room *r, double smoothing, int car
             r->active[ROWS * k + i]
                 = (unsigned char)(heeded && k > 0 && (k < last || row_levels[i] != ACCELERATION));
             r->clearance[ROWS * k + i]
-                = row_is_length[i] ? CLEARANCE * w->length * smaller(away, 1) : 0;
+                = row_has_clearance[i] ? CLEARANCE * w->length * smaller(away, 1) : 0;
             r->slack[ROWS * k + i] = 1;
         }
     }
@@ -964,11 +964,15 @@ typedef struct activated {
 
 static void activate(const noslip_primitive *p, double fraction, activated *a) {
     const double phase = exp(-p->alpha_s * fraction);
-    const int middle = nearby_functions(p, fraction, phase, &a->first, &a->last);
+    const int middle = nearest_function(p, fraction);
     const double nearest = exponent_of(p, middle, phase);
-    double sum = 0;
+    double sum = a->of[middle] = 1;
     int i;
-    for (i = a->first; i <= a->last; ++i) sum += a->of[i] = exp(exponent_of(p, i, phase) - nearest);
+    for (i = middle; i > 0 && (a->of[i - 1] = gaussian(p, i - 1, phase, nearest)) > 0; --i) sum += a->of[i - 1];
+    for (a->first = i, i = middle + 1; i < p->basis_functions; sum += a->of[i++]) {
+        if (!((a->of[i] = gaussian(p, i, phase, nearest)) > 0)) break;
+    }
+    a->last = i - 1;
     for (i = a->first; i <= a->last; ++i) a->of[i] *= phase / sum;
 }
 

@@ -3,7 +3,9 @@
  * A motion is moved to where it must begin and end, projected onto the constraints (plan.h), and a
  * primitive is fitted to what comes of it: as noslip's replan and adapt do in Python, step by step.
  * No heap; double precision.  A plan is made in small units of work, so that a control loop can make
- * one over many of its cycles while it follows the plan before.
+ * one over many of its cycles while it follows the plan before: see example_replan.c.
+ * @BOUND@
+ * Frames of all functions together take less than 32 kB of stack.
  */
 #ifndef NOSLIP_REPLAN_H
 #define NOSLIP_REPLAN_H
@@ -82,7 +84,8 @@ enum {
 int noslip_replan(const noslip_primitive *primitive, const noslip_state *state,
                   const noslip_goal *goal, noslip_workspace *workspace);
 
-/* Plan all of a motion from its start to another goal. */
+/* Plan all of a motion from its start to another goal; it takes as long as before unless the goal says
+ * how long.  For limits on speeds and the like the path gives way, not the time. */
 int noslip_adapt(const noslip_primitive *primitive, const noslip_goal *goal,
                  noslip_workspace *workspace);
 
