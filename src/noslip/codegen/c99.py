@@ -163,7 +163,10 @@ def _plain(
         head = f"static void noslip_{name}("
         between = ",\n" + " " * len(head)
         head += between.join([", ".join(given), ", ".join(found)]) + ") {"
-        yield from (head, _CONSTANT.sub(r"REAL(\1)", code).rstrip(), "}", "")
+        unused = [n for n in (*inputs[: function.n_in()], *outputs) if f"{n}[" not in code]
+        yield head
+        yield from (f"  (void){name};" for name in unused)
+        yield from (_CONSTANT.sub(r"REAL(\1)", code).rstrip(), "}", "")
 
 
 def _screened(text: str, short: ca.Function, whole: ca.Function) -> str:

@@ -67,10 +67,10 @@ def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive
     Returns
     -------
     Exported
-        ``noslip.h`` and ``noslip.c`` (the step under these constraints), ``replan.h``, ``replan.c``,
-        ``plan.h`` and ``plan.c`` (new plans), ``inside.h`` (what both share), ``NAME.h`` and
-        ``NAME.c`` (this primitive's numbers), ``example.c``, ``example_replan.c``, ``test.c`` and
-        ``CMakeLists.txt``.
+        ``noslip.h`` and ``noslip.c`` (the step under these constraints); ``replan.h``,
+        ``replan.c``, ``plan.h`` and ``plan.c`` (new plans); ``inside.h`` (what both share);
+        ``NAME.h`` and ``NAME.c`` (this primitive's numbers); ``example.c``, ``example_replan.c``,
+        ``test.c`` and ``CMakeLists.txt``.
 
     Raises
     ------

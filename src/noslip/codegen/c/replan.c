@@ -12,8 +12,6 @@ typedef char noslip_planning_needs_double[sizeof(noslip_real) == sizeof(double) 
 #define EQUALITIES NOSLIP_PLAN_EQUALITIES
 #define ROWS NOSLIP_PLAN_ROWS
 #define UNKNOWNS NOSLIP_PLAN_UNKNOWNS
-/* C knows no empty arrays. */
-#define SOME(n) ((n) > 0 ? (n) : 1)
 #define PI 3.14159265358979323846
 
 @GENERATED@
@@ -52,7 +50,7 @@ static room room_of(const noslip_workspace *w, int functions) {
 /* ------------------------------------------------------------------ vectors, rotations */
 
 static void copy(const double *from, double *to, int count) {
-    memcpy(to, from, (size_t)count * sizeof(double));
+    memmove(to, from, (size_t)count * sizeof(double));
 }
 
 static void zero(double *numbers, int count) { memset(numbers, 0, (size_t)count * sizeof(double)); }
@@ -135,14 +133,14 @@ static int is_finite(const double *numbers, int count) {
 
 /* Least change, in the metric, with which rows reach values: by a Cholesky factorization with pivots,
  * which passes over rows that depend on others. */
-static void least_change(double rows[SOME(EQUALITIES)][6], const double *reach, int count,
+static void least_change(double rows[EQUALITIES + 1][6], const double *reach, int count,
                          const double *inverse_metric, double *change) {
-    double gram[SOME(EQUALITIES)][SOME(EQUALITIES)], right[SOME(EQUALITIES)], push[SOME(EQUALITIES)];
-    int order[SOME(EQUALITIES)], rank = 0, i, j, k;
+    double gram[EQUALITIES + 1][EQUALITIES + 1], right[EQUALITIES + 1], push[EQUALITIES + 1];
+    int order[EQUALITIES + 1], rank = 0, i, j, k;
     double largest = 0;
     for (i = 0; i < count; ++i) {
         order[i] = i;
-        push[i] = 0;
+        push[i] = right[i] = 0;
         for (j = 0; j < count; ++j) {
             gram[i][j] = 0;
             for (k = 0; k < 6; ++k) gram[i][j] += rows[i][k] * inverse_metric[k] * rows[j][k];
@@ -181,7 +179,7 @@ static void least_change(double rows[SOME(EQUALITIES)][6], const double *reach, 
 
 /* Values and rows of the equalities, as conditions on velocities, at an instant. */
 static void instant_at(double time, const double *pose, const double *twist, double *residual,
-                       double *phi, double rows[SOME(EQUALITIES)][6]) {
+                       double *phi, double rows[EQUALITIES + 1][6]) {
 #if NOSLIP_PLAN_EQUALITIES > 0
     double given[14], found[8 * EQUALITIES];
     given[0] = time;
@@ -204,7 +202,7 @@ static void allow(double time, const double *pose, double rate, double *twist) {
     int pass, i, k;
     copy(twist, given, 6);
     for (pass = 0; pass < MOST_PASSES && EQUALITIES > 0; ++pass) {
-        double residual[SOME(EQUALITIES)], phi[SOME(EQUALITIES)], rows[SOME(EQUALITIES)][6];
+        double residual[EQUALITIES + 1], phi[EQUALITIES + 1], rows[EQUALITIES + 1][6];
         double largest = 0, more[6];
         instant_at(time, pose, twist, residual, phi, rows);
         for (i = 0; i < EQUALITIES; ++i) {
@@ -228,7 +226,7 @@ static void allow(double time, const double *pose, double rate, double *twist) {
 /* The largest residual of the rules on poses. */
 static double off_surfaces(double time, const double *pose) {
     const double still[6] = {0};
-    double residual[SOME(EQUALITIES)], phi[SOME(EQUALITIES)], rows[SOME(EQUALITIES)][6], largest = 0;
+    double residual[EQUALITIES + 1], phi[EQUALITIES + 1], rows[EQUALITIES + 1][6], largest = 0;
     int i;
     if (EQUALITIES == 0) return 0;
     instant_at(time, pose, still, residual, phi, rows);
@@ -247,7 +245,7 @@ static int onto_surfaces(double time, double *pose) {
     copy(pose, given, 7);
     for (i = 0; i < EQUALITIES; ++i) count += row_levels[i] == POSITION;
     for (pass = 0; pass < MOST_PASSES && count > 0; ++pass) {
-        double residual[SOME(EQUALITIES)], phi[SOME(EQUALITIES)], rows[SOME(EQUALITIES)][6], more[6];
+        double residual[EQUALITIES + 1], phi[EQUALITIES + 1], rows[EQUALITIES + 1][6], more[6];
         instant_at(time, pose, still, residual, phi, rows);
         largest = 0;
         for (i = count = 0; i < EQUALITIES; ++i) {
@@ -1112,12 +1110,30 @@ static int is_over(const noslip_workspace *w) {
 /* Whether the motion is rolled out in two sections, up to now and from now on. */
 static int has_past(const noslip_workspace *w) { return w->passed > 0 && !is_over(w); }
 
+/* Put a state at the start of a motion over another duration. */
+static void start_within(const noslip_primitive *p, double duration, noslip_state *s) {
+    double pose[7], twist[6];
+    int i;
+    noslip_start(p, s);
+    s->duration = duration;
+    s->pull_in = p->residual_rate / duration;
+    copy(s->position, pose, 3);
+    copy(s->quaternion, pose + 3, 4);
+    for (i = 0; i < 3; ++i) {
+        twist[i] = s->linear_velocity[i] * p->duration / duration;
+        twist[3 + i] = s->angular_velocity[i] * p->duration / duration;
+    }
+    /* Not all rules allow a twist that is as much slower. */
+    allow(s->time, pose, s->pull_in, twist);
+    copy(twist, s->linear_velocity, 3);
+    copy(twist + 3, s->angular_velocity, 3);
+}
+
 static int begin(noslip_workspace *w, const noslip_primitive *p, const noslip_state *s,
                  const noslip_goal *goal) {
     int i;
     if (w->knots < FEWEST_SAMPLES || w->steps < FEWEST_STEPS || !w->memory) return NOSLIP_REPLAN_WRONG;
     if (w->steps < STEPS_PER_FUNCTION * p->basis_functions) return NOSLIP_REPLAN_WRONG;
-    noslip_start(p, &w->state);
     w->fraction = 0;
     w->duration = p->duration;
     w->begin = p->begin;
@@ -1127,19 +1143,13 @@ static int begin(noslip_workspace *w, const noslip_primitive *p, const noslip_st
     copy(p->goal_position, w->goal, 3);
     copy(p->goal_quaternion, w->goal + 3, 4);
     if (s) {
-        const double slower = p->duration / s->duration;
         const double given[6] = {s->duration, s->fraction, s->time, s->previous_step, 0, 0};
         if (!is_finite(s->position, 3) || !is_finite(s->quaternion, 4) || !is_finite(given, 6)
             || !is_finite(s->linear_velocity, 3) || !is_finite(s->angular_velocity, 3)
             || !is_finite(s->goal_position, 3) || !is_finite(s->goal_quaternion, 4)
             || !(s->duration > 0)) return NOSLIP_REPLAN_NOT_FINITE;
         w->fraction = smaller(larger(s->fraction, 0), 1);
-        w->duration = w->state.duration = s->duration;
-        w->state.pull_in = p->residual_rate / s->duration;
-        for (i = 0; i < 3; ++i) {
-            w->state.linear_velocity[i] *= slower;
-            w->state.angular_velocity[i] *= slower;
-        }
+        w->duration = s->duration;
         w->begin = s->time;
         w->previous_step = s->previous_step;
         copy(s->position, w->first, 3);
@@ -1149,13 +1159,9 @@ static int begin(noslip_workspace *w, const noslip_primitive *p, const noslip_st
         copy(s->goal_position, w->goal, 3);
         copy(s->goal_quaternion, w->goal + 3, 4);
     } else if (goal && goal->duration > 0) {
-        w->duration = w->state.duration = goal->duration;
-        w->state.pull_in = p->residual_rate / goal->duration;
-        for (i = 0; i < 3; ++i) {
-            w->state.linear_velocity[i] *= p->duration / goal->duration;
-            w->state.angular_velocity[i] *= p->duration / goal->duration;
-        }
+        w->duration = goal->duration;
     }
+    start_within(p, w->duration, &w->state);
     if (goal) {
         double size = 0;
         if (!is_finite(goal->position, 3) || !is_finite(goal->quaternion, 4)) return NOSLIP_REPLAN_NOT_FINITE;
