@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip._values import Value, html_table, shortened
-from noslip.adapting import Adapted, adapt, replan
+from noslip.adapting import Adapted, adapt, compiled, replan
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.control.controller import Controller
@@ -21,7 +21,6 @@ from noslip.document import law_to_data, rule_to_data, spread_to_data, write_doc
 from noslip.exporting import export_c
 from noslip.law.law import Law
 from noslip.law.scaling import scaled
-from noslip.projection import planner
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule
 from noslip.runtime.batch import rollout_many
@@ -226,7 +225,7 @@ class ConstrainedDMP(Value):
         Without this the step is compiled in the background once a primitive is rolled out a second
         time, and its motion is the same to the bit; what plans, when it first does.
         """
-        planner.compile_for(self.rule.system)
+        compiled.compile_for(self.rule)
         return stepper_of(self.rule).native.wait() is not None
 
     # ---------------------------------------------------------------- new goals

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._values import Value
+from noslip.adapting import compiled
+from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
 from noslip.boundary import Boundary, End
 from noslip.constraints.system import ConstraintSystem
@@ -39,8 +41,6 @@ from noslip.runtime.timing import Pace, timed, unhurried
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import followed_with, pose_at, verify
 
-MOST_SAMPLES = 2001
-"""An adapted motion is as smooth as its primitive; more samples than these add nothing."""
 _FAST, _SAME_SPEED, _GROWTHS = 2.0, 1 + 1e-3, 3
 """How many times as fast as its law a motion may be to a goal that is far, what counts as the same
 speed, and how often a duration grows: at once in most cases, since shape and duration are apart."""
@@ -49,8 +49,6 @@ _PER_GAP, _AIMED = 2, 6
 motion is aimed anew: each time it misses a tenth of what it did."""
 _EXACT, _EXACT_TURN = 1e-6, 1e-6
 """Share of the path, and turn (rad), that a via point may be missed by."""
-FEWEST_SAMPLES = 20
-"""Fewer do not show where a motion bends once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +244,17 @@ def adapt(
     if scaling != "none":
         free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
 
+    weights = Weights(position_weight, position_smoothing, rotation_smoothing)
+    is_plain = (start, end, weights) == ("pose", "pose", ADAPTING) and not passed
+    is_plain &= all(value is None for value in (*named["start"], goal_velocity))
+
     def planned(tau: float) -> Plan:
+        if is_plain:
+            to = asked("goal", goal_position, goal_rotation).pose_or(
+                law.goal_position, free.goal_rotation
+            )
+            if made := compiled.made(free, rule, to, duration=tau, samples=count, steps=steps):
+                return Plan(made.law, made.request, made.projected)
         begun = initial_state(free, rule, duration=tau)
         own = motion_from(free, Rule(), begun, tau / (count - 1))
 
@@ -258,7 +266,6 @@ def adapt(
 
         first = reached("start", law.start_position, free.start_rotation, at=law.begin, kept=start)
         last = reached("goal", law.goal_position, free.goal_rotation, at=law.begin + tau, kept=end)
-        weights = Weights(position_weight, position_smoothing, rotation_smoothing)
         ends = (first, *passed, last)
         request = Request(own, rule.system, ends, weights, begin=law.begin)
         for place in passed:

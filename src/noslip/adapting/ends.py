@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.adapting.constants import OFF
 from noslip.boundary import Boundary, End, kept_twist, twist
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConstraintError
@@ -20,8 +21,6 @@ from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
 from noslip.trajectory import PoseTrajectory
 
-_OFF = 1e-9
-"""Residual of a boundary pose that is none (m or rad): above rounding, below any tool's play."""
 Velocity = ArrayLike | Literal["free"] | None
 """Of an end: at rest (0), as given, whatever suits the motion, or that of the law."""
 
@@ -156,7 +155,7 @@ def require_feasible(system: ConstraintSystem, what: str, time: float, boundary:
         rotation = Rotation.random(rng=random) if boundary.rotation is None else boundary.rotation
         quaternion = rotation.as_quat(scalar_first=True)
         tried.append(system.residuals(time, position, quaternion, np.zeros(3), np.zeros(3))[0])
-    values, decided = tried[0], np.ptp(tried, axis=0) <= _OFF
+    values, decided = tried[0], np.ptp(tried, axis=0) <= OFF
     priorities = system.per_row(c.priority for c in system.constraints)
     for name, counts, level, is_limit, unit, priority, value in zip(
         system.row_names,
@@ -169,7 +168,7 @@ def require_feasible(system: ConstraintSystem, what: str, time: float, boundary:
         strict=True,
     ):
         off = max(-value, 0.0) if is_limit else abs(value)
-        if counts and level == "position" and priority == 0 and off > _OFF:
+        if counts and level == "position" and priority == 0 and off > OFF:
             raise ConstraintError(
                 f"{what} violates {name!r} by {off:.3g} {unit}; no motion that satisfies it "
                 f"{'ends' if what == 'goal' else 'passes'} there"

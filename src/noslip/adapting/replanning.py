@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.adapting.adaptation import FEWEST_SAMPLES, Adapted, carried_out, samples_of
+from noslip.adapting import compiled
+from noslip.adapting.adaptation import Adapted, Plan, carried_out, samples_of
+from noslip.adapting.constants import DETOUR, FEWEST_LEFT, FEWEST_SAMPLES, LEAST_TIME, SETTLED
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
 from noslip.boundary import Boundary, End
 from noslip.constraints.system import ConstraintSystem
@@ -27,14 +29,6 @@ REPLANNED_SAMPLES = 201
 """Of a re-planned motion unless told otherwise: planned in a few milliseconds."""
 _STATE_VECTORS = ("position", "linear_velocity", "angular_velocity", "goal_position")
 """Of a state, that must be finite."""
-_DETOUR = 5.0
-"""Way for which time is allotted to a displacement, over its length: it may lie sideways."""
-_SETTLED = 0.3
-"""Fraction of what remains after which a displacement is to be gone, unless it is large."""
-_FEWEST_LEFT = 4
-"""Steps of a plan: where no more of the motion than these would take is left, it is over."""
-_LEAST_TIME = 0.05
-"""Of the duration, that a re-planned motion takes at least: a jump to the end is no plan."""
 
 
 def replan(
@@ -85,6 +79,17 @@ def replan(
     require_state(state)
     system = rule.system
     done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
+    weights = Weights(position_weight, position_smoothing, rotation_smoothing)
+    named = goal_position is not None or goal_rotation is not None
+    if goal_velocity is None and end == "pose" and weights == ADAPTING and (named or not duration):
+        to = asked("goal", goal_position, goal_rotation).pose_or(
+            state.goal_position, state.goal_rotation
+        )
+        seconds = 0.0 if duration is None else _arguments.positive("duration", duration, "seconds")
+        if found := compiled.made(
+            law, rule, to, state=state, duration=seconds, samples=samples, steps=law.steps
+        ):
+            return Plan(found.law, found.request, found.projected).verified(law, rule)
     nominal, now = _nominal(law, rule, state, done, samples - 1)
     goal = asked("goal", goal_position, goal_rotation, goal_velocity)
     is_given = duration is not None
@@ -108,7 +113,7 @@ def replan(
     moved = through(rest, [last])
     traveled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))
     displaced = float(np.linalg.norm(first.position - moved.positions[0]))
-    k = max(round(_SETTLED * samples), int(np.searchsorted(traveled, _DETOUR * displaced)) + 1)
+    k = max(round(SETTLED * samples), int(np.searchsorted(traveled, DETOUR * displaced)) + 1)
     back = []
     if k < samples - 1:
         back = [Boundary.keeping(moved, k / (samples - 1), "pose")]
@@ -116,7 +121,7 @@ def replan(
         through(moved, [first, *back, last]),
         system,
         (first, last),
-        Weights(position_weight, position_smoothing, rotation_smoothing),
+        weights,
         begin=state.time,
     )
     # The time step stays what it was, unless that is too long for the fit.
@@ -133,7 +138,7 @@ def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tup
     start = initial_state(law, rule, duration=state.duration)
     passed = round(done * steps)
     sections = [(steps, state.duration / steps)]
-    if 0 < passed < steps - _FEWEST_LEFT:
+    if 0 < passed < steps - FEWEST_LEFT:
         left = (1 - done) * state.duration
         sections = [(passed, done * state.duration / passed), (steps, left / steps)]
     return integrate(law, rule, start, sections), passed
@@ -148,10 +153,10 @@ def _time_needed(
     displaced += float(np.linalg.norm(goal - nominal.positions[-1]))
     way = float(np.linalg.norm(np.diff(nominal.positions[now:], axis=0), axis=1).sum())
     speed = nominal.path_length / state.duration
-    detour = _DETOUR * displaced**2 / (displaced + way) if displaced else 0.0
+    detour = DETOUR * displaced**2 / (displaced + way) if displaced else 0.0
     longer = detour / speed / state.duration if speed > 0 else 0.0
     turn = float((state.rotation * nominal.rotations[now].inv()).magnitude()) / np.pi
-    return max(1.0 - done + longer, turn, _LEAST_TIME) * state.duration
+    return max(1.0 - done + longer, turn, LEAST_TIME) * state.duration
 
 
 def _start(system: ConstraintSystem, state: State, nominal: PoseTrajectory, now: int) -> Boundary:
@@ -177,7 +182,7 @@ def _rest(nominal: PoseTrajectory, now: int, samples: int, duration: float) -> P
 
 def _is_over(nominal: PoseTrajectory, now: int) -> bool:
     """Whether too little is left of a motion to plan it as it was."""
-    return len(nominal) - 1 - now <= _FEWEST_LEFT
+    return len(nominal) - 1 - now <= FEWEST_LEFT
 
 
 def _velocities_now(nominal: PoseTrajectory, now: int, state: State) -> tuple[Floats, Floats]:

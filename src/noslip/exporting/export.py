@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from noslip._files import write_beside
+from noslip.adapting.sources import sources
 from noslip.codegen import c99
 from noslip.errors import InputError
-from noslip.exporting import planner
 from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
 from noslip.rule import Rule
@@ -142,7 +142,7 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         "inside.h": c99.template("inside.h"),
         # Forces and values, without each row's own part.
         "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False),
-        **planner.sources(rule),
+        **sources(rule),
         f"{name}.h": declared,
         f"{name}.c": numbers.text(law, rule, name),
     }

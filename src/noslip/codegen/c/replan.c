@@ -435,9 +435,11 @@ static void smooth(double *values, int stride, int width, const double *weights,
 
 #endif
 
-/* Smallest turns that bring each sample's velocity into the blade's plane, its edge leading. */
-static void guess_turns(const room *r, int count, double step, double smoothing) {
+/* Smallest turns that bring each sample's velocity into the blade's plane, its edge leading; in how many
+ * stretches it trails. */
+static int guess_turns(const room *r, int count, double step, double smoothing) {
     double *z = r->z + UNKNOWNS;
+    int backing = 0;
 #if NOSLIP_HAS_EDGE
     double *points = r->scratch, *body = points + 3 * count, *path = body + 3 * count;
     double *speed = path + count, *tilt = speed + count, *angle = tilt + count, *weights = angle + count;
@@ -483,7 +485,7 @@ static void guess_turns(const room *r, int count, double step, double smoothing)
         sum += speed[k];
         squares += speed[k] * speed[k];
     }
-    if (!(sum > 0)) return;
+    if (!(sum > 0)) return 0;
     typical = squares / sum;
     for (first = 0; first < count; first = after) {
         double facing = 1, forward = 0, all = 0, unwound = 0, before = 0;
@@ -494,7 +496,7 @@ static void guess_turns(const room *r, int count, double step, double smoothing)
             forward += EDGE_SIGN * body[3 * k + EDGE_TRAVEL];
             all += speed[k];
         }
-        if (forward < -BACKWARDS * all) facing = -1;
+        if (forward < -BACKWARDS * all) facing = -1, ++backing;
         for (k = first; k < after; ++k) {
             const double along = facing * EDGE_SIGN * body[3 * k + EDGE_TRAVEL];
             const double plunge = facing * body[3 * k + EDGE_THIRD];
@@ -531,6 +533,7 @@ static void guess_turns(const room *r, int count, double step, double smoothing)
     for (k = 0; k < count; ++k) weights[k] = speed[k] > REST * typical ? weights[k] / mean : 0;
     if (any) smooth(z, UNKNOWNS, 3, weights, count, smoothing, spare);
 #endif
+    return backing;
 }
 
 /* ------------------------------------------------------------------ the projection */
@@ -567,7 +570,7 @@ static void set_up(noslip_workspace *w, const room *r, double smoothing, int car
             multiply(turn, before, quaternions + 4 * k);
         }
         w->turned = 0;
-        guess_turns(r, count, step, smoothing);
+        w->backing = guess_turns(r, count, step, smoothing);
         for (k = 0; k < count; ++k) farthest = larger(farthest, norm(z + UNKNOWNS * k));
         /* Beyond, nearest means nearest to the motion as it was turned: Exp is singular at 2 pi. */
         for (k = 0; k < count && farthest > TURNED_REFERENCE; ++k) {
@@ -1084,6 +1087,7 @@ static int finish(noslip_workspace *w, const room *r, const double *points, int 
         const double first = (c < 3 ? points[7 + c] - points[c] : turn[c - 3]) / h;
         twist[c] = (first - carried[1] * pull[c]) / carried[0] / w->duration;
         if (w->exact_start) twist[c] = w->first_twist[c];
+        w->start_velocity[c] = twist[c] * w->duration;
     }
     for (i = 0; i < 6 * functions; ++i) r->weights[i] /= stiffness;
     p->weights = (const double(*)[6])r->weights;
@@ -1132,8 +1136,6 @@ static void start_within(const noslip_primitive *p, double duration, noslip_stat
 static int begin(noslip_workspace *w, const noslip_primitive *p, const noslip_state *s,
                  const noslip_goal *goal) {
     int i;
-    if (w->knots < FEWEST_SAMPLES || w->steps < FEWEST_STEPS || !w->memory) return NOSLIP_REPLAN_WRONG;
-    if (w->steps < STEPS_PER_FUNCTION * p->basis_functions) return NOSLIP_REPLAN_WRONG;
     w->fraction = 0;
     w->duration = p->duration;
     w->begin = p->begin;
@@ -1467,6 +1469,8 @@ static int unit(const noslip_primitive *p, const noslip_state *s, const noslip_g
 static int plan_anew(const noslip_primitive *p, const noslip_state *s, const noslip_goal *goal,
                      noslip_workspace *w) {
     int outcome = NOSLIP_REPLAN_GOING_ON, k;
+    if (w->knots < FEWEST_SAMPLES || w->steps < FEWEST_STEPS || !w->memory) return NOSLIP_REPLAN_WRONG;
+    if (w->steps < STEPS_PER_FUNCTION * p->basis_functions) return NOSLIP_REPLAN_WRONG;
     for (k = 0; (k < w->units || w->units <= 0) && outcome == NOSLIP_REPLAN_GOING_ON; ++k) {
         outcome = unit(p, s, goal, w);
     }

@@ -57,10 +57,11 @@ typedef struct noslip_workspace {
     int iterations;               /* Newton steps so far */
 
     /* Not to be written to. */
-    int phase, attempt, done_steps, passed, heeded, turned, exact_start;
+    int phase, attempt, done_steps, passed, heeded, turned, exact_start, backing;
     noslip_state state;
     noslip_plan plan;
     double duration, begin, fraction, previous_step, length, smoothing, first_smoothing;
+    double start_velocity[6];
     double first[7], goal[7], now[7], first_twist[6], last_twist[6], twists[2][12];
     double steps_around[2][6], step_around, last_steps[3][6], fastest[2], left_fastest[2], way;
     double row_scale[NOSLIP_PLAN_ROWS + 1], tolerance[NOSLIP_PLAN_ROWS + 1];

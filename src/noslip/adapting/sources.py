@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from noslip import boundary, verification
-from noslip.adapting import adaptation, ends, replanning
+from noslip.adapting import constants
 from noslip.codegen import c99
 from noslip.constraints.declaration import UNITS, Constraint, relative_function
 from noslip.constraints.system import ConstraintSystem
@@ -19,9 +19,7 @@ from noslip.rotations import rotation_matrix
 from noslip.rule import Rule
 
 _CONSTANTS = {
-    replanning: ("_DETOUR", "_SETTLED", "_LEAST_TIME", "_FEWEST_LEFT"),
-    adaptation: ("FEWEST_SAMPLES",),
-    ends: ("_OFF",),
+    constants: ("DETOUR", "SETTLED", "LEAST_TIME", "FEWEST_LEFT", "FEWEST_SAMPLES", "OFF"),
     boundary: ("_AT_REST",),
     fitting: ("FEWEST_STEPS",),
     forcing: ("RIDGE",),
@@ -53,13 +51,13 @@ def sources(rule: Rule) -> dict[str, str]:
         for part in (system.equalities, system.limits)
         for priority in part.per_row(c.priority for c in part.constraints)
     ]
-    names = ("position", "velocity", "acceleration")
+    kinds = ("position", "velocity", "acceleration")
     lines = [
         f"#define {name.removeprefix('_')} {float(getattr(module, name))!r}"
         if isinstance(getattr(module, name), float)
         else f"#define {name.removeprefix('_')} {getattr(module, name)}"
-        for module, constants in _CONSTANTS.items()
-        for name in constants
+        for module, names in _CONSTANTS.items()
+        for name in names
     ]
     lines += [
         f"#define STEPS_PER_FUNCTION {fitting.SAMPLES_PER_BASIS_FUNCTION}",
@@ -70,7 +68,7 @@ def sources(rule: Rule) -> dict[str, str]:
         f"#define POSITION_WEIGHT {request.ADAPTING.position!r}",
         f"#define POSITION_SMOOTHING {request.ADAPTING.position_smoothing!r}",
         f"#define ROTATION_SMOOTHING {request.ADAPTING.rotation_smoothing!r}",
-        *(f"#define {name.upper()} {k}" for k, name in enumerate(names)),
+        *(f"#define {name.upper()} {k}" for k, name in enumerate(kinds)),
         f"#define MOST_PRIORITY {max(priorities, default=0) + 1}",
         f"#define ATTEMPTS {len(projecting._ATTEMPTS)}",
         f"#define LIMIT_ATTEMPTS {len(projecting._LIMIT_ATTEMPTS)}",
@@ -80,7 +78,7 @@ def sources(rule: Rule) -> dict[str, str]:
         "static const struct { double factor, barrier; int careful; } limit_attempts[] = {",
         *(f"    {{{f!r}, {b!r}, {int(c)}}}," for f, b, c in projecting._LIMIT_ATTEMPTS),
         "};",
-        _table("int", "row_levels", [names.index(level) for level in levels]),
+        _table("int", "row_levels", [kinds.index(level) for level in levels]),
         _table("int", "row_priorities", priorities),
         _table(
             "int",
