@@ -13,12 +13,13 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
 from noslip.law.attractor import Attractor
-from noslip.quaternions import turns_between, without_flips
+from noslip.quaternions import product, turned, turns_between, without_flips
 
 FARTHEST_FROM_GOAL = 0.75 * np.pi
 """Beyond this angle to a fixed goal the logarithm comes near its jump at pi."""
 FARTHEST_FROM_WINDING = 0.4 * np.pi
 _MOST_KNOTS = 1 << 14
+_AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def farthest_from_goal(quaternions: Floats) -> float:
@@ -94,13 +95,22 @@ class Winding(Value):
             return np.zeros((0, 4, 3))
         return np.moveaxis(self._spline.interpolator.c, 0, 1)
 
+    def _along(self, fractions: Floats) -> Floats:
+        """Quaternions between the knots, shape (N, 4), many times as fast as SciPy's own."""
+        inside, intervals = np.clip(fractions, 0.0, 1.0), len(self.quaternions) - 1
+        interval = np.minimum((inside * intervals).astype(int), intervals - 1)
+        within = (inside - interval / intervals)[:, None]
+        cubic, square, slope, _ = np.moveaxis(self.splines[interval], 1, 0)
+        turns = within * (slope + within * (square + within * cubic))
+        return product(self.quaternions[interval], turned(turns, _AS_IT_IS))
+
     def at(self, fractions: ArrayLike, goal: Rotation | None = None) -> Rotation:
         """W at fractions of the duration, led to another goal if one is given."""
         if len(self.quaternions) == 1:
             knot = np.repeat(self.quaternions, np.size(fractions), axis=0)
             rotations = Rotation.from_quat(knot, scalar_first=True)
         else:
-            rotations = self._spline(np.clip(fractions, 0.0, 1.0))
+            rotations = Rotation.from_quat(self._along(np.ravel(fractions)), scalar_first=True)
         if goal is None:
             return rotations
         # In the tool's frame; most often there is nothing to turn.
