@@ -33,7 +33,7 @@ def test_worse_is_what_falls_by_more_than_the_margin(at_most: bool) -> None:
 def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, slow: float, *options: str) -> int:
     monkeypatch.setattr(gate, "BASELINE", tmp_path / "baseline.json")
     monkeypatch.setattr(gate, "pairs", lambda folder: iter([pair(slow, 0.02)]))
-    monkeypatch.setattr(gate, "processes", lambda: iter([("start", 1.2, 1.5)]))
+    monkeypatch.setattr(gate, "singles", lambda folder: iter([("start", 1.2, 1.5)]))
     return gate.main(options)
 
 
