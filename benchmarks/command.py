@@ -37,7 +37,7 @@ QUICK_STEPS, QUICK_MOTIONS = 2_000, 50
 PIPED_WIDTH = 120
 _EXAMPLES = """\
 examples (from the repository's root):
-  python -m benchmarks                                  print the tables; about 12 minutes
+  python -m benchmarks                                  print the tables; about 8 minutes
   python -m benchmarks --out benchmarks/results.json    and keep the figures
   python -m benchmarks --quick                          a smoke test; the figures are rough
 """
@@ -62,7 +62,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         )
         growths += grow(
             sample_sizes=ADAPTED_SIZES,
-            basis_sizes=(),
+            basis_sizes=() if quick else BASIS_SIZES,
             limit_sizes=LIMIT_SIZES,
             via_sizes=VIA_SIZES[:-2] if quick else VIA_SIZES,
             tasks=(ADAPTING,),
