@@ -165,7 +165,7 @@ def recoveries(tmp_path_factory: pytest.TempPathFactory) -> list[perturbation.Re
 
 
 def test_what_is_optimized_is_of_all_motions_and_kinds_alike() -> None:
-    optimized = perturbation.pushes(180, ["a", "b", "c"])[:: perturbation.OPTIMIZED_EVERY]
+    optimized = perturbation.pushes(252, ["a", "b", "c"])[:: perturbation.OPTIMIZED_EVERY]
     assert set(Counter((p.motion, p.kind) for p in optimized).values()) == {6}
 
 
