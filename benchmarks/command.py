@@ -39,7 +39,7 @@ QUICK_STEPS, QUICK_MOTIONS = 2_000, 50
 PIPED_WIDTH = 120
 _EXAMPLES = """\
 examples (from the repository's root):
-  python -m benchmarks                                  print the tables; about 8 minutes
+  python -m benchmarks                                  print the tables; about 10 minutes
   python -m benchmarks --out benchmarks/results.json    and keep the figures
   python -m benchmarks --quick                          a smoke test; the figures are rough
 """
