@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -37,8 +37,8 @@ class Case:
     task : str
     samples, basis_functions, limits, vias : int
     seconds : float
-        Lowest of the repetitions (of the only call, if that took long): a case has no rival to
-        share a slow phase of the machine with.
+        CPU time, lowest of the repetitions (of the only call, if that took long): a case has no
+        rival to share a slow phase of the machine with.
     first_seconds : float
         The first call, which also allocates and builds.
     memory : int or None
@@ -123,9 +123,9 @@ def measure(task: str, samples: int, basis_functions: int, limits: int = 0, vias
 
 
 def _seconds(call: Callable[[], Any]) -> float:
-    begin = perf_counter()
+    begin = process_time()
     call()
-    return perf_counter() - begin
+    return process_time() - begin
 
 
 if __name__ == "__main__":

@@ -304,10 +304,10 @@ def _floor(dmp: ConstrainedDMP) -> Floor:
     operations += near * (6 + 2 * 6)
     functions += near * 2
     moved = 8 * (function.nnz_in() + function.nnz_out() + near * 8)
-    return Floor(operations, functions, moved, _peak(), _bandwidth())
+    return Floor(operations, functions, moved, peak(), bandwidth())
 
 
-def _peak() -> float:
+def peak() -> float:
     """Double-precision operations a second of one core."""
     size = 400
     a = np.random.default_rng(0).normal(size=(size, size))
@@ -315,10 +315,10 @@ def _peak() -> float:
     return 2 * size**3 / _median(lambda: a @ a, 30) / threads
 
 
-def _bandwidth() -> float:
-    """Bytes a second that stay in the nearest cache."""
-    a = np.zeros(1024)
-    b = np.zeros(1024)
+def bandwidth(size: int = 1024) -> float:
+    """Bytes a second of copies of so many numbers; by default what stays in the nearest cache."""
+    a = np.zeros(size)
+    b = np.zeros(size)
 
     def copies() -> None:
         for _ in range(100):

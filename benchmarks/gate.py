@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -25,10 +26,10 @@ from rich.console import Console
 from rich.table import Table
 
 import noslip as ns
-from benchmarks import paper_method, peers
+from benchmarks import paper_method, peers, planner
 from benchmarks.comparison import pushed_state
 from benchmarks.control_loop import compiling
-from benchmarks.example import BASIS_FUNCTIONS, MOVED_GOAL, demonstration
+from benchmarks.example import BASIS_FUNCTIONS, MOVED_GOAL, SAMPLES, demonstration
 from benchmarks.timing import Candidate, measure
 from noslip.constraints import Box
 from noslip.constraints.system import ConstraintSystem
@@ -38,6 +39,14 @@ MARGIN = 0.35
 """Share by which a ratio may be worse than its baseline: medians of the same commit differed by up
 to a quarter between a quiet machine and one whose other core was busy."""
 ROUNDS = 20
+STARTS = 9
+"""Of each process."""
+PEERS_OF_THE_PLANNER = (
+    ("IPOPT", 200, 50, ROUNDS),
+    ("IPOPT", 1000, 200, 3),
+    ("fatrop", 1000, 50, 7),
+)
+"""Name, samples, times as fast as it that is wanted, and rounds: IPOPT takes a second at 1000."""
 ROWS = 200_000
 """Of the table that is read: a fifth of what people have, so that it is quick."""
 
@@ -96,6 +105,11 @@ def pairs(folder: Path) -> Iterator[Pair]:
         yield Pair("adapt, times movement-primitives' rollout", open_loop, new_goal, 8)
         yield Pair("replan, times movement-primitives' rollout", open_loop, replan, 20)
         yield Pair("rollout, times movement-primitives' rollout", open_loop, dmp.rollout, 130)
+    for name, samples, wanted, rounds in PEERS_OF_THE_PLANNER:
+        solve, ours = planner.peer(name.lower(), samples), planner.Planning(samples)
+        yield Pair(
+            f"planner at {samples} samples, times {name}", solve, ours, wanted, False, rounds
+        )
     alone = dmp.rollout
     yield Pair("16 limits that never bind, over none", idle(dmp).rollout, alone, 3, at_most=True)
     yield Pair("8 limits that bind in turn, over none", in_turn(dmp).rollout, alone, 15, True)
@@ -129,26 +143,40 @@ def pairs(folder: Path) -> Iterator[Pair]:
     )
 
 
-def processes() -> Iterator[tuple[str, float, float]]:
-    """Names, ratios and what is wanted of whole processes' times, at most."""
-    numbers = _process("import numpy")
+def singles(folder: Path) -> Iterator[tuple[str, float, float]]:
+    """Names, ratios and what is wanted, at most, of what is no call against another."""
+    planning = planner.Planning(SAMPLES)
+    band, _ = planner.floor(planning.plan)
+    taken = planner.seconds(planning, ROUNDS)
+    yield "planner, over its band at the machine's peak", taken / band.seconds, 8
     version = "import sys; sys.argv = ['noslip', '--version']; from noslip.cli import main; main()"
-    yield "noslip --version, over importing numpy", _process(version) / numbers, 2.5
-    engine = _process("import casadi, scipy.spatial.transform")
-    yield "importing noslip, over casadi and rotations", _process("import noslip") / engine, 1.5
-    work = _process("from noslip import *")
+    numbers, engine, told, lazy, work = _processes(
+        folder,
+        "import numpy",
+        "import casadi, scipy.spatial.transform",
+        version,
+        "import noslip",
+        "from noslip import *",
+    )
+    yield "noslip --version, over importing numpy", told / numbers, 2.5
+    yield "importing noslip, over casadi and rotations", lazy / engine, 1.5
     yield "importing all of its names, over the same", work / engine, 1.5
 
 
-def _process(code: str) -> float:
-    """CPU seconds of a process, the median of five."""
-    taken = []
-    for _ in range(6):
+def _processes(folder: Path, *codes: str) -> list[float]:
+    """CPU seconds of processes, medians; in turn, after a run that leaves their bytecode."""
+    # As installed: not every environment lets Python keep what it compiles.
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+    env["PYTHONPYCACHEPREFIX"] = str(folder / "bytecode")
+
+    def seconds(code: str) -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL, env=env)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        taken.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return float(np.median(taken[1:]))
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    taken = [[seconds(code) for code in codes] for _ in range(STARTS + 1)]
+    return np.median(taken[1:], axis=0).tolist()
 
 
 def _limited(dmp: ns.ConstrainedDMP, limits: Sequence[ns.Constraint]) -> ns.ConstrainedDMP:
@@ -224,7 +252,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 ratio = (min if pair.at_most else max)(ratio, pair.ratio())
                 is_worse = pair.worse(ratio, baseline[pair.name])
             add(pair.name, ratio, pair.wanted, pair.at_most, is_worse)
-        for name, ratio, wanted in processes():
+        for name, ratio, wanted in singles(Path(folder)):
             is_worse = name in baseline and ratio > baseline[name] * (1 + MARGIN)
             add(name, ratio, wanted, True, is_worse)
     console.print(table)

@@ -20,7 +20,7 @@ Axis = Literal["samples", "basis_functions", "limits", "vias"]
 
 SAMPLE_SIZES = (100, 1000, 10_000, 100_000)
 BASIS_SIZES = (30, 100, 300, 1000)
-LIMIT_SIZES, VIA_SIZES = (1, 4, 16), (1, 4, 16, 64)
+LIMIT_SIZES, VIA_SIZES = (0, 1, 4, 16), (0, 1, 4, 16, 64)
 LONGEST_CASE = 60.0
 LONGEST_GROWTH = 140.0
 """Seconds after which what is left is skipped, and reported so."""
@@ -31,7 +31,7 @@ TASKS = ("fit", "learn", "rollout", "imitate", "open_loop")
 """The last two are movement-primitives'."""
 THEIRS = TASKS[3:]
 ADAPTING = "adapt"
-ADAPTED_SIZES = (250, 500, 1000, 2000)
+ADAPTED_SIZES = (100, 250, 500, 1000, 2000)
 """An adaptation takes 2001 samples at most."""
 _ROOT = Path(__file__).resolve().parents[1]
 

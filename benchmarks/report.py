@@ -239,7 +239,7 @@ def _growth(growths: Sequence[Growth], axis: str) -> Table:
         exponents = f"{_exponent(growth.time_exponent)} {_exponent(growth.memory_exponent):>5}"
         table.add_row(f"{library} {growth.task}", *row, exponents)
     table.caption = (
-        "time: lowest of the repetitions; memory: peak above what the process held before, '-' "
+        "CPU time: lowest of the repetitions; memory: peak above what the process held before, '-' "
         "below 1 MB; exponents: slope of log time and log memory between the two largest sizes"
     )
     table.caption_justify = "left"

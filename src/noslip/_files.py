@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import tempfile
 from pathlib import Path
@@ -50,20 +51,26 @@ def read_bytes(path: str | Path) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def read_text(path: str | Path) -> str:
-    """Return what a file of text holds, a byte order mark apart."""
-    content = read_bytes(path)
+def read_utf8(path: str | Path) -> bytes:
+    """Return what a file of UTF-8 text holds, a byte order mark apart, still encoded."""
+    content = read_bytes(path).removeprefix(codecs.BOM_UTF8)
     try:
-        text = content.decode("utf-8-sig")
+        if not content.isascii():
+            content.decode()
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         raise RecordingError(
             f"{path}: line {line}: not UTF-8 text (byte 0x{content[error.start]:02x}); "
             "save it as CSV in UTF-8"
         ) from None
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
+    if b"\0" in content:
+        line = content.count(b"\n", 0, content.index(b"\0")) + 1
         raise RecordingError(
             f"{path}: line {line}: binary content, not a CSV; save it as UTF-8 text"
         )
-    return text
+    return content
+
+
+def read_text(path: str | Path) -> str:
+    """Return what a file of UTF-8 text holds, a byte order mark apart."""
+    return read_utf8(path).decode()

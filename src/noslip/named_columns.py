@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from noslip._extras import need
-from noslip._files import read_text
+from noslip._files import read_utf8
 from noslip._typing import Floats
 from noslip.errors import MissingDependencyError, RecordingError
 
@@ -23,9 +23,10 @@ DELIMITERS = ",;\t"
 """Of a CSV, of one where the comma is the decimal sign, of a copied spreadsheet; the header's most
 frequent one counts, the first where it has none."""
 LONG = 1_000_000
-"""Characters (7000 rows of poses) that the loop over rows reads while pyarrow is being loaded."""
-_FIRST = re.compile(r"^.*\S.*$", re.MULTILINE)
-_LINE = re.compile(r"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
+"""Characters (7000 rows of poses) that the loops over rows take while pyarrow is being loaded."""
+_CELL = 18
+"""Characters of a number with full precision, about."""
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
 """With its end, of any kind."""
 
 
@@ -42,8 +43,10 @@ class NamedColumns:
         Of the columns, in lower case.
     rows : iterator of (int, list of str)
         Line and cells of each row that is not blank; they pass once.
-    body : str
-        What follows the header, as text; empty where there is none.
+    content : bytes
+        The file, as UTF-8; empty where it is not at hand.
+    body : int
+        Where in it the rows begin.
     delimiter : str
         Between its cells.
     after : int
@@ -54,7 +57,8 @@ class NamedColumns:
     line: int
     names: Sequence[str]
     rows: Iterator[tuple[int, list[str]]]
-    body: str = ""
+    content: bytes = b""
+    body: int = 0
     delimiter: str = DELIMITERS[0]
     after: int = 0
 
@@ -69,18 +73,19 @@ class NamedColumns:
         InputError
             If it is no UTF-8 text or empty.
         """
-        text = read_text(path)
-        first = _FIRST.search(text)
-        delimiter = max(DELIMITERS, key=first.group().count) if first else DELIMITERS[0]
-        lines = enumerate(_LINE.finditer(text), start=1)
-        line, header = next(_rows(path, (match.group() for _, match in lines), delimiter), (0, []))
+        content = read_utf8(path)
+        first = next((text for text in _lines(content) if text.strip()), "")
+        delimiter = max(DELIMITERS, key=first.count)
+        lines = enumerate(_LINE.finditer(content), start=1)
+        texts = (match.group().decode() for _, match in lines)
+        line, header = next(_rows(path, texts, delimiter), (0, []))
         if not header:
             raise RecordingError(f"{path}: the file is empty")
         names = [" ".join(cell.split()).lower() for cell in header]
         after, rest = next(lines, (0, None))
-        body = text[rest.start() :] if rest else ""
-        rows = _rows(path, (match.group() for match in _LINE.finditer(body)), delimiter, after)
-        return cls(path, line, names, rows, body, delimiter, after)
+        body = rest.start() if rest else len(content)
+        rows = _rows(path, _lines(content, body), delimiter, after)
+        return cls(path, line, names, rows, content, body, delimiter, after)
 
     @property
     def where(self) -> str:
@@ -100,8 +105,8 @@ class NamedColumns:
         pick = [self.names.index(name) for name in numbers]
         pick_text = [self.names.index(name) for name in texts]
         if not texts and (fast := self._simple_columns(pick)) is not None:
-            lines = range(self.after, self.after + len(fast))
-            return lines, dict(zip(numbers, fast.T, strict=True)), {}
+            lines = range(self.after, self.after + len(fast[0]))
+            return lines, dict(zip(numbers, fast, strict=True)), {}
         read: list[int] = []
         values = array("d")
         words: list[list[str]] = []
@@ -123,14 +128,19 @@ class NamedColumns:
             {name: list(column) for name, column in zip(texts, columns, strict=True)},
         )
 
-    def _simple_columns(self, places: Sequence[int]) -> Floats | None:
-        """Return columns of a long table of plain rows, shape (N, len(places)); None of any other.
+    def _simple_columns(self, places: Sequence[int]) -> list[Floats] | None:
+        """Return columns of a long table of plain rows; None of any other.
 
         What pyarrow does not take for a finite number is left to the loop, as is all that
         it would split into other cells, or rows into other lines: quotes, and rows that are blank.
         """
-        if len(self.body) < LONG or '"' in self.body or not self.body.isascii():
+        content, begin, end = self.content, self.body, len(self.content)
+        if end - begin < LONG or content.find(b'"', begin) >= 0:
             return None
+        if not (content.isascii() or content[begin:].isascii()):
+            return None
+        while end > begin and content[end - 1] in b"\r\n":
+            end -= 1
         try:
             arrow, csv = need(self.path, "pyarrow", ""), need(self.path, "pyarrow.csv", "")
         except MissingDependencyError:
@@ -139,7 +149,7 @@ class NamedColumns:
         kinds = {names[place]: arrow.float64() for place in places}
         try:
             table = csv.read_csv(
-                arrow.py_buffer(self.body.rstrip("\r\n").encode()),
+                arrow.py_buffer(content).slice(begin, end - begin),
                 csv.ReadOptions(use_threads=False, column_names=names),
                 csv.ParseOptions(
                     delimiter=self.delimiter, quote_char=False, ignore_empty_lines=False
@@ -148,8 +158,8 @@ class NamedColumns:
             )
         except arrow.ArrowInvalid:
             return None
-        columns = np.column_stack([table[names[place]].to_numpy() for place in places])
-        return columns if np.isfinite(columns).all() else None
+        columns = [table[names[place]].to_numpy() for place in places]
+        return columns if all(np.isfinite(values).all() for values in columns) else None
 
     def _numbers(self, line: int, cells: list[str], columns: Sequence[str]) -> list[float]:
         """Return the numbers of one row, or say what is wrong with it."""
@@ -195,8 +205,33 @@ def number(cell: str) -> float:
 
 def numbers_text(names: Iterable[str], table: Floats, separator: str = ",") -> str:
     """Return a header and rows of numbers as text; a float read back is the float written."""
+    header = separator.join(names)
+    if table.size * _CELL >= LONG and (body := _long_text(table, separator)) is not None:
+        return f"{header}\n{body}"
     rows = (separator.join(map(repr, row)) for row in table.tolist())
-    return "\n".join([separator.join(names), *rows, ""])
+    return "\n".join([header, *rows, ""])
+
+
+def _long_text(table: Floats, separator: str) -> str | None:
+    """Return the rows of a long table as pyarrow writes them, the same text; None without it."""
+    try:
+        arrow, csv = need("a long table", "pyarrow", ""), need("", "pyarrow.csv", "")
+        compute = need("", "pyarrow.compute", "")
+    except MissingDependencyError:
+        return None
+    columns = []
+    for values in table.T:
+        size = np.abs(values)
+        texts = arrow.array(values).cast(arrow.string())
+        # Both write the fewest digits that read back as the number, and within these two bands of
+        # sizes alike; elsewhere exponents (1e-7, 1e+14) and whole numbers (1) look otherwise.
+        alike = (size < 1e-9) & (size > 0) | (size >= 1e-4) & (size < 1e9) & (np.rint(size) != size)
+        others = arrow.array(map(repr, values[~alike].tolist()), arrow.string())
+        columns.append(compute.replace_with_mask(texts, arrow.array(~alike), others))
+    sink = arrow.BufferOutputStream()
+    options = csv.WriteOptions(include_header=False, delimiter=separator, quoting_style="none")
+    csv.write_csv(arrow.table(columns, [str(k) for k in range(len(columns))]), sink, options)
+    return str(sink.getvalue(), "ascii")
 
 
 def records_text(names: Iterable[str], rows: Iterable[Mapping[str, Any]]) -> str:
@@ -207,6 +242,11 @@ def records_text(names: Iterable[str], rows: Iterable[Mapping[str, Any]]) -> str
     for row in rows:
         writer.writerow(str(v).lower() if isinstance(v, bool) else v for v in row.values())
     return text.getvalue()
+
+
+def _lines(content: bytes, begin: int = 0) -> Iterator[str]:
+    """Yield the lines of UTF-8 text, each with its end."""
+    return (match.group().decode() for match in _LINE.finditer(content, begin))
 
 
 def _rows(

@@ -34,12 +34,12 @@ def inverse(quaternions: Floats) -> Floats:
 
 def turns_between(begins: Floats, ends: Floats) -> Floats:
     """Rotation vectors, shape (N, 3), that lead from rotations to others: ``Log(R' R^T)`` (rad)."""
-    found = product(ends, inverse(begins))
-    found *= np.where(found[..., :1] < 0, -1.0, 1.0)
-    sine = np.sqrt(np.sum(found[..., 1:] ** 2, axis=-1))
+    w, x, y, z = np.moveaxis(product(ends, inverse(begins)), -1, 0)
+    sine = np.sqrt(x * x + y * y + z * z)
     small = sine < _SMALL
-    scale = np.where(small, 2.0, 2 * np.arctan2(sine, found[..., 0]) / np.where(small, 1.0, sine))
-    return np.asarray(scale[..., None] * found[..., 1:])
+    scale = np.where(small, 2.0, 2 * np.arctan2(sine, np.abs(w)) / np.where(small, 1.0, sine))
+    scale = np.where(w < 0, -scale, scale)
+    return np.stack([scale * x, scale * y, scale * z], axis=-1)
 
 
 def turned(turns: Floats, quaternions: Floats) -> Floats:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 import scipy
@@ -85,12 +85,9 @@ class PoseTrajectory(Value):
             raise InputError(f"{self.name}: rotations hold a number that is not finite")
         # Rotations can be assigned to by index; what the caller does to theirs must stay theirs.
         object.__setattr__(self, "rotations", copy.deepcopy(self.rotations))
-        if self.linear_velocities is None:
-            object.__setattr__(self, "linear_velocities", _linear_velocities(self))
-        if self.angular_velocities is None:
-            object.__setattr__(self, "angular_velocities", _angular_velocities(self))
-        self._freeze("linear_velocities", self.linear_velocities, (3,))
-        self._freeze("angular_velocities", self.angular_velocities, (3,))
+        for k, kind in enumerate(("linear_velocities", "angular_velocities")):
+            given = getattr(self, kind)
+            self._freeze(kind, _velocities(times, self._steps[k]) if given is None else given, (3,))
 
     def _freeze(self, name: str, value: ArrayLike, columns: tuple[int, ...]) -> Floats:
         """Store a read-only float copy of a field whose first axis is time."""
@@ -314,16 +311,9 @@ def continuous_quaternions(rotations: Rotation) -> Floats:
     return without_flips(rotations.as_quat(scalar_first=True))
 
 
-def _linear_velocities(trajectory: PoseTrajectory) -> Floats:
-    order: Literal[1, 2] = 2 if len(trajectory) > 2 else 1
-    slopes = np.gradient(trajectory.positions, trajectory.times, axis=0, edge_order=order)
-    return np.asarray(slopes, dtype=np.float64)
-
-
-def _angular_velocities(trajectory: PoseTrajectory) -> Floats:
+def _velocities(times: Floats, steps: Floats) -> Floats:
     """Second-order estimate: at a sample, the two adjoining steps weighted as np.gradient does."""
-    periods = np.diff(trajectory.times)[:, None]
-    _, steps = trajectory.step_velocities()
+    periods = np.diff(times)[:, None]
     if len(steps) == 1:
         return np.repeat(steps, 2, axis=0)
     before, after = periods[:-1], periods[1:]

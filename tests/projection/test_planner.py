@@ -408,6 +408,16 @@ def test_many_samples_are_as_precise_as_few(weights: Weights, compiling: Path) -
     assert fine <= coarse / 2
 
 
+def test_the_first_guess_of_many_samples_is_that_of_few() -> None:
+    """Also where a tool rests and nothing but the smoothing says how it turns."""
+    few, many = (
+        turn_edge_into_path(resting(0, n, flat=True), ConstraintSystem(BLADE), 1e-6).turns
+        for n in (10_001, 100_001)
+    )
+    assert np.abs(few).max() > 0.01
+    np.testing.assert_allclose(many[::10], few, rtol=0, atol=1e-3)
+
+
 def test_more_samples_than_precision_allows_are_refused() -> None:
     motion = facing(0, 30_000)
     told = refusal(InputError, Request, motion, ConstraintSystem(BLADE), (), ADAPTING)

@@ -196,6 +196,15 @@ def test_quaternions_a_little_off_are_normalized(write: Write, norm: float) -> N
     np.testing.assert_allclose(trajectory.quaternions[7], [0.8, 0, 0, 0.6], atol=1e-15)
 
 
+def test_quaternions_are_normalized_as_scipy_does_to_the_bit(write: Write) -> None:
+    random = np.random.default_rng(0)
+    off = Rotation.random(200, random).as_quat(scalar_first=True)
+    off *= random.uniform(0.9991, 1.0009, (200, 1))
+    file = write([f"{k},{k},0,0,{','.join(map(repr, q))}" for k, q in enumerate(off.tolist())])
+    expected = Rotation.from_quat(off, scalar_first=True)
+    np.testing.assert_array_equal(load(file).rotations.as_quat(), expected.as_quat())
+
+
 def test_repeated_samples_are_dropped(write: Write) -> None:
     body = rows()
     repeat = body[4].replace("0.8,0,0,0.6", "-0.8,0,0,-0.6").replace("0.04", "0.0400000001")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from noslip import named_columns
 from noslip.errors import InputError
-from noslip.named_columns import NamedColumns, number
+from noslip.named_columns import NamedColumns, number, numbers_text
 from noslip.recordings import load_demonstrations, read_column
 from noslip.recordings.formats import FORMATS
 from noslip.result_table import RecordingResult, read_results, write_results
@@ -152,6 +152,26 @@ def test_a_long_table_is_read_as_a_short_one(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "table.csv"
     path.write_text(text, newline="", encoding="utf-8")
     assert outcome(path, long=0) == outcome(path, long=math.inf)
+
+
+# Whole numbers, exponents of one digit and sizes at which a notation changes are drawn on purpose.
+NOTATIONS = st.one_of(
+    st.floats(),
+    st.builds(lambda digits, power: digits * 10.0**power, st.floats(-10, 10), st.integers(-12, 20)),
+    st.builds(round, st.floats(-1e17, 1e17), st.integers(-2, 20)).map(float),
+    st.sampled_from([0.0, -0.0, 1e-9, 1e-5, 1e-4, 1e9, 1e15, 1e16, 5e-324]),
+)
+
+
+@given(rows=st.lists(st.tuples(NOTATIONS, NOTATIONS), min_size=1, max_size=20))
+def test_a_long_table_is_written_as_a_short_one(rows):
+    pytest.importorskip("pyarrow", reason="needs the extra tables")
+    table = np.array(rows)
+    for separator in ", ":
+        with patch.object(named_columns, "LONG", 0):
+            long = numbers_text("ab", table, separator)
+        lines = [f"a{separator}b", *(separator.join(map(repr, row)) for row in table.tolist())]
+        assert long == "\n".join([*lines, ""])
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])

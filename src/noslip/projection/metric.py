@@ -161,9 +161,14 @@ def _must_steer(system: ConstraintSystem) -> bool:
 
 
 def _limits_turning(limits: ConstraintSystem) -> bool:
-    motion = [ca.SX.sym(name, n) for name, n in zip("tpqvwab", (1, 3, 4, 3, 3, 3, 3), strict=True)]
-    rows = ca.vertcat(limits.first_order(*motion[:5]), limits.residual(*motion))
-    return bool(ca.depends_on(rows, ca.vertcat(motion[4], motion[6])))
+    sizes = (1, 3, 4, 3, 3, 3, 3)
+
+    def found() -> bool:
+        motion = [ca.SX.sym(name, size) for name, size in zip("tpqvwab", sizes, strict=True)]
+        rows = ca.vertcat(limits.first_order(*motion[:5]), limits.residual(*motion))
+        return bool(ca.depends_on(rows, ca.vertcat(motion[4], motion[6])))
+
+    return limits.owned("limits turning", found)
 
 
 def _scaled(inverse_weights: Sequence[float], turn: float) -> tuple[float, ...]:
