@@ -245,7 +245,7 @@ def adapt(
         free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
 
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
-    is_plain = (start, end, weights) == ("pose", "pose", ADAPTING) and not passed
+    is_plain = (start, end) == ("pose", "pose") and not passed
     is_plain &= all(value is None for value in (*named["start"], goal_velocity))
 
     def planned(tau: float) -> Plan:
@@ -253,7 +253,9 @@ def adapt(
             to = asked("goal", goal_position, goal_rotation).pose_or(
                 law.goal_position, free.goal_rotation
             )
-            if made := compiled.made(free, rule, to, duration=tau, samples=count, steps=steps):
+            if made := compiled.made(
+                free, rule, to, weights, duration=tau, samples=count, steps=steps
+            ):
                 return Plan(made.law, made.request, made.projected)
         begun = initial_state(free, rule, duration=tau)
         own = motion_from(free, Rule(), begun, tau / (count - 1))

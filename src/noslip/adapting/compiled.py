@@ -29,7 +29,7 @@ from noslip.law.layout import FORCE
 from noslip.law.space import Goal
 from noslip.law.winding import Winding
 from noslip.projection import planner
-from noslip.projection.request import ADAPTING, Request
+from noslip.projection.request import ADAPTING, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
 from noslip.quaternions import turns_between
 from noslip.rule import Rule
@@ -95,7 +95,7 @@ class Library:
             function(
                 code,
                 "noslip_planned",
-                *([pointer] * 4 + [integer] * 4 + [pointer] * 6),
+                *([pointer] * 4 + [ctypes.c_double] + [integer] * 4 + [pointer] * 6),
                 result=integer,
             ),
         )
@@ -134,6 +134,7 @@ def made(
     law: Law,
     rule: Rule,
     goal: tuple[Floats, Rotation],
+    weights: Weights,
     *,
     state: State | None = None,
     duration: float = 0.0,
@@ -147,6 +148,8 @@ def made(
     law : Law
     rule : Rule
     goal : (position, rotation)
+    weights : Weights
+        Of the projection: C knows those of adapting, and smoother turns.
     state : State, optional
     duration : float
         Of what is left, or of all of it (s); 0 is what it takes.
@@ -156,7 +159,9 @@ def made(
         Of the law that is found, in the duration of the state or in its own.
     """
     system = rule.system
-    if "position" in system.limits.row_levels:
+    smoother = weights.rotation_smoothing / ADAPTING.rotation_smoothing
+    usual = replace(ADAPTING, rotation_smoothing=weights.rotation_smoothing)
+    if weights != usual or "position" in system.limits.row_levels:
         return None
     # Who plans once may do so often; meanwhile it is planned without.
     native(rule).begin()
@@ -179,6 +184,7 @@ def made(
         None if given is None else given.ctypes.data,
         to.ctypes.data,
         memory.ctypes.data,
+        smoother,
         *(samples, steps, fewest, MOST_SAMPLES - 1),
         *(array.ctypes.data for array in (reference, found, values, multipliers, told, counts)),
     )
@@ -187,13 +193,13 @@ def made(
     parts = dict(zip(_NUMBERS, np.split(told, np.cumsum(list(_NUMBERS.values()))), strict=False))
     if parts["left_by"].item() > FOLLOWED:
         return None
-    weights = told[-FORCE.size * functions :].reshape(functions, FORCE.size)
+    offsets = told[-FORCE.size * functions :].reshape(functions, FORCE.size)
     iterations, heeded, backing, knots, steps = counts.tolist()
     seconds, begin = parts["duration"].item(), parts["begin"].item()
     winding = Winding(parts["winding"][: 4 * knots].reshape(knots, 4))
     planned = Law(
         law.attractor,
-        ForcingTerm(law.basis, law.attractor.stiffness * weights),
+        ForcingTerm(law.basis, law.attractor.stiffness * offsets),
         parts["start"],
         parts["start_velocity"],
         Goal(parts["goal"][:3], winding),
@@ -232,7 +238,7 @@ def made(
         smoothing=parts["smoothing"].item(),
         left_out=tuple(name for name, limit in limits if limit.priority > heeded),
     )
-    return Made(planned, Request(moved, system, tuple(ends), ADAPTING, begin=begin), projected)
+    return Made(planned, Request(moved, system, tuple(ends), weights, begin=begin), projected)
 
 
 def _given(law: Law, state: State) -> Floats:

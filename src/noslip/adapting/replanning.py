@@ -81,13 +81,13 @@ def replan(
     done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
     named = goal_position is not None or goal_rotation is not None
-    if goal_velocity is None and end == "pose" and weights == ADAPTING and (named or not duration):
+    if goal_velocity is None and end == "pose" and (named or not duration):
         to = asked("goal", goal_position, goal_rotation).pose_or(
             state.goal_position, state.goal_rotation
         )
         seconds = 0.0 if duration is None else _arguments.positive("duration", duration, "seconds")
         if found := compiled.made(
-            law, rule, to, state=state, duration=seconds, samples=samples, steps=law.steps
+            law, rule, to, weights, state=state, duration=seconds, samples=samples, steps=law.steps
         ):
             return Plan(found.law, found.request, found.projected).verified(law, rule)
     nominal, now = _nominal(law, rule, state, done, samples - 1)

@@ -34,7 +34,8 @@ static double left_by(noslip_workspace *w, const double *points, int steps) {
  * duration.  The law of what is left has as many steps as its share of the time, but some at least, and
  * is fitted on as many, but not more than at most.  Returns what became of it. */
 int noslip_planned(const noslip_primitive *primitive, const double *state, const double *goal,
-                   double *memory, int knots, int steps, int fewest, int most, double *reference, double *found,
+                   double *memory, double smoother, int knots, int steps, int fewest, int most,
+                   double *reference, double *found,
                    double *values, double *multipliers, double *numbers, int *counts) {
     noslip_workspace w = {0};
     noslip_state s;
@@ -62,6 +63,7 @@ int noslip_planned(const noslip_primitive *primitive, const double *state, const
     }
     w.memory = memory;
     w.knots = knots;
+    w.smoother = smoother;
     w.steps = steps;
     largest = fewest > steps ? fewest : steps;
     at = room_of(&w, primitive->basis_functions);

@@ -1395,7 +1395,9 @@ static int unit(const noslip_primitive *p, const noslip_state *s, const noslip_g
         w->phase = ATTEMPT;
         break;
     case ATTEMPT:
-        set_up(w, &r, ROTATION_SMOOTHING * attempts[w->attempt].factor, attempts[w->attempt].careful, 0);
+        set_up(w, &r,
+               ROTATION_SMOOTHING * (w->smoother > 0 ? w->smoother : 1) * attempts[w->attempt].factor,
+               attempts[w->attempt].careful, 0);
         noslip_plan_begin(&w->plan, 0);
         w->phase = ITERATE;
         break;

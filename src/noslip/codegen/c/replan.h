@@ -48,6 +48,7 @@ typedef struct noslip_workspace {
     int steps;              /* of the fit and of the new primitive's own motion, 200 or more, and 4 or
                              * more a basis function; 400 as in Python */
     int units;              /* of work in a call, each a Newton step or less; 0: all */
+    double smoother;        /* times as smooth a turn as usual; 0: as usual */
 
     noslip_primitive primitive;   /* what came of it; begin with noslip_start */
     double end_error;             /* of its own motion, at the goal: m, rad */
