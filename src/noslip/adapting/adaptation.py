@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import wraps
+from functools import lru_cache, wraps
 from typing import Any, Literal, ParamSpec, cast
 
 import numpy as np
@@ -287,15 +287,10 @@ def _in_time(planned: Callable[[float], Plan], law: Law, duration: float | None)
 
     If it takes longer, or is too fast for a path so long, a note tells.
     """
-
-    def fastest(motion: PoseTrajectory) -> float:
-        ways = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1)
-        return float((ways / np.diff(motion.times)).max())
-
-    usual, tau = fastest(rollout(law, Rule())), duration or law.duration
+    usual, tau = _usual_speed(law), duration or law.duration
     found = planned(tau)
     # Speed over what is fast enough, and that which the duration asked for does not make up for.
-    peak = fastest(found.projected.trajectory)
+    peak = _fastest(found.projected.trajectory)
     excess = peak / usual / _FAST if usual else 0.0
     if min(excess, excess * tau / law.duration) <= _SAME_SPEED:
         return found
@@ -305,7 +300,7 @@ def _in_time(planned: Callable[[float], Plan], law: Law, duration: float | None)
             longer = found
             # Rules with a time of their own do not just take longer.
             for _ in range(_GROWTHS):
-                more = fastest(longer.projected.trajectory) / usual / _FAST
+                more = _fastest(longer.projected.trajectory) / usual / _FAST
                 if more > _SAME_SPEED:
                     longer = planned(longer.law.duration * more)
             return longer.noting(
@@ -316,6 +311,16 @@ def _in_time(planned: Callable[[float], Plan], law: Law, duration: float | None)
             pass
     needed = Pace(excess).needed(tau)
     return found.noting(f"the motion moves {told}; a duration of {needed} s or more mends that")
+
+
+def _fastest(motion: PoseTrajectory) -> float:
+    return float(np.linalg.norm(motion.step_velocities()[0], axis=1).max())
+
+
+# One law is adapted to many goals.
+@lru_cache(maxsize=16)
+def _usual_speed(law: Law) -> float:
+    return _fastest(rollout(law, Rule()))
 
 
 def samples_of(functions: int, steps: int, samples: int | None) -> int:
