@@ -427,6 +427,10 @@ def test_command_prints_and_writes(
 ) -> None:
     monkeypatch.setattr(command, "compare", lambda **_: results.comparison)
     monkeypatch.setattr(command, "grow", lambda **_: list(results.growths))
+    # What is patched is no other process's.
+    monkeypatch.setattr(
+        command, "ProcessPoolExecutor", lambda count, mp_context: ThreadPoolExecutor(count)
+    )
     monkeypatch.setattr(command, "move_goals", lambda **_: results.arrivals)
     monkeypatch.setattr(command, "perturb", lambda **_: results.recoveries)
     out = tmp_path / "new" / "results.json"
