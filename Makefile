@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick soak sweep docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -48,9 +48,13 @@ format: $(VENV)/.dev ## put the code into the house's format
 
 bench: $(VENV)/.bench ## measure against the paper's method and movement-primitives
 	$(BIN)/python -m benchmarks --out benchmarks/results.json
+	$(BIN)/python -m benchmarks.feedback --quick
 
 bench-quick: $(VENV)/.bench ## the ratios that must not fall, in two minutes; GATE=--gate fails where one has
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.gate $(GATE)
+
+feedback: $(VENV)/.bench ## controllers on robots that are not ideal, against bounds and others; hours
+	$(BIN)/python -m benchmarks.feedback --gate --json benchmarks/feedback.json
 
 soak: $(STAMP) ## step the exported C code 1e8 times and look for what must never happen
 	$(BIN)/python -m benchmarks.soak --steps 100000000

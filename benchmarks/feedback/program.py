@@ -1,0 +1,274 @@
+"""The command line: runs everything, prints a table, and fails where a bound is broken."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import peers
+from benchmarks.feedback import cartesian
+from benchmarks.feedback.judge import Bounds
+from benchmarks.feedback.scenarios import SCENARIOS
+from benchmarks.feedback.tasks import TASKS, missing
+from benchmarks.feedback.trial import (
+    GENERATORS,
+    NAMED,
+    OURS,
+    Outcome,
+    cost_of_gains,
+    trials,
+    tried,
+)
+from noslip._files import write_beside
+
+RATES = (200.0, 1000.0)
+SEEDS, QUICK_SEEDS = 20, 1
+QUICK_TASKS, QUICK_RATES = ("s-cut", "needle"), (200.0,)
+PROCESSES = 2
+PIPED_WIDTH = 180
+COLUMNS = (
+    "scenario",
+    "generator",
+    "finished",
+    "time / T",
+    "plans",
+    "slip",
+    "turning, speed",
+    "their gains",
+    "beyond lag",
+    "skipped",
+    "end",
+    "within bounds",
+)
+NOTES = """\
+time: of those finished, over the duration; of a goal that moves after the end, since then.
+slip: commanded, over the demonstration's top speed.
+turning, speed, their gains: commanded angular and linear speed and acceleration, over the
+demonstration's peaks; not while a hand leads the command.
+beyond lag: distance of the executed path from the demonstration's, over its length, beyond that of
+the plain motion on the same robot.
+skipped: distance of the demonstration's path from where the tool went untouched, over its length.
+end: distance from the goal, over the path's length.
+Each of the worst run; where there are two, of the median run (and of the worst)."""
+_EXAMPLES = """\
+examples (from the repository's root):
+  python -m benchmarks.feedback                    the whole table: hours
+  python -m benchmarks.feedback --quick --gate     minutes; fails where noslip breaks a bound
+  python -m benchmarks.feedback --generator noslip --scenario "goal step" --task wheel --rate 1000
+  python -m benchmarks.feedback --tune             seek phase stopping's gains anew
+"""
+Given = TypeVar("Given")
+Found = TypeVar("Found")
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Parse arguments, run, print; return the exit code."""
+    options = _parser().parse_args(arguments)
+    if options.tune:
+        return _tune(options.processes)
+    quick = options.quick
+    names = options.task or (QUICK_TASKS if quick else TASKS)
+    left_out = [reason for name in names if (reason := missing(name))]
+    if peers.MISSING:
+        left_out.append(peers.MISSING)
+    count = options.seeds or (QUICK_SEEDS if quick else SEEDS)
+    wanted = trials(
+        options.scenario or [scenario.name for scenario in SCENARIOS],
+        [name for name in names if not missing(name)],
+        options.rate or (QUICK_RATES if quick else RATES),
+        range(options.first_seed, options.first_seed + count),
+        tuple(options.generator or GENERATORS),
+    )
+    outcomes = [one for found in _each(tried, wanted, options.processes) for one in found]
+    _show(outcomes, left_out, markdown=options.markdown)
+    broken = [one for one in outcomes if one.generator == OURS and one.broken]
+    for one in broken:
+        print(
+            f"{one.scenario}, {one.task}, {one.rate:g} Hz, seed {one.seed}: "
+            + "; ".join(one.broken),
+            file=sys.stderr,
+        )
+    medians = list(_broken_medians(outcomes))
+    for text in medians:
+        print(text, file=sys.stderr)
+    if options.json is not None:
+        write_beside(options.json, as_json(outcomes, left_out))
+    return int(options.gate and bool(broken or medians))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.feedback",
+        description=__doc__,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--quick", action="store_true", help="one seed, two tasks, 200 Hz")
+    add("--gate", action="store_true", help="exit with 1 where noslip breaks a bound")
+    add("--seeds", type=int, metavar="N", help=f"of each combination; {SEEDS} by default")
+    add("--first-seed", type=int, default=0, metavar="K")
+    add(
+        "--scenario", action="append", choices=list(NAMED), help="again for several; all by default"
+    )
+    add("--task", action="append", choices=list(TASKS), help="the same")
+    add("--rate", action="append", type=float, metavar="HZ", help="of the loop; the same")
+    add("--generator", action="append", choices=list(GENERATORS), help="the same")
+    add("--processes", type=int, default=PROCESSES)
+    add("--markdown", action="store_true", help="print the table as Markdown")
+    add("--json", type=Path, metavar="FILE", help="write every run's figures")
+    add("--tune", action="store_true", help="seek phase stopping's gains on the held-out scenario")
+    return parser
+
+
+def _each(
+    work: Callable[[Given], Found], given: Sequence[Given], processes: int
+) -> Iterator[Found]:
+    """Work on each, in order, and say how far it is."""
+    with ProcessPoolExecutor(processes) as pool:
+        for k, found in enumerate(pool.map(work, given)):
+            print(f"\r{k + 1} of {len(given)}", end="", file=sys.stderr, flush=True)
+            yield found
+    print(file=sys.stderr)
+
+
+def _tune(processes: int) -> int:
+    costs = list(_each(cost_of_gains, cartesian.GRID, processes))
+    for cost, gains in sorted(zip(costs, cartesian.GRID, strict=True), key=lambda pair: pair[0])[
+        :5
+    ]:
+        print(f"{cost:.4f}  {gains}")
+    return 0
+
+
+# ---------------------------------------------------------------- tables
+
+
+def _groups(outcomes: Iterable[Outcome]) -> dict[tuple[str, str], list[Outcome]]:
+    found: dict[tuple[str, str], list[Outcome]] = {}
+    for one in outcomes:
+        found.setdefault((one.scenario, one.generator), []).append(one)
+    order = list(NAMED)
+    return dict(sorted(found.items(), key=lambda item: order.index(item[0][0])))
+
+
+def _broken_medians(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Bounds of noslip that all runs of a scenario have together."""
+    for (scenario, generator), group in _groups(outcomes).items():
+        bound = NAMED[scenario].bounds.median_end
+        median = float(np.median([one.figures.end for one in group]))
+        if generator == OURS and not median <= bound:
+            yield f"{scenario}: median end {median:.3g} > {bound:g}"
+
+
+def rows(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, ...]]:
+    """Of the table, see :data:`COLUMNS`."""
+    for (scenario, generator), group in _groups(outcomes).items():
+        figures = [one.figures for one in group]
+        done = [f for f in figures if f.finished]
+
+        def worst(name: str, of: Sequence[Any] = figures) -> str:
+            values = [getattr(f, name) for f in of]
+            values = [value for value in values if np.isfinite(value)]
+            return f"{max(values):.3g}" if values else "-"
+
+        def middle(name: str, of: Sequence[Any] = figures) -> str:
+            values = [getattr(f, name) for f in of]
+            values = [value for value in values if np.isfinite(value)]
+            return f"{np.median(values):.3g}" if values else "-"
+
+        yield (
+            scenario,
+            generator,
+            f"{len(done)} of {len(group)}",
+            f"{middle('time', done)} ({worst('time', done)})",
+            worst("plans"),
+            worst("slip"),
+            f"{worst('turning')}, {worst('speed')}",
+            f"{worst('turning_gain')}, {worst('gain')}",
+            worst("beyond_lag", group),
+            f"{middle('skipped')} ({worst('skipped')})",
+            f"{middle('end')} ({worst('end')})",
+            f"{sum(not one.broken for one in group)} of {len(group)}",
+        )
+
+
+def told(bounds: Bounds) -> tuple[str, ...]:
+    """The row of a scenario's bounds."""
+
+    def most(value: float) -> str:
+        return f"{value:g}" if np.isfinite(value) else ""
+
+    end = f"{most(bounds.median_end)} ({most(bounds.end)})" if np.isfinite(bounds.end) else ""
+    return (
+        "all",
+        f"({most(bounds.time)})",
+        most(bounds.plans),
+        most(bounds.slip),
+        f"{most(bounds.turning)}, {most(bounds.speed)}",
+        f"{most(bounds.turning_gain)}, {most(bounds.gain)}",
+        most(bounds.beyond_lag),
+        f"({most(bounds.skipped)})" if np.isfinite(bounds.skipped) else "",
+        end,
+        "",
+    )
+
+
+def table(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+    """All rows; each scenario begins with its bounds."""
+    found, last = [], ""
+    for scenario, *row in rows(outcomes):
+        if scenario != last:
+            found.append((scenario, "at most", *told(NAMED[scenario].bounds)))
+        last = scenario
+        found.append(("", *row))
+    return found
+
+
+def _show(outcomes: Sequence[Outcome], left_out: Sequence[str], *, markdown: bool) -> None:
+    if markdown:
+        print(f"| {' | '.join(COLUMNS)} |")
+        print("|" + "---|" * len(COLUMNS))
+        for row in table(outcomes):
+            print(f"| {' | '.join(row)} |")
+    else:
+        console = Console()
+        if not console.is_terminal:
+            console = Console(width=PIPED_WIDTH)
+        shown = Table(*COLUMNS, box=box.SIMPLE)
+        for row in table(outcomes):
+            shown.add_row(*row, style="bold" if row[1] == OURS else None, end_section=False)
+        console.print(shown)
+        console.print(NOTES, highlight=False)
+    for reason in left_out:
+        print(reason)
+
+
+def as_json(outcomes: Sequence[Outcome], left_out: Sequence[str]) -> bytes:
+    """Every run; figures that do not exist are null."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: plain(item) for name, item in value.items()}
+        if isinstance(value, float) and not np.isfinite(value):
+            return None
+        return value
+
+    content = {
+        "runs": [plain(asdict(one)) for one in outcomes],
+        "bounds": {name: plain(asdict(NAMED[name].bounds)) for name in NAMED},
+        "phase_stopping": asdict(cartesian.BEST),
+        "left_out": list(left_out),
+    }
+    return (json.dumps(content, indent=1) + "\n").encode()
