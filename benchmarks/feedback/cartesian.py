@@ -47,9 +47,9 @@ class Gains:
 
 GRID = [
     Gains(error_rate, slowing, pull)
-    for error_rate in (2.0, 5.0, 20.0)
-    for slowing in (3.0, 10.0, 30.0, 100.0, 1000.0)
-    for pull in (0.0, 10.0, 100.0, 1000.0)
+    for error_rate in (5.0, 20.0, 80.0)
+    for slowing in (100.0, 300.0, 1e3, 3e3, 1e4)
+    for pull in (0.0, 10.0, 100.0)
 ]
 BEST = Gains(20.0, 1e3, 0.0)
 """Of the grid, on the held-out scenario: see ``python -m benchmarks.feedback --tune``."""
