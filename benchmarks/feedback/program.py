@@ -91,7 +91,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         tuple(options.generator or GENERATORS),
     )
     outcomes = [one for found in _each(tried, wanted, options.processes) for one in found]
-    _show(outcomes, left_out, markdown=options.markdown)
+    _show(outcomes, left_out)
     broken = [one for one in outcomes if one.generator == OURS and one.broken]
     for one in broken:
         print(
@@ -104,6 +104,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         print(text, file=sys.stderr)
     if options.json is not None:
         write_beside(options.json, as_json(outcomes, left_out))
+    if options.markdown is not None:
+        write_beside(options.markdown, ("\n".join(markdown(outcomes)) + "\n").encode())
     return int(options.gate and bool(broken or medians))
 
 
@@ -126,7 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--rate", action="append", type=float, metavar="HZ", help="of the loop; the same")
     add("--generator", action="append", choices=list(GENERATORS), help="the same")
     add("--processes", type=int, default=PROCESSES)
-    add("--markdown", action="store_true", help="print the table as Markdown")
+    add("--markdown", type=Path, metavar="FILE", help="write a short table, as the docs have it")
     add("--json", type=Path, metavar="FILE", help="write every run's figures")
     add("--tune", action="store_true", help="seek phase stopping's gains on the held-out scenario")
     return parser
@@ -172,36 +174,48 @@ def _broken_medians(outcomes: Sequence[Outcome]) -> Iterator[str]:
             yield f"{scenario}: median end {median:.3g} > {bound:g}"
 
 
+def _values(group: Iterable[Any], name: str) -> list[float]:
+    """Of a figure, where there is one; nan, so that there is something to take the median of."""
+    found = [float(getattr(one, name)) for one in group]
+    return [value for value in found if np.isfinite(value)] or [np.nan]
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
+
+
+def _both(group: Sequence[Any], name: str) -> str:
+    values = _values(group, name)
+    return f"{_number(np.median(values))} ({_number(max(values))})"
+
+
 def rows(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, ...]]:
     """Of the table, see :data:`COLUMNS`."""
     for (scenario, generator), group in _groups(outcomes).items():
         figures = [one.figures for one in group]
         done = [f for f in figures if f.finished]
-
-        def worst(name: str, of: Sequence[Any] = figures) -> str:
-            values = [getattr(f, name) for f in of]
-            values = [value for value in values if np.isfinite(value)]
-            return f"{max(values):.3g}" if values else "-"
-
-        def middle(name: str, of: Sequence[Any] = figures) -> str:
-            values = [getattr(f, name) for f in of]
-            values = [value for value in values if np.isfinite(value)]
-            return f"{np.median(values):.3g}" if values else "-"
-
+        most = {
+            name: _number(max(_values(figures, name)))
+            for name in ("plans", "slip", "turning", "speed", "turning_gain", "gain")
+        }
         yield (
             scenario,
             generator,
             f"{len(done)} of {len(group)}",
-            f"{middle('time', done)} ({worst('time', done)})",
-            worst("plans"),
-            worst("slip"),
-            f"{worst('turning')}, {worst('speed')}",
-            f"{worst('turning_gain')}, {worst('gain')}",
-            worst("beyond_lag", group),
-            f"{middle('skipped')} ({worst('skipped')})",
-            f"{middle('end')} ({worst('end')})",
-            f"{sum(not one.broken for one in group)} of {len(group)}",
+            _both(done, "time"),
+            most["plans"],
+            most["slip"],
+            f"{most['turning']}, {most['speed']}",
+            f"{most['turning_gain']}, {most['gain']}",
+            _number(max(_values(group, "beyond_lag"))),
+            _both(figures, "skipped"),
+            _both(figures, "end"),
+            _within(group),
         )
+
+
+def _within(group: Sequence[Outcome]) -> str:
+    return f"{sum(not one.broken for one in group)} of {len(group)}"
 
 
 def told(bounds: Bounds) -> tuple[str, ...]:
@@ -236,21 +250,33 @@ def table(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
     return found
 
 
-def _show(outcomes: Sequence[Outcome], left_out: Sequence[str], *, markdown: bool) -> None:
-    if markdown:
-        print(f"| {' | '.join(COLUMNS)} |")
-        print("|" + "---|" * len(COLUMNS))
-        for row in table(outcomes):
-            print(f"| {' | '.join(row)} |")
-    else:
-        console = Console()
-        if not console.is_terminal:
-            console = Console(width=PIPED_WIDTH)
-        shown = Table(*COLUMNS, box=box.SIMPLE)
-        for row in table(outcomes):
-            shown.add_row(*row, style="bold" if row[1] == OURS else None, end_section=False)
-        console.print(shown)
-        console.print(NOTES, highlight=False)
+def markdown(outcomes: Sequence[Outcome]) -> list[str]:
+    """A row a scenario, a column a generator: finished, median time, worst end, within bounds."""
+    groups = _groups(outcomes)
+    generators = list(dict.fromkeys(generator for _, generator in groups))
+    lines = ["| | " + " | ".join(generators) + " |", "|---" * (len(generators) + 1) + "|"]
+    for scenario in dict.fromkeys(scenario for scenario, _ in groups):
+        cells = [scenario]
+        for generator in generators:
+            group = groups[scenario, generator]
+            figures = [one.figures for one in group]
+            done = [f for f in figures if f.finished]
+            time, end = np.median(_values(done, "time")), max(_values(figures, "end"))
+            share = len(done) / len(group)
+            cells.append(f"{share:.0%}, {time:.2f} T, {end:.0e}; {_within(group)}")
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def _show(outcomes: Sequence[Outcome], left_out: Sequence[str]) -> None:
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=PIPED_WIDTH)
+    shown = Table(*COLUMNS, box=box.SIMPLE)
+    for row in table(outcomes):
+        shown.add_row(*row, style="bold" if row[1] == OURS else None)
+    console.print(shown)
+    console.print(NOTES, highlight=False)
     for reason in left_out:
         print(reason)
 
