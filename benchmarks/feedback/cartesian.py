@@ -51,7 +51,7 @@ GRID = [
     for slowing in (100.0, 300.0, 1e3, 3e3, 1e4)
     for pull in (0.0, 10.0, 100.0)
 ]
-BEST = Gains(20.0, 1e3, 0.0)
+BEST = Gains(error_rate=20.0, slowing=1e3, pull=0.0)
 """Of the grid, on the held-out scenario: see ``python -m benchmarks.feedback --tune``."""
 
 

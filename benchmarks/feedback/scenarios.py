@@ -45,12 +45,14 @@ class Scenario:
     bounds : Bounds
     follows : bool
         Whether the robot is compliant, and the generator is told so.
+    moves_goal : bool
     """
 
     name: str
     draw: Draw
     bounds: Bounds
     follows: bool = False
+    moves_goal: bool = False
 
 
 def lagging(random: np.random.Generator) -> Robot:
@@ -171,10 +173,16 @@ SCENARIOS = (
     Scenario("force, follows", _sized("force", 0.01, 0.05, held=_HELD), FOLLOWING, follows=True),
     Scenario("stall", _sized("stall", held=_HELD), WAITING),
     Scenario("silent sensor", _sized("silence", held=(0.1, 0.5)), replace(WAITING, time=1.4)),
-    Scenario("goal step", _sized("goal", 0.02, 0.1, at=(0.1, 0.8)), NEW_GOAL),
-    Scenario("two goal steps", _sized("two goals", 0.02, 0.1, at=(0.1, 0.6)), TWO_GOALS),
-    Scenario("goal after the end", _sized("goal", 0.02, 0.1, at=(1.2, 1.3)), NEW_GOAL),
-    Scenario("drifting goal", _sized("drift", 0.02, 0.1, at=(0.0, 0.3)), MOVING_GOAL),
+    Scenario("goal step", _sized("goal", 0.02, 0.1, at=(0.1, 0.8)), NEW_GOAL, moves_goal=True),
+    Scenario(
+        "two goal steps", _sized("two goals", 0.02, 0.1, at=(0.1, 0.6)), TWO_GOALS, moves_goal=True
+    ),
+    Scenario(
+        "goal after the end", _sized("goal", 0.02, 0.1, at=(1.2, 1.3)), NEW_GOAL, moves_goal=True
+    ),
+    Scenario(
+        "drifting goal", _sized("drift", 0.02, 0.1, at=(0.0, 0.3)), MOVING_GOAL, moves_goal=True
+    ),
     Scenario("noisy goal", _sized("noisy goal", 0.1e-3, 0.5e-3), replace(UNDISTURBED, plans=2)),
 )
 

@@ -230,7 +230,7 @@ def test_the_plain_motion_on_an_ideal_robot_is_the_measure_of_all(s_cut: tasks.T
     assert found.path < 1e-4 and found.skipped < 1e-3 and found.end < 1e-5 and found.drift == 0.0
 
 
-@pytest.mark.parametrize("name", ["needle", "wheel"])
+@pytest.mark.parametrize("name", ["needle", "beveled needle", "wheel"])
 def test_no_task_slips_by_itself(name: str) -> None:
     task = tasks.task(name)
     assert judge.judged(task, ideal(task)).slip == 0.0
