@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.feedback.loop import Bools, Record
 from benchmarks.feedback.poses import Floats
 from benchmarks.feedback.tasks import Task
+from benchmarks.perturbation import REACHED
 
 IN_TIME = 1.5
 """Periods: what was commanded after a longer cycle is compared with nothing before it."""
@@ -67,6 +68,11 @@ class Figures:
     end: float
     drift: float
     failure: str = ""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it has finished, and at its goal."""
+        return self.finished and self.end <= REACHED
 
 
 @dataclass(frozen=True)

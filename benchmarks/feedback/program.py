@@ -40,7 +40,7 @@ PIPED_WIDTH = 180
 COLUMNS = (
     "scenario",
     "generator",
-    "finished",
+    "arrived",
     "time / T",
     "plans",
     "slip",
@@ -52,7 +52,8 @@ COLUMNS = (
     "within bounds",
 )
 NOTES = """\
-time: of those finished, over the duration; of a goal that moves after the end, since then.
+arrived: done, and within 1 % of the path of its goal.
+time: of those, over the duration; of a goal that moves after the end, since then.
 slip: commanded, over the demonstration's top speed.
 turning, speed, their gains: commanded angular and linear speed and acceleration, over the
 demonstration's peaks; not while a hand leads the command.
@@ -193,7 +194,7 @@ def rows(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, ...]]:
     """Of the table, see :data:`COLUMNS`."""
     for (scenario, generator), group in _groups(outcomes).items():
         figures = [one.figures for one in group]
-        done = [f for f in figures if f.finished]
+        done = [f for f in figures if f.arrived]
         most = {
             name: _number(max(_values(figures, name)))
             for name in ("plans", "slip", "turning", "speed", "turning_gain", "gain")
@@ -251,7 +252,7 @@ def table(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
 
 
 def markdown(outcomes: Sequence[Outcome]) -> list[str]:
-    """A row a scenario, a column a generator: finished, median time, worst end, within bounds."""
+    """A row a scenario, a column a generator: arrived, median time, worst end; within bounds."""
     groups = _groups(outcomes)
     generators = list(dict.fromkeys(generator for _, generator in groups))
     lines = ["| | " + " | ".join(generators) + " |", "|---" * (len(generators) + 1) + "|"]
@@ -260,10 +261,11 @@ def markdown(outcomes: Sequence[Outcome]) -> list[str]:
         for generator in generators:
             group = groups[scenario, generator]
             figures = [one.figures for one in group]
-            done = [f for f in figures if f.finished]
+            done = [f for f in figures if f.arrived]
             time, end = np.median(_values(done, "time")), max(_values(figures, "end"))
             share = len(done) / len(group)
-            cells.append(f"{share:.0%}, {time:.2f} T, {end:.0e}; {_within(group)}")
+            when = f"{time:.2f} T, " if done else ""
+            cells.append(f"{share:.0%}, {when}{end:.0e}; {_within(group)}")
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 

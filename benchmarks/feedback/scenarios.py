@@ -141,11 +141,12 @@ def _sized(
     held: tuple[float, float] = (0.0, 0.0),
     at: tuple[float, float] = (0.1, 0.9),
 ) -> Draw:
-    """A disturbance of a size and length in ranges, at a time in one, on a usual robot."""
+    """A disturbance whose size, time and length (both over the duration) lie in ranges."""
 
     def draw(random: np.random.Generator, task: Task) -> Conditions:
+        lasting = random.uniform(*held) * task.duration
         happening = Disturbance(
-            kind, random.uniform(smallest, largest), random.uniform(*at), random.uniform(*held)
+            kind, random.uniform(smallest, largest), random.uniform(*at), lasting
         )
         robot = _compliant(random) if kind == "force" else USUAL.robot
         return replace(USUAL, robot=robot, disturbance=happening)
@@ -153,8 +154,8 @@ def _sized(
     return draw
 
 
-_HELD = 0.1, 0.2
-"""s that a hand, force or stall lasts: all of it is time lost."""
+_HELD = 0.05, 0.1
+"""Over the duration, that a hand, force or stall lasts: all of it is time lost."""
 
 SCENARIOS = (
     Scenario("ideal", _ideal, UNDISTURBED),
@@ -172,7 +173,7 @@ SCENARIOS = (
     Scenario("force, waits", _sized("force", 0.01, 0.05, held=_HELD), WAITING),
     Scenario("force, follows", _sized("force", 0.01, 0.05, held=_HELD), FOLLOWING, follows=True),
     Scenario("stall", _sized("stall", held=_HELD), WAITING),
-    Scenario("silent sensor", _sized("silence", held=(0.1, 0.5)), replace(WAITING, time=1.4)),
+    Scenario("silent sensor", _sized("silence", held=(0.05, 0.25)), replace(WAITING, time=1.4)),
     Scenario("goal step", _sized("goal", 0.02, 0.1, at=(0.1, 0.8)), NEW_GOAL, moves_goal=True),
     Scenario(
         "two goal steps", _sized("two goals", 0.02, 0.1, at=(0.1, 0.6)), TWO_GOALS, moves_goal=True
