@@ -83,8 +83,6 @@ class Bounds:
     ----------
     beyond_lag : float
         Path error beyond that of the primitive's plain motion on the same robot.
-    median_end : float
-        Of the median of all runs' final error.
     """
 
     time: float = np.inf
@@ -98,7 +96,6 @@ class Bounds:
     skipped: float = np.inf
     end: float = np.inf
     drift: float = np.inf
-    median_end: float = np.inf
 
     def broken(self, figures: Figures, plain: Figures | None = None) -> list[str]:
         """What of a run is beyond them; ``plain`` is the plain motion on the same robot."""
@@ -107,7 +104,7 @@ class Bounds:
         found = []
         for field in fields(self):
             bound = getattr(self, field.name)
-            if field.name == "median_end" or not np.isfinite(bound):
+            if not np.isfinite(bound):
                 continue
             if field.name == "beyond_lag":
                 value = figures.path - (0.0 if plain is None else plain.path)

@@ -109,7 +109,7 @@ def cost(figures: Figures, bounds: Bounds) -> float:
     ratios = []
     for field in fields(bounds):
         bound = getattr(bounds, field.name)
-        if field.name in ("slip", "plans", "median_end", "beyond_lag") or not np.isfinite(bound):
+        if field.name in ("slip", "plans", "beyond_lag") or not np.isfinite(bound):
             continue
         value = getattr(figures, field.name)
         if field.name == "time" and not figures.finished:

@@ -409,10 +409,15 @@ def test_the_program_prints_its_table_and_fails_where_a_bound_is_broken(
     # The gate is of noslip alone; a bound that nothing can keep closes it.
     monkeypatch.setattr(program, "OURS", "without feedback")
     assert program.run(plain) == 0
-    strict = replace(trial.NAMED["lag and delay"], bounds=Bounds(median_end=0.0))
+    monkeypatch.setattr(program, "MEDIAN_END", 0.0)
+    assert program.run(plain) == 1
+    assert "undisturbed: median end" in capsys.readouterr().err
+    monkeypatch.undo()
+    monkeypatch.setattr(program, "OURS", "without feedback")
+    strict = replace(trial.NAMED["lag and delay"], bounds=Bounds(time=0.5))
     monkeypatch.setitem(trial.NAMED, "lag and delay", strict)
     assert program.run(plain) == 1
-    assert "median end" in capsys.readouterr().err
+    assert "lag and delay, s-cut, 200 Hz, seed 0: time 0.99" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(
