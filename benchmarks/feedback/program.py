@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
@@ -139,8 +140,8 @@ def _each(
     work: Callable[[Given], Found], given: Sequence[Given], processes: int
 ) -> Iterator[Found]:
     """Work on each, in order, and say how far it is."""
-    with ProcessPoolExecutor(processes) as pool:
-        for k, found in enumerate(pool.map(work, given)):
+    with ProcessPoolExecutor(processes) if processes > 1 else nullcontext() as pool:
+        for k, found in enumerate(map(work, given) if pool is None else pool.map(work, given)):
             print(f"\r{k + 1} of {len(given)}", end="", file=sys.stderr, flush=True)
             yield found
     print(file=sys.stderr)
