@@ -1,11 +1,12 @@
 """Pushes on the way: how often the goal is reached all the same, by noslip and as published.
 
 Each case pushes the tool once, at a random time, by 1 to 20 % of the path: half of the cases
-sideways, where the blade must not go, half in any direction.  noslip's controller sees where the
-tool is and re-plans; the published method goes on from the pushed position: in all cases by its
-trained coupling term, in every seventh by its optimization at each step.  It is given the time that
-the controller took, if that is more than its own: beyond its end it goes on without force, and
-counts as where it comes nearest to the goal from its end on.
+sideways, where the blade must not go, half in any direction.  A hand holds the tool there until
+noslip's controller, which follows it, leads on by a new plan; the published method goes on from the
+pushed position at once: in all cases by its trained coupling term, in every seventh by its
+optimization at each step.  It is given the time that the controller took, if that is more than its
+own: beyond its end it goes on without force, and counts as where it comes nearest to the goal from
+its end on.
 
 Recordings are played in one second, the paper's tau: its loss adds accelerations to angles, and
 over their own four to six seconds its blade spins.
@@ -51,6 +52,10 @@ REACHED = 0.01
 """Of the path's length: the goal counts as reached."""
 LONGEST = 4.0
 """Durations after which a controller that is not done is stopped."""
+
+HELD = 0.5
+"""Durations after which a hand lets go that is not followed: it led the tool along its path, or
+hardly aside."""
 
 NOT_PUSHED, SIDEWAYS, ANYWHERE = "not pushed", "pushed sideways", "pushed in any direction"
 NOSLIP, OPTIMIZED, COUPLED = "noslip", "paper, BFGS at each step", "paper, coupling term alone"
@@ -237,7 +242,7 @@ class _Motion:
         self.dmp = learn(
             given, Blade(), basis_functions=basis_functions, alpha=ALPHA, beta=BETA, alpha_s=ALPHA_S
         )
-        self.controller = self.dmp.controller(time_step=self.time_step)
+        self.controller = self.dmp.controller(time_step=self.time_step, follows=True)
         primitives = paper_method.UncoupledPrimitives.fit(given, basis_functions)
         optimized = paper_method.Stepping(primitives)
         self.published = {OPTIMIZED: (optimized, self._walked(optimized))}
@@ -248,9 +253,10 @@ class _Motion:
     def recoveries(self, push: Push, optimized: bool = True) -> list[Recovery]:
         """Push every method; the one that optimizes at each step only if told to."""
         before = round(push.at * self.steps)
-        own = self._controlled(push, before)
-        steps = before + len(own) - 1
-        found = [self._recovery(NOSLIP, push, own, own.positions[-1:] - self.dmp.goal_position)]
+        own, held = self._controlled(push, before)
+        steps = before + held + len(own) - 1
+        to_goal = own.positions[-1:] - self.dmp.goal_position
+        found = [self._recovery(NOSLIP, push, own, to_goal, held * self.time_step)]
         for method in self.published:
             if method == OPTIMIZED and not optimized:
                 continue
@@ -259,23 +265,28 @@ class _Motion:
             found.append(self._recovery(method, push, after, to_goal))
         return found
 
-    def _controlled(self, push: Push, before: int) -> PoseTrajectory:
-        """Return the controller's motion after the push."""
-        state = self.controller.reset()
+    def _controlled(self, push: Push, before: int) -> tuple[PoseTrajectory, int]:
+        """Return the controller's motion after the push, and how many steps the tool was held."""
+        controller = self.controller
+        state = controller.reset()
         for _ in range(before):
-            state = self.controller.step(state)
+            state = controller.step(state)
         shift = push.shift(state.rotation, self.given.path_length)
-        state = replace(state, position=state.position + shift)
-        states, most = [state], round(LONGEST * self.steps)
-        while not self.controller.done and before + len(states) <= most:
-            state = self.controller.step(state)
-            states.append(state)
-        return PoseTrajectory(
+        held, pushed = 0, replace(state, position=state.position + shift)
+        # The hand lets go where the controller leads on, or some time later.
+        while push.size and not controller.replanned and held < HELD * self.steps:
+            state = controller.step(pushed)
+            held += 1
+        states, most = [state], round(LONGEST * self.steps) - before - held
+        while not controller.done and len(states) <= most:
+            states.append(controller.step(states[-1]))
+        motion = PoseTrajectory(
             self.time_step * np.arange(len(states)),
             np.array([s.position for s in states]),
             Rotation.concatenate([s.rotation for s in states]),
             name="noslip",
         )
+        return motion, held
 
     def _continued(self, method: str, push: Push, before: int, steps: int) -> PoseTrajectory:
         """Return the published method's motion after the push."""
@@ -289,7 +300,12 @@ class _Motion:
         return stepping.motion(states)
 
     def _recovery(
-        self, method: str, push: Push, after: PoseTrajectory, to_goal: Floats
+        self,
+        method: str,
+        push: Push,
+        after: PoseTrajectory,
+        to_goal: Floats,
+        waited: float = 0.0,
     ) -> Recovery:
         missed = np.linalg.norm(to_goal, axis=1).min() / self.given.path_length
         merit = figures_of_merit(after, after, Blade())
@@ -302,7 +318,8 @@ class _Motion:
             float(missed),
             merit.residual_peak,
             merit.angular_speed_peak,
-            round(push.at * self.steps) / self.steps + after.duration / self.given.duration,
+            round(push.at * self.steps) / self.steps
+            + (waited + after.duration) / self.given.duration,
         )
 
     def _walked(self, stepping: paper_method.Stepping) -> list[paper_method.PaperState]:

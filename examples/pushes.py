@@ -27,18 +27,23 @@ push, moved = np.array([0.0, -0.012, 0.0]), dmp.goal_position + [0.01, 0.02, 0.0
 
 
 def run(with_controller: bool, push: np.ndarray, goal: np.ndarray) -> list[ns.State]:
-    """Push the tool at 1.6 s, and move the goal then."""
-    controller = dmp.controller(time_step=step)
-    states = [controller.reset()]
+    """Push the tool at 1.6 s, and move the goal then.
+
+    A hand holds it there until the controller leads on; without one it goes on from there at once.
+    """
+    controller = dmp.controller(time_step=step, follows=True)
+    states, held = [controller.reset()], None
     while states[-1].time < dmp.duration - step / 2 if not with_controller else not controller.done:
         now = states[-1]
-        pushed = abs(now.time - 1.6) < step / 2
-        if pushed:
-            now = replace(now, position=now.position + push)
+        if abs(now.time - 1.6) < step / 2:
+            held = replace(now, position=now.position + push, goal_position=goal)
+        if controller.replanned:
+            held = None
         if with_controller:
-            states.append(controller.step(now, goal if pushed else None))
+            states.append(controller.step(held or now, None if now.time < 1.6 else goal))
         else:
-            states.append(dmp.step(replace(now, goal_position=goal) if pushed else now, step))
+            states.append(dmp.step(held or now, step))
+            held = None
     return states
 
 

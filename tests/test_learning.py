@@ -519,9 +519,11 @@ def test_what_is_built_for_one_primitive_serves_all_under_equal_constraints(
         there = dmp.adapt(goal_position=dmp.goal_position + [0.01, 0.0, 0.0])
         there.rollout_many(durations=[1.0, 2.0])
         controller = Controller(there, time_step=0.01)
-        controller.step(goal=dmp.goal_position)
+        for _ in range(20):
+            controller.step(goal=dmp.goal_position + [0.1, 0.0, 0.0])
+        assert len(controller.replanned) == 1
         return list(built)
 
     monkeypatch.setattr(ca.Function, "__init__", noted)
-    assert "guidance" in use(1.0, 300)
+    assert "step" in use(1.0, 300)
     assert use(2.5, 401) == []

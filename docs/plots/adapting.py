@@ -32,13 +32,16 @@ moved.plot(*1e3 * goal[:2], "kx", ms=8)
 moved.legend(loc="upper center", fontsize=7)
 style.dress(moved, "x (mm)", "y (mm)", title="a goal moved sideways (×)")
 
-controller = dmp.controller(time_step=0.005)
-state, positions = controller.reset(), []
+controller = dmp.controller(time_step=0.005, follows=True)
+state, held, positions = controller.reset(), None, []
 while not controller.done:
     if len(positions) == 200:
-        state = replace(state, position=state.position + [0, 0.008, 0])
-    state = controller.step(state)
-    positions.append(state.position)
+        held = replace(state, position=state.position + [0, 0.008, 0])
+    if controller.replanned:
+        # The hand lets go where the controller leads on.
+        held = None
+    state = controller.step(held or state)
+    positions.append((held or state).position)
 positions = 1e3 * np.array(positions)
 pushed.plot(*1e3 * dmp.rollout().positions[:, :2].T, color="0.7", lw=4, label="as learned")
 pushed.plot(*positions[:200, :2].T, "k-", lw=1.2, label="in the loop")

@@ -6,7 +6,12 @@ done, but not as asked, is a :class:`NoslipWarning`, in Python as on the command
 
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import ClassVar
+
+_muted: ContextVar[bool] = ContextVar("muted", default=False)
 
 
 class NoslipError(Exception):
@@ -67,7 +72,22 @@ class CompromiseWarning(NoslipWarning):
 
 def warn(message: str, category: type[NoslipWarning]) -> None:
     """Warn whoever called noslip: the line named is the first one outside of the package."""
+    if _muted.get():
+        return
     package, frame, level = __name__.partition(".")[0], sys._getframe(1), 2
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
+
+
+@contextmanager
+def muted() -> Iterator[None]:
+    """Leave out warnings of noslip in this thread: nobody reads them in a loop.
+
+    Unlike those of :mod:`warnings`, this filter is no business of other threads.
+    """
+    token = _muted.set(True)
+    try:
+        yield
+    finally:
+        _muted.reset(token)

@@ -58,7 +58,8 @@ def states_of(
             yield state
             state = dmp.step(state, h)
     monkeypatch.setenv("NOSLIP_COMPILE", "1" if way == "compiled" else "0")
-    controller = ns.Controller(dmp, time_step=h, braking=braking)
+    # Not bounded, it ends at speed, as the primitive does.
+    controller = ns.Controller(dmp, time_step=h, braking=braking, faster=np.inf)
     assert controller.is_compiled == (way == "compiled")
     yield controller.state
     while True:

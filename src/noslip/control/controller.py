@@ -1,24 +1,30 @@
-"""A primitive in a control loop: step by step, from what was measured, to goals that move.
+"""A primitive in a control loop: its command is its own; measurements steer clock and plans.
 
-What leads a tool back that was pushed off its path depends on how far it is:
+What is measured never overwrites what is commanded.  An observer (:mod:`noslip.control.observer`)
+tells it apart into lag, bias, noise and a real displacement, and only the last one matters:
 
-- within the tolerance it is *steered*: the orientation's target is turned towards the path
-  (:mod:`noslip.control.steering`);
-- beyond it, or when the goal moves, what remains is *re-planned* (:meth:`ConstrainedDMP.replan`),
-  with more time the more it was displaced: the phase slows down;
-- between two plans, or if there is none, the phase *stops* while the tool is beyond the tolerance
-  (phase stopping: Ijspeert et al. 2013, section 2.3): it waits, where the tool is held.
+- *track*: within the band nothing happens.  Beyond, the clock of the plan slows down and stops
+  (phase stopping: Ijspeert et al. 2013, section 2.3); a stiff robot comes back by itself.
+- *yield* (``follows=True``): a tool that a hand holds aside is waited for; once it rests the
+  command is moved to it, once, and one new plan leads on.
+- *hold*: after the end.  Whenever the goal has moved, a new plan leads there.
+- *fault*: a step failed; the command stands.
 
-Whatever happens, each step satisfies the constraints, as in a rollout.
+Bounds are met by time (:mod:`noslip.control.clock`): the clock runs at sigma <= 1, so that the
+twist commanded is sigma times that of the plan, and rules homogeneous in the velocity hold exactly:
+the engine steps in plan time.  Under rules that know the true time, or are not homogeneous, it
+steps in true time with the duration stretched to T / sigma: the phase runs with the plan, the rules
+with the time, and each step satisfies them exactly, too.
 
-What is guaranteed: the constraints at every step, to rounding.  What cannot be, by any smooth
-feedback: that a tool which must not slip converges to a pose (Brockett 1983); a push in the last
-moment needs a way back, which only a new plan, and time, can give.
+What cannot be, by any smooth feedback: that a tool which must not slip converges to a pose
+(Brockett 1983); a push in the last moment needs a way back, which only a new plan, and time, give.
 """
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from math import ceil, expm1, isfinite, sqrt
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -28,33 +34,80 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import LONGEST_REPR, is_same, shortened
-from noslip.adapting import REPLANNED_SAMPLES, replan
-from noslip.control.steering import PATH, Guidance
+from noslip.adapting import REPLANNED_SAMPLES
+from noslip.control.clock import AT_REST, CELLS, Bounds, Schedule, runs_in_plan_time
+from noslip.control.goal_filter import GoalFilter
+from noslip.control.observer import SEEN, Observer
+from noslip.control.planning import Made, Planner, Reason, Task, engine_of, reachable
 from noslip.errors import InputError, NoslipError
+from noslip.law.clock import DONE
 from noslip.law.law import Law
-from noslip.law.layout import STATE
 from noslip.projection import planner
 from noslip.rule import Rule
 from noslip.runtime import engine
-from noslip.runtime.engine import Compiled, Memory, Virtual
-from noslip.runtime.rollout import initial_state, motion_from, rollout
+from noslip.runtime.engine import Memory
+from noslip.runtime.rollout import initial_state, rollout
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 
-TOLERANCE = 2e-3
-"""Of the path's length: farther off its path a tool is led back by a new plan."""
-ANGLE_TOLERANCE = 0.05
+Mode = Literal["track", "yield", "hold", "fault"]
+Pose = State | tuple[ArrayLike, Rotation]
+
+TOLERANCE = 4e-3
+"""Of the path's length: what is left within it is nobody's concern."""
+ANGLE_TOLERANCE = 0.04
 """rad."""
+BIAS, ANGLE_BIAS = 0.025, 0.06
+"""Of the path's length, and rad: what may stand between command and measurement for ever."""
+FASTER = 1.5
+"""Times the peaks of the primitive's own motion."""
+PLAN_WITHIN = 0.05
+"""s: a plan takes some 20 ms."""
 FARTHEST = 3.0
 """Over the path's length: a goal farther away is not planned for in the loop."""
-_POSITION, _QUATERNION, _LINEAR, _ANGULAR = (STATE[name] for name in STATE)
-_PASSED, _NOW = PATH.index("passed"), PATH.index("time")
-_BUILT = ("_library", "_guidance", "_engine")
-"""What a copy builds anew."""
-_PAUSE = 0.02
-"""Fraction of the duration between two plans, and that a tool takes to come to a halt."""
+MADE_GOOD, HALTED = 0.015, 0.1
+"""s: so much of a late cycle is made good, in one command, which a robot takes for a little jump;
+after a much longer one it has come to a halt, and the clock starts from 0."""
+SILENT, SILENT_GAPS = 0.2, 10.0
+"""s, and mean times between two measurements, after which a sensor is silent: the clock stops,
+since what is not seen cannot be waited for."""
+PERSIST = 0.05
+"""s for which a tool must be off sideways to be yielded to: a knock is no hand."""
+ACCEPT = 1.5
+"""s after which an offset that stays is taken for a bias, or blocks."""
+CALM, CALM_GAPS = 0.05, 3.0
+"""s, and mean times between two measurements, for which a tool must rest to be followed."""
+FOLLOW = 0.02
+"""s, time constant of a command that is moved to the tool: nearly at once, without a jump."""
+FOLLOW_HASTE = 2.0
+"""Over the bounds on rates, while it is: it goes where the tool is already."""
+FUNNEL = 0.02
+"""Of the way that remains: a goal that moved less is not planned for yet."""
+GOAL_TOLERANCE, GOAL_ANGLE_TOLERANCE = 2e-3, 0.01
+"""Of the path's length, and rad: a goal that moved less is never planned for."""
+GOAL_JUMP, GOAL_ANGLE_JUMP = 0.01, 0.05
+"""Of the path's length, and rad: what is no noise of a goal."""
+GOAL_SLOW = 0.02
+"""Over the mean speed: a goal that moves more slowly rests."""
+BETWEEN_PLANS, AFTER_FAILURE = 0.05, 0.1
+"""Of the duration; after each failure in a row twice as long."""
+HASTY, MOST_SLOWED = 1.05, 2
+"""Times the speed that a new plan allows at its start, up to which it is handed over; and how often
+it is made anew from where the clock is slower instead."""
+_DETOUR = 5.0
+"""Way for which time is allotted to a displacement, over its length: it may lie sideways."""
+_LEAST_TIME, _MOST_TIME = 0.2, 3.0
+"""Of the duration: what a plan takes at least, and at most beyond what is left."""
+_LOOK = 0.01
+"""s between two looks at where the goal will be."""
+_LEAST_RUN = 1e-4
+"""Of a cycle: less is not worth a step, whose lengths are divided by."""
 _STANDING = 1e15
 """Over the plan's duration: that of a motion which stands still."""
+_POSE = slice(engine.MOVING.start, engine.MOVING.start + 7)
+_TWIST = engine.VELOCITIES
+_BUILT = ("_library", "_planner", "_engine", "_job")
+"""What a copy builds anew."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +119,7 @@ class Replanned:
     time : float
         When (s).
     reason : str
-        What had moved: the tool off its path, or the goal.
+        What had moved: the tool, pushed, or the goal.
     duration : float
         Of the new plan (s); nan if there is none.
     failure : str
@@ -74,7 +127,7 @@ class Replanned:
     """
 
     time: float
-    reason: Literal["path", "goal"]
+    reason: Reason
     duration: float
     failure: str = ""
 
@@ -92,7 +145,7 @@ class Primitive(Protocol):
 
 
 class Controller:
-    """Steps a primitive, and leads it back when what is measured is not what was planned.
+    """Steps a primitive, and leads it on when what is measured is not what was planned.
 
     The step runs as machine code where a C compiler is found, and is compiled when this object is
     made (the first under these constraints: a second or some; later ones from a cache).
@@ -103,18 +156,32 @@ class Controller:
         Or whatever has a law and a rule.
     time_step : float
         Of the loop (s).
+    follows : bool
+        Whether the robot is compliant, and a hand that holds its tool aside is to be followed.
+    lag : float, optional
+        Of the robot behind its command (s); estimated, up to 0.2 s, unless it is told.
     tolerance : float
-        Distance from the path, over its length, beyond which what remains is re-planned.
+        Distance between command and tool, over the path's length, that is nobody's concern, besides
+        lag, bias and noise.
     angle_tolerance : float
-        The same for the orientation (rad).
+        The same of the orientation (rad).
+    bias : float
+        What may stand between command and measurement for ever, over the path's length.
+    faster : float
+        How many times the peak speeds of its own motion a command may reach; twice as many times
+        its accelerations.  ``inf`` bounds nothing: a motion that begins at speed begins so.
     samples : int
         Of a new plan, at most.
     replan : bool
-        Whether new plans are made, within a step, which then takes some 20 ms.  Without them a tool
-        beyond the tolerance is waited for, and goals are refused.
+        Whether new plans are made.  Without them goals are refused, and no hand is followed.
+    plan_within : float
+        Seconds of the loop within which a plan is made beside it; then it is handed over.
+    real_time : bool
+        Whether the loop never waits for a plan.  One that comes too late is made anew, from farther
+        ahead.  By default the loop waits, so that what comes of it does not depend on the machine.
     braking : float
         Seconds within which a motion that ends at speed comes to rest after its end, straight on or
-        as constraints lead it; 0 is at once.
+        as constraints lead it; 0: it comes to rest at its end, or at once if nothing is bounded.
 
     Attributes
     ----------
@@ -123,27 +190,50 @@ class Controller:
     replanned : list of Replanned
     memory : Memory
         The state in place, see :meth:`advance`.
+    mode : "track", "yield", "hold" or "fault"
+    blocked : bool
+        Whether the tool stays off by more than a bias may be.
     """
 
     def __init__(
         self,
         dmp: Primitive,
+        time_step: float = 1e-3,
         *,
-        time_step: float,
+        follows: bool = False,
+        lag: float | None = None,
         tolerance: float = TOLERANCE,
         angle_tolerance: float = ANGLE_TOLERANCE,
+        bias: float = BIAS,
+        faster: float = FASTER,
         samples: int = REPLANNED_SAMPLES,
         replan: bool = True,
+        plan_within: float = PLAN_WITHIN,
+        real_time: bool = False,
         braking: float = 0.0,
     ) -> None:
-        self.law, self.rule, self.replans = dmp.law, dmp.rule, replan
+        self.law, self.rule = dmp.law, dmp.rule
+        self.follows, self.replans, self.real_time = follows, replan, real_time
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
+        self.lag = None if lag is None else _arguments.not_negative("lag", lag)
         self.tolerance = _arguments.positive("tolerance", tolerance)
         self.angle_tolerance = _arguments.positive("angle_tolerance", angle_tolerance, "rad")
+        self.bias = _arguments.not_negative("bias", bias)
+        if faster != np.inf:
+            faster = _arguments.positive("faster", faster)
+        self.faster = faster
         self.samples = _arguments.count("samples", samples)
+        self.plan_within = _arguments.not_negative("plan_within", plan_within)
         self.braking = _arguments.not_negative("braking", braking)
         self.memory = Memory(dmp.law.clock, dmp.rule.system)
-        self._length = rollout(dmp.law, dmp.rule).path_length
+        nominal = rollout(dmp.law, dmp.rule, time_step=dmp.law.duration / CELLS)
+        self._length, self._duration = nominal.path_length or 1.0, dmp.law.duration
+        self._mean_speed = self._length / self._duration
+        self._bounds = Bounds.of(nominal, self.faster)
+        self._before, self._pose = np.zeros(7), np.zeros(7)
+        self._reachable = np.eye(3)
+        if replan:
+            self._reachable = reachable(dmp.rule, initial_state(dmp.law, dmp.rule))
         self._build()
         self.reset()
 
@@ -156,13 +246,10 @@ class Controller:
         self._library = stepper_of(self.rule).native.wait()
         if self.replans:
             planner.compile_for(self.rule.system)
-        self._guidance = Guidance(
-            self.rule.system,
-            self._length,
-            self.law.duration,
-            self.tolerance,
-            self.angle_tolerance,
+        self._planner = Planner(
+            self.rule, self._bounds, self._mean_speed, self.time_step, self.braking == 0
         )
+        self._job: Future[Made] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in _BUILT}
@@ -170,7 +257,9 @@ class Controller:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._build()
-        self._engine = self._engine_of(self.plan)
+        self._engine = engine_of(self.plan, self.rule, self.memory, self.time_step)
+        if self._task is not None:
+            self._job = self._planner.begin(self._task)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Controller):
@@ -183,27 +272,64 @@ class Controller:
 
     def reset(self, state: State | None = None) -> State:
         """Begin anew, from a state of the primitive or from its start."""
-        self.replanned: list[Replanned] = []
-        self._pause = -np.inf
-        self._speed = self._wanted_speed = 1.0
-        self._ramp = 0.0
-        self._halted: Floats | None = None
         begun = initial_state(self.law, self.rule) if state is None else state
-        self._goal = begun.goal_position.tolist()
+        self.replanned: list[Replanned] = []
+        self.mode: Mode = "track"
+        self.blocked, self._failure = False, ""
+        self._time, self._next_plan, self._next_look, self._failures = 0.0, 0.0, 0.0, 0
+        self._wanted_speed, self._ramp = 1.0, 0.0
+        self._silent = False
+        # Of the plan under way: what is asked, since when, and where it is handed over.
+        self._task: Task | None = None
+        self._job = None
+        self._hand_over, self._due, self._ahead = 0.0, 0.0, self.plan_within
+        self._arrive, self._slowed = 1.0, 0
+        # Of a tool that is off: since when sideways, since when at rest and where.
+        self._aside, self._rest, self._rest_at = -1.0, -1.0, np.zeros(3)
+        self._stage: Literal["wait", "move", "look", "plan"] = "wait"
+        self._since, self._moved, self._turned, self._may_move = 0.0, False, False, True
+        self._budget = [0.0, 0.0]
+        self._observer = Observer(
+            (self.tolerance * self._length, self.angle_tolerance),
+            (self.bias * self._length / 3, ANGLE_BIAS / 3),
+            self.lag,
+            self.time_step,
+        )
+        self._target, self._target_rotation = np.array(begun.goal_position), begun.goal_rotation
         self._goal_rotation = begun.goal_rotation
-        self._goal_moved = False
-        self._follow(self.law, begun)
+        slow = GOAL_SLOW / self._duration
+        self._goal = GoalFilter(begun.goal_position, GOAL_JUMP * self._length, slow * self._length)
+        self._goal_turn = GoalFilter(np.zeros(3), GOAL_ANGLE_JUMP, slow)
+        first = begun
+        if begun.previous_step > 0:
+            goals = ("goal_position", "goal_rotation", "first_goal_position", "first_goal_rotation")
+            asked = {name: getattr(begun, name) for name in goals}
+            first = replace(initial_state(self.law, self.rule, duration=begun.duration), **asked)
+        self._follow(self.law, begun, self._planner.schedule(self.law, first, AT_REST))
+        moves = self._schedule.begins_at_speed or begun.previous_step > 0
+        self._speed = 0.0 if moves and isfinite(self.faster) else 1.0
         return self.state
+
+    # ---------------------------------------------------------------- what it tells
 
     @property
     def state(self) -> State:
-        """The last, or the one to begin with."""
-        return self.memory.state()
+        """The last, or the one to begin with; its velocities are those commanded."""
+        state = self.memory.state()
+        if self._speed != 1.0 and self._in_plan_time:
+            for name in ("linear_velocity", "angular_velocity", "constraint_residuals"):
+                state.__dict__[name] = self._speed * state.__dict__[name]
+        return state
 
     @property
     def done(self) -> bool:
-        """Whether the motion has come to its end."""
-        return self.law.clock.is_over(self.memory.data.item(engine.FRACTION))
+        """Whether the command has come to its end, and the tool, where it is measured, too."""
+        if self.mode != "hold" or self._task is not None:
+            return False
+        if not self._observer.seen.item(_SAMPLES):
+            return True
+        behind = self._observer.size("place", "behind", "left")
+        return behind <= self._observer.seen.item(_BAND) and self._pace() == 1.0
 
     @property
     def is_compiled(self) -> bool:
@@ -212,40 +338,66 @@ class Controller:
 
     @property
     def speed(self) -> float:
-        """Of the motion, over that of the plan: 0 while it is paused, 1 while it is not."""
+        """Sigma: of the motion, over that of the plan; 0 while it stands, 1 undisturbed."""
         return self._speed
+
+    @property
+    def reason(self) -> str:
+        """Why it does not just go on, in words; empty if it does."""
+        off = self._observer.seen.item(_FAR)
+        if self.mode == "fault":
+            return self._failure
+        if self.blocked:
+            return f"blocked: the tool stays {off:.3g} m off"
+        if self._silent:
+            return f"nothing was measured for {self._observer.seen.item(_AGE):.3g} s"
+        if self.mode == "yield":
+            return f"the tool is held aside, {off:.3g} m off"
+        if self._wanted_speed == 0.0:
+            return "paused"
+        if self._pace() < 1.0:
+            return f"the tool is {off:.3g} m off: waited for"
+        return ""
+
+    @property
+    def lag_and_bias(self) -> tuple[float, Floats]:
+        """What the robot makes of a command: its lag (s), and where it stands besides (m)."""
+        return self._observer.seen.item(_LAG), self._observer.seen[SEEN["place_bias"]].copy()
+
+    # ---------------------------------------------------------------- a cycle
 
     def step(
         self,
-        measured_state: State | None = None,
+        measured_state: Pose | None = None,
         goal: ArrayLike | tuple[ArrayLike, Rotation] | Rotation | None = None,
         *,
         time_step: float | None = None,
     ) -> State:
-        """Return the next state.
+        """Return the next state: what to command.
 
         Parameters
         ----------
-        measured_state : State, optional
-            Where the tool is now: the last state with the measured pose, or pose and velocities, in
-            place of its own (``dataclasses.replace``).  By default it is where it was sent.
+        measured_state : State, or (position, Rotation), optional
+            Where the tool was measured to be, if it was measured since the last step.  What is not
+            finite is a sample that was lost.
         goal : array of shape (3,), Rotation, or a pair of both, optional
-            Where to go from now on.  If no motion is found that ends there, the old goal stays, the
-            reason is told in ``replanned``, and it is tried again.
+            Where to go, as seen now.  If no motion is found that ends there, the old goal stays,
+            the reason is told in ``replanned``, and it is tried again.
         time_step : float, optional
-            Of this step (s), if a cycle came late.
+            Since the last step (s), if it was not what it should be.
 
         Raises
         ------
         InputError
-            If an argument is not what it must be, or not finite; the state is as it was.
+            If an argument is not of its kind; the state is as it was.  Whatever else goes wrong
+            does not end the loop: see ``mode`` and ``reason``.
         """
         self.advance(measured_state, goal, time_step=time_step)
-        return self.memory.state()
+        return self.state
 
     def advance(
         self,
-        measured_state: State | None = None,
+        measured_state: Pose | None = None,
         goal: ArrayLike | tuple[ArrayLike, Rotation] | Rotation | None = None,
         *,
         time_step: float | None = None,
@@ -253,27 +405,51 @@ class Controller:
         """Step in place, as :meth:`step` does, for loops that must not allocate.
 
         What comes of it stands in ``memory.data``, at the places that :mod:`noslip.runtime.engine`
-        names.
+        names; velocities are the plan's: what is commanded is :attr:`speed` times them.
         """
         h = self.time_step
         if time_step is not None:
             h = _arguments.positive("time_step", time_step, "seconds")
+        is_measured = measured_state is not None and self._take(measured_state)
         if goal is not None:
             self._aim(goal)
-        data = self.memory.data
-        waits = False
-        if measured_state is not None:
-            waits = self._measure(measured_state)
+        self._time += h
+        if self.mode == "fault":
+            return
+        passed = min(h, max(MADE_GOOD, 2 * self.time_step))
+        if h > max(HALTED, 2 * self.time_step):
+            self._speed = 0.0
+        try:
+            self._cycle(h, passed, is_measured)
+        except (NoslipError, ArithmeticError, ValueError) as failure:
+            self.mode, self._failure, self._speed = "fault", str(failure), 0.0
+
+    def _cycle(self, h: float, passed: float, is_measured: bool) -> None:
+        """A cycle of h seconds, of which so many are made good."""
+        data, seen = self.memory.data, self._observer.seen
+        if is_measured:
+            self._measure()
+        if self._time >= self._next_look and (self._goal.last or self._goal_turn.last):
+            self._next_look = self._time + _LOOK
+            self._look_at_goal()
+        observes = seen.item(_SAMPLES) > 0
+        if observes:
+            self._before[:] = data[_POSE]
+            silent = max(SILENT, SILENT_GAPS * seen.item(_GAP))
+            self._silent = seen.item(_SAMPLES) > 3 and seen.item(_AGE) > silent
+        before = data.item(engine.TIME)
+        lost = 0.0
+        if self.mode == "track":
+            lost = self._track(passed)
+        elif self.mode == "yield":
+            self._yield(passed)
         else:
-            data[engine.STEERING] = engine.NO_STEERING
-            if self._goal_moved and self._may_replan:
-                self._replan("goal")
-        if self._speed != self._wanted_speed:
-            self._change_speed(h)
-        before = data.item(engine.FRACTION)
-        self._engine.step(h)
-        if waits:
-            data[engine.FRACTION] = before
+            self._hold(h)
+        if self._in_plan_time:
+            data[engine.TIME] = before + h - lost
+        if observes:
+            # Of a late cycle the robot made what it makes of any.
+            self._observer.moved(self._before, data[_POSE], h if passed == h else self.time_step)
 
     def pause(self, within: float | None = None) -> None:
         """Come to a halt on the path.
@@ -284,7 +460,7 @@ class Controller:
         Parameters
         ----------
         within : float, optional
-            Seconds; by default a fiftieth of the duration.  0 is at once.
+            Seconds; by default as fast as accelerations are bounded.  0 is at once.
         """
         self._head_for(0.0, within)
 
@@ -292,147 +468,451 @@ class Controller:
         """Go on after a :meth:`pause`, at full speed within some seconds."""
         self._head_for(1.0, within)
 
-    # ---------------------------------------------------------------- inside
-
-    @property
-    def _may_replan(self) -> bool:
-        if not self.replans or not self._wanted_speed == self._speed == 1:
-            return False
-        return bool(self.memory.data[engine.TIME] >= self._pause)
+    # ---------------------------------------------------------------- the clock
 
     def _head_for(self, speed: float, within: float | None) -> None:
-        if within is None:
-            within = _PAUSE * self.law.duration
-        within = _arguments.not_negative("within", within)
-        self._wanted_speed = speed
-        self._ramp = 1 / within if within > 0 else np.inf
+        self._wanted_speed, self._ramp = speed, 0.0
+        if within is not None:
+            within = _arguments.not_negative("within", within)
+            self._ramp = 1 / within if within > 0 else np.inf
 
-    def _change_speed(self, h: float) -> None:
-        """Stretch the plan's duration, and the velocities with it."""
-        data, old = self.memory.data, self._speed
-        change = min(self._ramp * h, abs(self._wanted_speed - old))
-        new = old + change if self._wanted_speed > old else old - change
-        if self._halted is not None:
-            data[engine.VELOCITIES] = new * self._halted
-            self._halted = None
-        elif new == 0.0:
-            # Scaled up again from next to nothing, rounding would be all that is left of them.
-            self._halted = data[engine.VELOCITIES] / old
-            data[engine.VELOCITIES] = 0.0
+    def _pace(self) -> float:
+        """1 while what is left is within its band, 0 from three bands on."""
+        seen = self._observer.seen
+        worst = 0.0
+        for far, band in _BANDS:
+            tolerated = seen.item(band)
+            worst = max(worst, (seen.item(far) - tolerated) / (2 * tolerated))
+        return 1.0 - min(worst, 1.0)
+
+    def _track(self, h: float, halt: bool = False) -> float:
+        """Run the plan for some seconds at the clock's speed; the seconds left at its end."""
+        data, schedule, speed = self.memory.data, self._schedule, self._speed
+        fraction, duration = data.item(engine.FRACTION), self._plan_duration
+        ramp = schedule.at("ramps", fraction)
+        # Where this cycle ends, braking was foreseen; the least keeps it from stopping short.
+        wanted = max(schedule.cap(fraction + speed * h / duration), min(ramp * h, 1.0))
+        if self._task is not None and self._arrive < 1.0:
+            # Slow enough for the new plan where it is handed over.
+            way = max(self._hand_over - fraction, 0.0) * duration
+            wanted = min(wanted, sqrt(self._arrive**2 + 2 * ramp * way))
+        if halt or self._silent:
+            wanted = 0.0
+        elif self._observer.seen.item(_SAMPLES):
+            wanted = min(wanted, self._pace())
+        if self._wanted_speed < wanted:
+            wanted, ramp = self._wanted_speed, self._ramp or ramp
+        elif self._ramp:
+            ramp = self._ramp
+            if speed >= self._wanted_speed:
+                self._ramp = 0.0
+        if wanted != speed:
+            speed += max(min(wanted - speed, ramp * h), -ramp * h)
+        return self._run(h, speed)
+
+    def _run(self, h: float, speed: float) -> float:
+        """Run for some seconds at some speed, over the place of a hand-over too."""
+        data = self.memory.data
+        self._set_speed(speed)
+        left = (1 - data.item(engine.FRACTION)) * self._plan_duration
+        run = speed * h
+        if self._task is not None:
+            before = (self._hand_over - data.item(engine.FRACTION)) * self._plan_duration
+            if run >= before - 1e-9 * h and self._time >= self._due - 1e-9:
+                before = max(min(before, run), 0.0)
+                if before > _LEAST_RUN * h:
+                    self._steps(before / speed, before)
+                if self._adopted():
+                    rest = (run - before) / speed if speed > 0 else 0.0
+                    return self._run(rest, self._speed) if rest > _LEAST_RUN * h else 0.0
+                run, left = run - before, left - before
+                h = run / speed if speed > 0 else 0.0
+        lost = 0.0
+        if run >= left - 1e-9 * h and self._in_plan_time and speed > 0:
+            lost, run = (run - left) / speed, left
+        if run > _LEAST_RUN * self.time_step or not self._in_plan_time or 0 < run == left:
+            self._steps(h, run)
+        if data.item(engine.FRACTION) >= DONE:
+            self.mode = "hold"
+        return max(lost, 0.0)
+
+    def _steps(self, h: float, run: float) -> None:
+        """Step the plan by so much of its time, or for so many seconds of the true one."""
+        whole = run if self._in_plan_time else h
+        count = max(1, round(whole / self.time_step))
+        for _ in range(count):
+            self._engine.step(whole / count)
+
+    def _set_speed(self, speed: float) -> None:
+        """Set the clock's speed; in true time, stretch the plan's duration."""
+        if not self._in_plan_time and (speed != self._speed or speed == 0.0):
+            data = self.memory.data
+            if speed == 0.0:
+                # What stands moves only as what holds it does.
+                data[_TWIST] = 0.0
+            else:
+                velocity = self._schedule.velocity(data.item(engine.FRACTION))
+                data[_TWIST] += (speed - self._speed) * velocity
+            data[engine.DURATION] = self._plan_duration * (1 / speed if speed > 0 else _STANDING)
+        self._speed = speed
+
+    def _hold(self, h: float) -> None:
+        """Hold the pose after the end; come to rest, move along with what moves."""
+        data = self.memory.data
+        if self._task is not None and self._time >= self._due - 1e-9 and self._adopted():
+            return
+        if self._in_plan_time:
+            self._engine.step(max(self._speed, _LEAST_RUN) * h)
         else:
-            data[engine.VELOCITIES] *= new / old
-        if old > 0:
-            # What slips goes on as slowly.
-            data[self.memory.equalities] *= new / old
-        data[engine.DURATION] = self.plan.duration * (1 / new if new > 0 else _STANDING)
-        self._speed = new
+            data[engine.DURATION] = self._plan_duration
+            self._engine.step(h)
+
+    def _follow(self, plan: Law, state: State, schedule: Schedule) -> None:
+        self.plan, self._schedule = plan, schedule
+        self._plan_duration = state.duration
+        self._in_plan_time = runs_in_plan_time(self.rule.system)
+        self.memory.set(state)
+        self.memory.data[engine.BRAKING] = self.braking
+        self._engine = engine_of(plan, self.rule, self.memory, self.time_step)
+
+    # ---------------------------------------------------------------- what is measured
+
+    def _take(self, measured: Pose) -> bool:
+        """Take over a measured pose; whether it is one."""
+        pose = self._pose
+        if isinstance(measured, State):
+            pose[:3], pose[3:] = measured.position, measured.quaternion
+        elif isinstance(measured, tuple) and len(measured) == 2:
+            position, rotation = measured
+            if not isinstance(rotation, Rotation):
+                raise InputError(
+                    f"measured_state: a Rotation stands second, got {type(rotation).__name__}"
+                )
+            given = np.asarray(position, dtype=np.float64)
+            if given.shape != (3,):
+                raise InputError(f"measured_state: a position has shape (3,), got {given.shape}")
+            x, y, z, w = rotation.as_quat().tolist()
+            pose[:3] = given
+            pose[3], pose[4], pose[5], pose[6] = w, x, y, z
+        else:
+            raise InputError(
+                "measured_state must be a State or a pair (position, Rotation), got "
+                f"{type(measured).__name__}"
+            )
+        return isfinite(pose.sum()) and bool(pose[3:].any())
+
+    def _is_quiet(self) -> bool:
+        seen = self._observer.seen
+        return all(seen.item(far) <= seen.item(band) for far, band in _BANDS)
+
+    def _measure(self) -> None:
+        observer, command = self._observer, self.memory.data[_POSE]
+        learns = self.mode != "yield" and self._is_quiet()
+        observer.measured(command, self._pose, learns)
+        if self.mode != "track":
+            return
+        self._accept()
+        if not (self.follows and self.replans):
+            return
+        # Sideways: what no lag and no stall explains.
+        left = observer.seen[SEEN["place_left"]]
+        if observer.seen.item(_FAR) > 1.5 * observer.seen.item(_BAND):
+            v = self.memory.data[engine.LINEAR]
+            v = v / (np.linalg.norm(v) + 1e-12)
+            if np.linalg.norm(left - (left @ v) * v) > 1.5 * observer.seen.item(_BAND):
+                if self._aside < 0:
+                    self._aside = self._time
+                if self._time - self._aside >= PERSIST:
+                    self.mode, self._stage = "yield", "wait"
+                    self._rest = self._aside = -1.0
+                    self._may_move, self._moved = True, False
+                    self._task = self._job = None
+                return
+        self._aside = -1.0
+
+    def _accept(self) -> None:
+        """Take an offset that stays for a bias, if it is small enough; else it blocks."""
+        observer, seen = self._observer, self._observer.seen
+        off = not self._is_quiet()
+        left = seen[SEEN["place_left"]]
+        if off:
+            moved = np.linalg.norm(left - self._rest_at) > 0.5 * seen.item(_BAND)
+        if not off or self._rest < 0 or moved:
+            self._rest, self._rest_at = (self._time if off else -1.0), left.copy()
+        if off and self._time - self._rest > ACCEPT:
+            small = observer.size("place", "bias", "left") <= self.bias * self._length
+            if small and observer.size("turn", "bias", "left") <= ANGLE_BIAS:
+                observer.accept()
+                off = False
+            else:
+                self.blocked = True
+            self._rest = -1.0
+        self.blocked = self.blocked and off
+
+    def _yield(self, h: float) -> None:
+        """Wait until the tool rests; move the command to it, once; look; plan."""
+        observer, seen, data = self._observer, self._observer.seen, self.memory.data
+        small = self._is_quiet()
+        calm = max(CALM, CALM_GAPS * seen.item(_GAP))
+        if self._speed > 0:
+            self._track(h, halt=True)
+            if self.mode == "hold":
+                return
+        if self._stage == "wait":
+            self._wait(small, calm)
+        elif self._stage == "move":
+            # Never farther than it was off when this began: nothing can run away.
+            share = -expm1(-h / FOLLOW)
+            most = self._bounds.speed, self._bounds.rate
+            off = (
+                self._reachable @ seen[SEEN["place_left"]],
+                self._turned * seen[SEEN["turn_left"]],
+            )
+            steps = [share * part for part in off]
+            for i in (0, 1):
+                size = float(np.linalg.norm(steps[i]))
+                allowed = min(FOLLOW_HASTE * most[i] * h, self._budget[i])
+                if size > allowed:
+                    steps[i] = steps[i] * (allowed / size)
+                self._budget[i] -= min(size, allowed)
+            place = data[engine.POSITION] + steps[0]
+            turned = Rotation.from_quat(data[engine.QUATERNION], scalar_first=True)
+            turn = Rotation.from_rotvec(steps[1])
+            data[engine.POSITION] = place
+            data[engine.QUATERNION] = (turn * turned).as_quat(scalar_first=True)
+            observer.shifted(*steps)
+            little = self._budget[0] < 0.1 * self.tolerance * self._length
+            if (
+                np.linalg.norm(self._reachable @ seen[SEEN["place_left"]])
+                < (0.3 * seen.item(_BAND))
+                or little
+            ):
+                self._stage, self._since = "look", self._time
+        elif self._stage == "look":
+            if self._time - self._since < max(calm, 3 * seen.item(_LAG)):
+                return
+            if not small and observer.size("place", "bias", "left") <= self.bias * self._length:
+                # It went along: a bias.
+                observer.accept()
+                small = True
+            if small:
+                self._stage = "plan"
+            else:
+                self._stage, self._rest, self._may_move = "wait", -1.0, False
+        elif self._speed == 0.0:
+            self._lead_on()
+
+    def _wait(self, small: bool, calm: float) -> None:
+        """Wait until the tool rests, or is back."""
+        seen = self._observer.seen
+        if small:
+            # It came back by itself.
+            self.blocked = False
+            if self._moved:
+                self._stage = "plan"
+            else:
+                self.mode = "track"
+            return
+        if not self._may_move:
+            self._accept()
+            return
+        parts = (seen[SEEN[f"place_{name}"]] for name in ("behind", "bias", "left"))
+        tool = self.memory.data[engine.POSITION] + sum(parts)
+        rests = 0.5 * self.tolerance * self._length + 4.5 * np.sqrt(seen.item(_VARIANCE))
+        if self._rest < 0 or np.linalg.norm(tool - self._rest_at) > rests:
+            self._rest, self._rest_at = self._time, tool
+        if self._time - self._rest >= calm and self._speed == 0.0:
+            self._stage, self._moved = "move", True
+            self._turned = seen.item(_TURN_FAR) > seen.item(_TURN_BAND)
+            self._budget = [seen.item(_FAR), seen.item(_TURN_FAR)]
+
+    def _lead_on(self) -> None:
+        """Plan from where the command was moved to, and follow that plan."""
+        if self._task is None:
+            if self._time >= self._next_plan:
+                self._plan("push", self._target, self._target_rotation)
+        elif self._time >= self._due - 1e-9 and self._adopted():
+            self.mode = "track"
+
+    # ---------------------------------------------------------------- goals and plans
 
     def _aim(self, goal: Any) -> None:
-        """Take over a goal, if it is another one."""
+        """Take a sample of the goal."""
         if not self.replans:
             raise InputError("goal: this controller makes no plans (replan=False)")
         position, rotation = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, None)
         if isinstance(position, Rotation):
             position, rotation = rotation, position
         if position is not None:
-            asked = _arguments.vector("goal", position).tolist()
-            if asked != self._goal:
-                self._goal, self._goal_moved = asked, True
+            self._goal.take(self._time, _arguments.vector("goal", position).tolist())
         if rotation is not None:
-            asked_rotation = _arguments.rotation("goal", rotation)
-            if (asked_rotation * self._goal_rotation.inv()).magnitude() > 0:
-                self._goal_rotation, self._goal_moved = asked_rotation, True
+            asked = _arguments.rotation("goal", rotation)
+            turn = (asked * self._goal_rotation.inv()).as_rotvec()
+            last = np.array(self._goal_turn.last or turn)
+            angle = float(np.linalg.norm(turn))
+            if angle > 0 and last @ turn < 0 and np.linalg.norm(turn - last) > np.pi:
+                # The same rotation, the other way round.
+                turn = turn * (1 - 2 * np.pi / angle)
+            self._goal_turn.take(self._time, turn.tolist())
 
-    def _follow(self, plan: Law, state: State) -> None:
-        self.plan = plan
-        begun = state
-        if state.previous_step > 0:
-            goals = ("goal_position", "goal_rotation", "first_goal_position", "first_goal_rotation")
-            asked = {name: getattr(state, name) for name in goals}
-            begun = replace(initial_state(plan, self.rule, duration=state.duration), **asked)
-        # On the loop's own steps: undisturbed, the tool is exactly on it.
-        motion = motion_from(plan, self.rule, begun, min(self.time_step, state.duration))
-        self._path = np.hstack(
-            [
-                motion.positions[:-1],
-                motion.quaternions[:-1],
-                # Of the step that leaves a sample.
-                motion.linear_velocities[1:],
-                motion.angular_velocities[1:],
-            ]
-        )
-        self._last = len(self._path) - 1
-        self._between = motion.duration / len(self._path)
-        self.memory.set(state)
-        self.memory.data[engine.BRAKING] = self.braking
-        self._engine = self._engine_of(plan)
+    def _aim_at(self, ahead: float) -> tuple[Floats, Rotation, float, float]:
+        """Where the goal will be, and the standard deviations of that (m, rad)."""
+        position, off = self._goal.ahead(ahead) if self._goal.last else (self._target, 0.0)
+        rotation, turned = self._target_rotation, 0.0
+        if self._goal_turn.last:
+            turn, turned = self._goal_turn.ahead(ahead)
+            rotation = Rotation.from_rotvec(turn) * self._goal_rotation
+        # What no motion reaches is noise, if it is small.
+        beyond = position - self._target
+        beyond = beyond - self._reachable @ beyond
+        if np.linalg.norm(beyond) <= GOAL_JUMP * self._length:
+            position = position - beyond
+        return position, rotation, off, turned
 
-    def _engine_of(self, plan: Law) -> Virtual | Compiled:
-        if self._library is None:
-            return Virtual(plan, self.rule, self.memory, self.time_step)
-        return Compiled(plan, self.rule, self.memory, self._library)
+    def _look_at_goal(self) -> None:
+        """Plan for the goal, if it has moved out of the funnel."""
+        for part in (self._goal, self._goal_turn):
+            # What was told holds until it is told otherwise.
+            if part.last:
+                part.take(self._time, part.last)
+        if self._task is not None or self.mode == "yield" or self._time < self._next_plan:
+            return
+        fraction = self.memory.data.item(engine.FRACTION)
+        tracks = self.mode == "track"
+        left = self._schedule.at("left", fraction) if tracks else 0.0
+        aim, rotation, deviation, turned = self._aim_at(left)
+        if self._goal.is_jumping or self._goal_turn.is_jumping:
+            return
+        wide = 1 if tracks and left >= 0.05 * self._duration else 2
+        funnel = FUNNEL * self._schedule.at("way", fraction) if tracks else 0.0
+        off = float(np.linalg.norm(aim - self._target))
+        turn = (rotation * self._target_rotation.inv()).magnitude()
+        if off > max(wide * GOAL_TOLERANCE * self._length, funnel) + 4 * deviation or (
+            turn > wide * GOAL_ANGLE_TOLERANCE + 4 * turned
+        ):
+            self._plan("goal", aim, rotation)
 
-    def _measure(self, measured: State) -> bool:
-        """Take over what was measured; steer, re-plan, or tell that the phase must wait."""
-        if not isinstance(measured, State):
-            raise InputError(f"measured_state must be a State, got {type(measured).__name__}")
-        data, guidance = self.memory.data, self._guidance
-        place = min(data.item(engine.FRACTION), 1.0) * len(self._path)
-        k = min(int(place), self._last)
-        given, path = guidance.measured, guidance.path
-        given[_POSITION], given[_QUATERNION] = measured.position, measured.quaternion
-        given[_LINEAR], given[_ANGULAR] = measured.linear_velocity, measured.angular_velocity
-        done = self.done
-        # After its end a tool is where it was sent.
-        path[: STATE.size] = data[engine.MOVING] if done else self._path[k]
-        path[_PASSED] = 0.0 if done else (place - k) * self._between
-        path[_NOW] = data.item(engine.TIME)
-        guidance()
-        if not guidance.is_finite:
-            raise InputError(
-                "measured_state is not finite; leave it out where nothing was measured"
+    def _plan(self, reason: Reason, aim: Floats, rotation: Rotation, arrive: float = 1.0) -> None:
+        """Begin to plan, from where the command will be, with so much of the clock's speed."""
+        data, h, speed = self.memory.data, self.time_step, self._speed
+        fraction = data.item(engine.FRACTION)
+        step = speed * h if self.mode == "track" else 0.0
+        steps = ceil(self._ahead / h - 1e-9) if step > 0 else 0
+        if step > 0 and arrive < speed:
+            # A little farther than it takes to brake.
+            ramp = self._schedule.at("ramps", fraction)
+            steps += ceil(1.1 * (speed * speed - arrive * arrive) / (2 * ramp) / step)
+        place = min(fraction + steps * step / self._plan_duration, 1.0)
+        duration = self._time_for(aim, place)
+        if reason == "goal":
+            # To where it is when this arrives.
+            late = max(self._schedule.left.item(0) - self._plan_duration, 0.0)
+            aim, rotation, *_ = self._aim_at(duration + late + self._ahead)
+            duration = self._time_for(aim, place)
+        far = float(np.linalg.norm(aim - data[engine.POSITION]))
+        self._next_plan = self._time + BETWEEN_PLANS * self._duration
+        if far > FARTHEST * self._length:
+            # A plan of thousands of seconds would be sought for seconds.
+            self._failed(
+                reason,
+                f"the goal is {far:.3g} m away, the whole path {self._length:.3g} m; adapt the "
+                "primitive to it first",
             )
-        off = guidance.distance > 1 or guidance.angle > 1
-        if done and not off and not self._goal_moved:
-            # What is measured of a tool that holds its pose must not move it.
-            data[engine.STEERING] = engine.NO_STEERING
-            return False
-        data[engine.MOVING] = guidance.state
-        if self._speed != 1.0:
-            return False
-        wanted = (off or self._goal_moved) and self._may_replan
-        if wanted and self._replan("goal" if self._goal_moved else "path"):
-            return False
-        data[engine.STEERING] = engine.NO_STEERING if off else guidance.steering
-        return off
-
-    def _replan(self, reason: Literal["path", "goal"]) -> bool:
-        """Change the plan, if one is found; else the old one is followed on."""
-        state = self.memory.state()
-        self._pause = state.time + _PAUSE * self.law.duration
-        far = np.linalg.norm(self._goal - state.position)
-        try:
-            # A plan of thousands of seconds would be sought for seconds, while the tool waits.
-            if far > FARTHEST * self._length:
-                raise InputError(
-                    f"the goal is {far:.3g} m away, the whole path {self._length:.3g} m; adapt the "
-                    "primitive to it first"
-                )
-            plan = replan(
-                self.plan,
-                self.rule,
-                state,
-                goal_position=self._goal,
-                goal_rotation=self._goal_rotation,
-                samples=self.samples,
-            ).law
-        except NoslipError as failure:
-            self.replanned.append(Replanned(state.time, reason, np.nan, str(failure)))
-            return False
-        self.replanned.append(Replanned(state.time, reason, plan.duration))
-        self._goal_moved = False
-        begun = initial_state(
-            plan, self.rule, start_position=state.position, start_rotation=state.rotation
+            return
+        memory = data.copy()
+        if not self._in_plan_time:
+            memory[engine.DURATION] = self._plan_duration
+            memory[_TWIST] += (1 - self._speed) * self._schedule.velocity(fraction)
+        self._task = Task(
+            reason,
+            self.plan,
+            memory,
+            steps,
+            step,
+            place >= DONE,
+            np.asarray(aim),
+            rotation,
+            duration,
+            self.samples,
         )
-        self._follow(plan, begun)
+        self._hand_over, self._due, self._arrive = place, self._time + self._ahead, arrive
+        self._job = self._planner.begin(self._task)
+
+    def _time_for(self, aim: Floats, place: float) -> float:
+        """At the primitive's own mean speed, never that of the plan which happens to run."""
+        schedule, T = self._schedule, self._duration
+        way, left = schedule.at("way", place), (1 - place) * self._plan_duration
+        on_path = schedule.positions[min(round(place * CELLS), CELLS)]
+        off = float(np.linalg.norm(aim - self._target))
+        if self._moved:
+            off += float(np.linalg.norm(self.memory.data[engine.POSITION] - on_path))
+        detour = _DETOUR * off * off / (off + way) if off > 0 else 0.0
+        needed = max(left, way / self._bounds.speed) + detour / self._mean_speed
+        return min(max(needed, _LEAST_TIME * T, 20 * self.time_step), left + _MOST_TIME * T)
+
+    def _adopted(self) -> bool:
+        """Take over the plan that was made; whether there is one."""
+        task, job = self._task, self._job
+        if task is None or job is None:
+            return False
+        if self.real_time and not job.done():
+            if self._speed > 0 and self.mode == "track":
+                # The place is passed: the old plan goes on, the new one is made from farther ahead.
+                self._task = self._job = None
+                self._ahead = min(2 * self._ahead, 10 * self.plan_within)
+                self._next_plan = self._time
+            return False
+        self._task = self._job = None
+        made = job.result()
+        if made.plan is None or made.state is None or made.schedule is None:
+            self._failed(task.reason, made.failure)
+            return False
+        cap = made.schedule.cap(0.0)
+        if self._speed > HASTY * cap and not task.resting and self._slowed < MOST_SLOWED:
+            # It bends too sharply for this speed: a like one is made from where it is slower.
+            self._slowed += 1
+            self._plan(task.reason, task.goal_position, task.goal_rotation, 0.9 * cap)
+            return False
+        self._slowed = self._failures = 0
+        data = self.memory.data
+        self.replanned.append(Replanned(data.item(engine.TIME), task.reason, made.plan.duration))
+        begun = replace(
+            made.state,
+            time=data.item(engine.TIME),
+            position=data[engine.POSITION].copy(),
+            rotation=data[engine.QUATERNION].copy(),
+        )
+        if not task.resting:
+            # Pose and twist are handed over as they are.
+            begun = replace(
+                begun,
+                linear_velocity=data[engine.LINEAR].copy(),
+                angular_velocity=data[engine.ANGULAR].copy(),
+                previous_step=data.item(engine.PREVIOUS_STEP),
+            )
+        self._follow(made.plan, begun, made.schedule)
+        self._target, self._target_rotation = task.goal_position, task.goal_rotation
+        self._moved = False
+        if task.resting:
+            self._speed = 0.0
+        elif not self._in_plan_time:
+            speed, self._speed = self._speed, -1.0
+            self._set_speed(speed)
+        self.mode = "track"
         return True
+
+    def _failed(self, reason: Reason, failure: str) -> None:
+        self.replanned.append(Replanned(self._time, reason, np.nan, failure))
+        self._next_plan = self._time + AFTER_FAILURE * 2**self._failures * self._duration
+        self._failures = min(self._failures + 1, 10)
+
+
+def _place(channel: str, name: str) -> int:
+    return SEEN.index(f"{channel}_{name}")
+
+
+_SAMPLES, _AGE, _GAP = _place("place", "samples"), SEEN.index("age"), SEEN.index("gap")
+_LAG, _VARIANCE = _place("place", "lag"), _place("place", "variance")
+_FAR, _BAND = _place("place", "far"), _place("place", "band")
+_TURN_FAR, _TURN_BAND = _place("turn", "far"), _place("turn", "band")
+_BANDS = (_FAR, _BAND), (_TURN_FAR, _TURN_BAND)

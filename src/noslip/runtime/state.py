@@ -64,7 +64,7 @@ class State(Value):
     braking : float
         Seconds within which a motion that ends at speed comes to rest after its end; 0 is at once.
     steering : array, shape (3,)
-        Turn of the orientation's target (rad, world frame), see :mod:`noslip.control.steering`.
+        Turn of the orientation's target (rad, world frame).
     constraint_residuals, multipliers : array, shape (m,)
         Of the equalities.
     margins, limit_multipliers : array, shape (k,)

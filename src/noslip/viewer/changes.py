@@ -131,14 +131,16 @@ class Adapter:
 class PushedRun:
     """A primitive in its control loop, pushed off its path now and then.
 
-    All ``states`` so far are kept; the first is where it begins.
+    A hand holds the tool where it was pushed to until the controller leads on from there.  All
+    ``states`` so far are kept; the first is where it begins.
     """
 
     def __init__(self, dmp: ConstrainedDMP) -> None:
         self.dmp = dmp
-        self.controller = dmp.controller(time_step=dmp.duration / dmp.steps)
+        self.controller = dmp.controller(time_step=dmp.duration / dmp.steps, follows=True)
         self.states: list[State] = [self.controller.reset()]
-        self._push = np.zeros(3)
+        self._held: State | None = None
+        self._plans = 0
 
     @property
     def done(self) -> bool:
@@ -147,21 +149,23 @@ class PushedRun:
 
     def push(self, by: ArrayLike) -> None:
         """Displace the tool (m, world frame) before the next step."""
-        self._push = self._push + _arguments.vector("push", by)
+        tool = self._held or self.states[-1]
+        self._held = replace(tool, position=tool.position + _arguments.vector("push", by))
+        self._plans = len(self.controller.replanned)
 
     def advance(self, until: float) -> None:
         """Run the loop up to a time (s) since it began, or to its end.
 
-        What is measured is where the tool was sent, and where it was pushed to.
+        What is measured is where the tool was sent, or where it is held.
         """
         until += self.states[0].time
         for _ in range(MOST_STEPS_AT_ONCE):
             now = self.states[-1]
             if self.done or now.time >= until:
                 return
-            measured = replace(now, position=now.position + self._push)
-            self._push = np.zeros(3)
-            self.states.append(self.controller.step(measured))
+            self.states.append(self.controller.step(self._held or now))
+            if len(self.controller.replanned) > self._plans:
+                self._held = None
 
     @property
     def clock(self) -> float:
@@ -181,7 +185,8 @@ class PushedRun:
 
     def off(self, path: Floats) -> float:
         """Distance from where the tool is to the nearest point (m) of a path, shape (N, 3)."""
-        return float(np.linalg.norm(path - self.states[-1].position, axis=1).min())
+        tool = self._held or self.states[-1]
+        return float(np.linalg.norm(path - tool.position, axis=1).min())
 
     @property
     def goal_error(self) -> float:

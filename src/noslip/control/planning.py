@@ -1,0 +1,191 @@
+"""New plans beside the loop: from a place ahead, in a thread.
+
+A command is its own, so where it will be is known: a plan is made from the state at a *place* of
+the plan that is followed now, and handed over there, with its pose and its twist, however fast the
+clock ran meanwhile.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.adapting import replan
+from noslip.control.clock import CELLS, PLAN_AT_REST, Bounds, Schedule
+from noslip.errors import muted
+from noslip.law.law import Law
+from noslip.projection.request import ADAPTING
+from noslip.rule import Rule
+from noslip.runtime.engine import Compiled, Memory, Virtual
+from noslip.runtime.rollout import initial_state, motion_from
+from noslip.runtime.state import State
+from noslip.runtime.stepper import stepper_of
+
+Reason = Literal["push", "goal"]
+SMOOTHER = 30.0
+"""Times as smooth a turn as when a motion is adapted from rest: else it bends within a few samples
+from the twist that it is handed over with, at some ten times the accelerations of the path."""
+_ORIENTATIONS = 6
+"""At which rules are asked what they forbid for good: more than any has rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task(Value):
+    """What is to be planned, and from where.
+
+    Attributes
+    ----------
+    reason : "push" or "goal"
+    plan : Law
+        Followed now.
+    memory : array
+        Of its state now, in plan time.
+    steps : int
+        Of the loop, ahead: 0 is here.
+    step : float
+        Of plan time, each (s).
+    resting : bool
+        Whether the motion has come to its end there.
+    goal_position : array, shape (3,)
+    goal_rotation : Rotation
+    duration : float
+        Of the new plan (s).
+    samples : int
+        Of its projection.
+    """
+
+    reason: Reason
+    plan: Law
+    memory: Floats
+    steps: int
+    step: float
+    resting: bool
+    goal_position: Floats
+    goal_rotation: Rotation
+    duration: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class Made:
+    """What came of it: a plan with all that following it needs, or why there is none.
+
+    Attributes
+    ----------
+    plan : Law or None
+    state : State or None
+        To follow it from.
+    schedule : Schedule or None
+    failure : str
+    """
+
+    plan: Law | None = None
+    state: State | None = None
+    schedule: Schedule | None = None
+    failure: str = ""
+
+
+class Planner:
+    """Makes plans for one controller, one at a time.
+
+    Parameters
+    ----------
+    rule : Rule
+    bounds : Bounds
+    mean_speed : float
+        Of the primitive (m/s).
+    time_step : float
+        Of the loop (s).
+    rests : bool
+        Whether plans that end at speed come to rest at their ends.
+    """
+
+    def __init__(
+        self, rule: Rule, bounds: Bounds, mean_speed: float, time_step: float, rests: bool
+    ) -> None:
+        self._rule, self._bounds, self._mean_speed = rule, bounds, mean_speed
+        self._time_step, self._rests = time_step, rests
+        self._thread = ThreadPoolExecutor(1, "noslip-plan")
+
+    def begin(self, task: Task) -> Future[Made]:
+        """Begin to plan beside the loop."""
+        return self._thread.submit(self._made, task)
+
+    def schedule(self, plan: Law, state: State, at_rest: float = PLAN_AT_REST) -> Schedule:
+        """What a plan allows its clock, from its first state."""
+        motion = motion_from(plan, self._rule, state, state.duration / CELLS)
+        return Schedule.of(
+            motion, self._bounds, self._mean_speed, self._time_step, self._rests, at_rest
+        )
+
+    def _made(self, task: Task) -> Made:
+        try:
+            with muted():
+                state = self._there(task)
+                plan = replan(
+                    task.plan,
+                    self._rule,
+                    state,
+                    goal_position=task.goal_position,
+                    goal_rotation=task.goal_rotation,
+                    duration=task.duration,
+                    samples=task.samples,
+                    rotation_smoothing=SMOOTHER * ADAPTING.rotation_smoothing,
+                ).law
+                begun = initial_state(
+                    plan, self._rule, start_position=state.position, start_rotation=state.rotation
+                )
+                schedule = self.schedule(plan, begun)
+        # Whatever it is must not end the loop.
+        except Exception as failure:
+            return Made(failure=str(failure) or type(failure).__name__)
+        return Made(plan, begun, schedule)
+
+    def _there(self, task: Task) -> State:
+        """The state at the place from which to plan."""
+        memory = Memory(task.plan.clock, self._rule.system)
+        memory.data[:] = task.memory
+        ahead = engine_of(task.plan, self._rule, memory, self._time_step)
+        for _ in range(task.steps):
+            ahead.step(task.step)
+        state = memory.state()
+        if task.resting:
+            state = replace(state, linear_velocity=np.zeros(3), angular_velocity=np.zeros(3))
+        return state
+
+
+def reachable(rule: Rule, state: State) -> Floats:
+    """Projector, shape (3, 3), onto the displacements that no rule forbids for good.
+
+    What a rule forbids the velocity however the tool is turned, as a wheel the height above its
+    ground, no motion reaches.  It stands in the span of the rows at every orientation.
+    """
+    rows, rng = rule.system.equalities, np.random.default_rng(0)
+    spans = np.zeros((6, 6))
+    for turn in Rotation.from_rotvec(0.5 * rng.normal(size=(_ORIENTATIONS, 3))):
+        quaternion = (turn * state.rotation).as_quat(scalar_first=True)
+        twist = rng.normal(size=(2, 3))
+        jacobian = rows.instant(state.time, state.position, quaternion, *twist)[2]
+        _, sizes, span = np.linalg.svd(jacobian, full_matrices=False)
+        span = span[sizes > 1e-9 * sizes.max(initial=0.0)]
+        spans += span.T @ span / _ORIENTATIONS
+    shares, common = np.linalg.eigh(spans)
+    common = common[:, shares > 1 - 1e-9]
+    # Of these, those that need no turn.
+    _, sizes, mixed = np.linalg.svd(common[3:])
+    alone = common[:3] @ mixed[np.count_nonzero(sizes > 1e-9) :].T
+    return np.asarray(np.eye(3) - alone @ np.linalg.pinv(alone))
+
+
+def engine_of(plan: Law, rule: Rule, memory: Memory, time_step: float) -> Virtual | Compiled:
+    """What steps a plan: machine code if it is there."""
+    library = stepper_of(rule).native.library
+    if library is None:
+        return Virtual(plan, rule, memory, time_step)
+    return Compiled(plan, rule, memory, library)
