@@ -5,10 +5,10 @@ commanded is
 
     twist = sigma v(u),    acceleration = sigma^2 a(u) + sigma' v(u).
 
-Half of the acceleration allowed is for the plan's own, ``sigma^2 |a| <= most / 2``; half is for
-the clock's, ``|sigma'| |v| <= most / 2``.  The squared speed of the clock changes by ``2 sigma'``
-over plan time, so a pass from the end backwards finds where to brake for what comes (Bobrow,
-Dubowsky, Gibson 1985; Verscheure et al. 2009: linear in sigma^2).
+Half of the acceleration allowed is for the plan's own, ``sigma^2 |a| <= most / 2``; what that
+leaves is for the clock's, ``|sigma'| |v| <= most - sigma^2 |a|``.  The squared speed of the clock
+changes by ``2 sigma'`` over plan time, so a pass from the end backwards finds where to brake for
+what comes (Bobrow, Dubowsky, Gibson 1985; Verscheure et al. 2009: linear in sigma^2).
 """
 
 from __future__ import annotations
@@ -138,8 +138,8 @@ class Schedule(Value):
             ramps = np.minimum.reduce(
                 [
                     np.full(CELLS + 1, 1 / (4 * time_step)),
-                    bounds.acceleration / 2 / np.maximum(v, np.append(v[1:], 0.0)),
-                    bounds.angular_acceleration / 2 / np.maximum(w, np.append(w[1:], 0.0)),
+                    (bounds.acceleration - caps * a) / np.maximum(v, np.append(v[1:], 0.0)),
+                    (bounds.angular_acceleration - caps * b) / np.maximum(w, np.append(w[1:], 0.0)),
                 ]
             )
             # From the speed at the end to rest within a cycle, as far as accelerations allow.

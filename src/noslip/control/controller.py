@@ -94,10 +94,13 @@ BETWEEN_PLANS, AFTER_FAILURE = 0.05, 0.1
 HASTY, MOST_SLOWED = 1.05, 2
 """Times the speed that a new plan allows at its start, up to which it is handed over; and how often
 it is made anew from where the clock is slower instead."""
-_DETOUR = 5.0
+_DETOUR = 3.0
 """Way for which time is allotted to a displacement, over its length: it may lie sideways."""
 _LEAST_TIME, _MOST_TIME = 0.2, 3.0
 """Of the duration: what a plan takes at least, and at most beyond what is left."""
+PATIENCE = 0.2
+"""s for which a goal must be off that did not jump: it begins to move, and its speed is not known
+before."""
 _LOOK = 0.01
 """s between two looks at where the goal will be."""
 _LEAST_RUN = 1e-4
@@ -278,7 +281,7 @@ class Controller:
         self.blocked, self._failure = False, ""
         self._time, self._next_plan, self._next_look, self._failures = 0.0, 0.0, 0.0, 0
         self._wanted_speed, self._ramp = 1.0, 0.0
-        self._silent = False
+        self._silent, self._goal_since = False, -1.0
         # Of the plan under way: what is asked, since when, and where it is handed over.
         self._task: Task | None = None
         self._job = None
@@ -787,9 +790,15 @@ class Controller:
         funnel = FUNNEL * self._schedule.at("way", fraction) if tracks else 0.0
         off = float(np.linalg.norm(aim - self._target))
         turn = (rotation * self._target_rotation.inv()).magnitude()
-        if off > max(wide * GOAL_TOLERANCE * self._length, funnel) + 4 * deviation or (
-            turn > wide * GOAL_ANGLE_TOLERANCE + 4 * turned
-        ):
+        near = off <= max(wide * GOAL_TOLERANCE * self._length, funnel) + 4 * deviation
+        if near and turn <= wide * GOAL_ANGLE_TOLERANCE + 4 * turned:
+            self._goal_since = -1.0
+            return
+        if self._goal_since < 0:
+            self._goal_since = self._time
+        moving = max(self._goal.since, self._goal_turn.since) < self._time - PATIENCE
+        if not moving or self._time - self._goal_since >= PATIENCE:
+            self._goal_since = -1.0
             self._plan("goal", aim, rotation)
 
     def _plan(self, reason: Reason, aim: Floats, rotation: Rotation, arrive: float = 1.0) -> None:

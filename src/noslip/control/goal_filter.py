@@ -59,6 +59,11 @@ class GoalFilter:
         return self._far >= 0
 
     @property
+    def since(self) -> float:
+        """When it jumped last, or was told first (s); -1 if it was not."""
+        return self._since
+
+    @property
     def last(self) -> list[float]:
         """What was told last; empty if nothing was."""
         return self._last

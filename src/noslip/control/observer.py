@@ -33,6 +33,8 @@ NOISE_SAMPLES, WINSORIZED = 40, 9.0
 at most: one outlier must not open the band."""
 SMOOTH = 0.04
 """s, of the low-pass of what is left: shorter than a push, longer than sensors' periods."""
+BACK = 0.01
+"""s, the same while a tool that was off comes back: that is no outlier."""
 RATE_SMOOTH = 0.03
 """s, of the acceleration that is expected."""
 STAYS = 0.1
@@ -281,7 +283,9 @@ def _measured(
     P = P - gains @ H @ P
     new = ca.fmin(ca.fmax(lag + correction[0], 0.0), x["longest_lag"])
     # What is left, low-passed.
-    share = ca.if_else(samples > 0, 1 - ca.exp(-h / SMOOTH), 1.0)
+    comes_back = ca.logic_and(x["far"] > x["band"], ca.norm_2(off) < x["far"])
+    share = 1 - ca.exp(-h / ca.if_else(comes_back, BACK, SMOOTH))
+    share = ca.if_else(samples > 0, share, 1.0)
     left = x["left"] + share * (off - x["left"])
     return _banded(
         x
