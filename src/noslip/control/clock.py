@@ -86,6 +86,8 @@ class Schedule(Value):
     positions : array, shape (CELLS + 1, 3)
     velocities : array, shape (CELLS + 1, 6)
     begins_at_speed : bool
+    is_free : bool
+        Whether nothing is bounded anywhere.
     """
 
     caps: Floats
@@ -95,6 +97,7 @@ class Schedule(Value):
     positions: Floats
     velocities: Floats
     begins_at_speed: bool
+    is_free: bool
 
     @classmethod
     def of(
@@ -163,6 +166,7 @@ class Schedule(Value):
             motion.positions,
             np.hstack([motion.linear_velocities, motion.angular_velocities]),
             bool(still[0] < 1.0),
+            bool(caps.min() == 1.0),
         )
 
     def at(self, name: str, fraction: float) -> float:

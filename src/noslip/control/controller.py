@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import LONGEST_REPR, is_same, shortened
-from noslip.adapting import REPLANNED_SAMPLES
+from noslip.adapting import REPLANNED_SAMPLES, compiled
 from noslip.control.clock import AT_REST, CELLS, Bounds, Schedule, runs_in_plan_time
 from noslip.control.goal_filter import GoalFilter
 from noslip.control.observer import SEEN, Observer
@@ -42,10 +42,9 @@ from noslip.control.planning import Made, Planner, Reason, Task, engine_of, reac
 from noslip.errors import InputError, NoslipError
 from noslip.law.clock import DONE
 from noslip.law.law import Law
-from noslip.projection import planner
 from noslip.rule import Rule
 from noslip.runtime import engine
-from noslip.runtime.engine import Memory
+from noslip.runtime.engine import Compiled, Memory
 from noslip.runtime.rollout import initial_state, rollout
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
@@ -248,9 +247,14 @@ class Controller:
         """Build what is made of graphs, or shared."""
         self._library = stepper_of(self.rule).native.wait()
         if self.replans:
-            planner.compile_for(self.rule.system)
+            compiled.compile_for(self.rule)
         self._planner = Planner(
-            self.rule, self._bounds, self._mean_speed, self.time_step, self.braking == 0
+            self.rule,
+            self._bounds,
+            self._mean_speed,
+            self.time_step,
+            self.braking == 0,
+            self.memory,
         )
         self._job: Future[Made] | None = None
 
@@ -332,7 +336,7 @@ class Controller:
         if not self._observer.seen.item(_SAMPLES):
             return True
         behind = self._observer.size("place", "behind", "left")
-        return behind <= self._observer.seen.item(_BAND) and self._pace() == 1.0
+        return behind <= self._observer.seen.item(_BAND) and self._observer.seen.item(_PACE) == 1.0
 
     @property
     def is_compiled(self) -> bool:
@@ -358,7 +362,7 @@ class Controller:
             return f"the tool is held aside, {off:.3g} m off"
         if self._wanted_speed == 0.0:
             return "paused"
-        if self._pace() < 1.0:
+        if self._observer.seen.item(_PACE) < 1.0:
             return f"the tool is {off:.3g} m off: waited for"
         return ""
 
@@ -479,18 +483,12 @@ class Controller:
             within = _arguments.not_negative("within", within)
             self._ramp = 1 / within if within > 0 else np.inf
 
-    def _pace(self) -> float:
-        """1 while what is left is within its band, 0 from three bands on."""
-        seen = self._observer.seen
-        worst = 0.0
-        for far, band in _BANDS:
-            tolerated = seen.item(band)
-            worst = max(worst, (seen.item(far) - tolerated) / (2 * tolerated))
-        return 1.0 - min(worst, 1.0)
-
     def _track(self, h: float, halt: bool = False) -> float:
         """Run the plan for some seconds at the clock's speed; the seconds left at its end."""
         data, schedule, speed = self.memory.data, self._schedule, self._speed
+        slows = halt or self._silent or self._task is not None or self._wanted_speed < 1.0
+        if speed == 1.0 == self._observer.seen.item(_PACE) and schedule.is_free and not slows:
+            return self._run(h, 1.0)
         fraction, duration = data.item(engine.FRACTION), self._plan_duration
         ramp = schedule.at("ramps", fraction)
         # Where this cycle ends, braking was foreseen; the least keeps it from stopping short.
@@ -502,7 +500,7 @@ class Controller:
         if halt or self._silent:
             wanted = 0.0
         elif self._observer.seen.item(_SAMPLES):
-            wanted = min(wanted, self._pace())
+            wanted = min(wanted, self._observer.seen.item(_PACE))
         if self._wanted_speed < wanted:
             wanted, ramp = self._wanted_speed, self._ramp or ramp
         elif self._ramp:
@@ -570,59 +568,59 @@ class Controller:
             data[engine.DURATION] = self._plan_duration
             self._engine.step(h)
 
-    def _follow(self, plan: Law, state: State, schedule: Schedule) -> None:
+    def _follow(
+        self, plan: Law, state: State, schedule: Schedule, stepping: Compiled | None = None
+    ) -> None:
         self.plan, self._schedule = plan, schedule
         self._plan_duration = state.duration
         self._in_plan_time = runs_in_plan_time(self.rule.system)
         self.memory.set(state)
         self.memory.data[engine.BRAKING] = self.braking
-        self._engine = engine_of(plan, self.rule, self.memory, self.time_step)
+        self._engine = stepping or engine_of(plan, self.rule, self.memory, self.time_step)
 
     # ---------------------------------------------------------------- what is measured
 
     def _take(self, measured: Pose) -> bool:
         """Take over a measured pose; whether it is one."""
-        pose = self._pose
         if isinstance(measured, State):
-            pose[:3], pose[3:] = measured.position, measured.quaternion
+            place, quaternion = measured.position, measured.quaternion
+            w, i, j, k = quaternion.tolist()
         elif isinstance(measured, tuple) and len(measured) == 2:
-            position, rotation = measured
+            given, rotation = measured
             if not isinstance(rotation, Rotation):
                 raise InputError(
                     f"measured_state: a Rotation stands second, got {type(rotation).__name__}"
                 )
-            given = np.asarray(position, dtype=np.float64)
-            if given.shape != (3,):
-                raise InputError(f"measured_state: a position has shape (3,), got {given.shape}")
-            x, y, z, w = rotation.as_quat().tolist()
-            pose[:3] = given
-            pose[3], pose[4], pose[5], pose[6] = w, x, y, z
+            place = np.asarray(given, dtype=np.float64)
+            if place.shape != (3,):
+                raise InputError(f"measured_state: a position has shape (3,), got {place.shape}")
+            i, j, k, w = rotation.as_quat().tolist()
         else:
             raise InputError(
                 "measured_state must be a State or a pair (position, Rotation), got "
                 f"{type(measured).__name__}"
             )
-        return isfinite(pose.sum()) and bool(pose[3:].any())
-
-    def _is_quiet(self) -> bool:
-        seen = self._observer.seen
-        return all(seen.item(far) <= seen.item(band) for far, band in _BANDS)
+        x, y, z = place.tolist()
+        pose = self._pose
+        pose[0], pose[1], pose[2] = x, y, z
+        pose[3], pose[4], pose[5], pose[6] = w, i, j, k
+        return isfinite(x + y + z + w + i + j + k) and w * w + i * i + j * j + k * k > 0
 
     def _measure(self) -> None:
-        observer, command = self._observer, self.memory.data[_POSE]
-        learns = self.mode != "yield" and self._is_quiet()
-        observer.measured(command, self._pose, learns)
+        observer, seen = self._observer, self._observer.seen
+        learns = self.mode != "yield" and seen.item(_PACE) == 1.0
+        observer.measured(self.memory.data[_POSE], self._pose, learns)
         if self.mode != "track":
             return
         self._accept()
         if not (self.follows and self.replans):
             return
         # Sideways: what no lag and no stall explains.
-        left = observer.seen[SEEN["place_left"]]
-        if observer.seen.item(_FAR) > 1.5 * observer.seen.item(_BAND):
+        if seen.item(_FAR) > 1.5 * seen.item(_BAND):
+            left = seen[SEEN["place_left"]]
             v = self.memory.data[engine.LINEAR]
             v = v / (np.linalg.norm(v) + 1e-12)
-            if np.linalg.norm(left - (left @ v) * v) > 1.5 * observer.seen.item(_BAND):
+            if np.linalg.norm(left - (left @ v) * v) > 1.5 * seen.item(_BAND):
                 if self._aside < 0:
                     self._aside = self._time
                 if self._time - self._aside >= PERSIST:
@@ -636,26 +634,26 @@ class Controller:
     def _accept(self) -> None:
         """Take an offset that stays for a bias, if it is small enough; else it blocks."""
         observer, seen = self._observer, self._observer.seen
-        off = not self._is_quiet()
+        if seen.item(_PACE) == 1.0:
+            self._rest, self.blocked = -1.0, False
+            return
         left = seen[SEEN["place_left"]]
-        if off:
-            moved = np.linalg.norm(left - self._rest_at) > 0.5 * seen.item(_BAND)
-        if not off or self._rest < 0 or moved:
-            self._rest, self._rest_at = (self._time if off else -1.0), left.copy()
-        if off and self._time - self._rest > ACCEPT:
+        moved = np.linalg.norm(left - self._rest_at) > 0.5 * seen.item(_BAND)
+        if self._rest < 0 or moved:
+            self._rest, self._rest_at = self._time, left.copy()
+        if self._time - self._rest > ACCEPT:
             small = observer.size("place", "bias", "left") <= self.bias * self._length
             if small and observer.size("turn", "bias", "left") <= ANGLE_BIAS:
                 observer.accept()
-                off = False
+                self.blocked = False
             else:
                 self.blocked = True
             self._rest = -1.0
-        self.blocked = self.blocked and off
 
     def _yield(self, h: float) -> None:
         """Wait until the tool rests; move the command to it, once; look; plan."""
         observer, seen, data = self._observer, self._observer.seen, self.memory.data
-        small = self._is_quiet()
+        small = seen.item(_PACE) == 1.0
         calm = max(CALM, CALM_GAPS * seen.item(_GAP))
         if self._speed > 0:
             self._track(h, halt=True)
@@ -899,7 +897,7 @@ class Controller:
                 angular_velocity=data[engine.ANGULAR].copy(),
                 previous_step=data.item(engine.PREVIOUS_STEP),
             )
-        self._follow(made.plan, begun, made.schedule)
+        self._follow(made.plan, begun, made.schedule, made.engine)
         self._target, self._target_rotation = task.goal_position, task.goal_rotation
         self._moved = False
         if task.resting:
@@ -923,5 +921,5 @@ def _place(channel: str, name: str) -> int:
 _SAMPLES, _AGE, _GAP = _place("place", "samples"), SEEN.index("age"), SEEN.index("gap")
 _LAG, _VARIANCE = _place("place", "lag"), _place("place", "variance")
 _FAR, _BAND = _place("place", "far"), _place("place", "band")
+_PACE = SEEN.index("pace")
 _TURN_FAR, _TURN_BAND = _place("turn", "far"), _place("turn", "band")
-_BANDS = (_FAR, _BAND), (_TURN_FAR, _TURN_BAND)

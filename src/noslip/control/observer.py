@@ -70,9 +70,11 @@ SEEN = Layout(
     **{f"{channel}_{name}": 1 for channel in CHANNELS for name in _CONSTANTS},
     age=1,
     gap=1,
+    pace=1,
 )
-"""The row of numbers: both channels, their constants, the time since the last measurement, and the
-mean time between two (s)."""
+"""The row of numbers: both channels, their constants, the time since the last measurement, the mean
+time between two (s), and how fast the clock may run: 1 while what is left is within its band, 0
+from three bands on."""
 _FIRST, _UPPER = 2, [(i, j) for i in range(4) for j in range(i, 4)]
 _MOVE, _MEASURE = (
     Layout(before=7, after=7, passed=1),
@@ -129,7 +131,7 @@ class Observer:
             }
             for name, value in given.items():
                 self.seen[SEEN[f"{channel}_{name}"]] = value
-        self.seen[SEEN["gap"]] = time_step
+        self.seen[SEEN["gap"]], self.seen[SEEN["pace"]] = time_step, 1.0
         self._bind()
 
     def _bind(self) -> None:
@@ -187,6 +189,7 @@ class Observer:
             self.seen[SEEN[f"{channel}_bias"]] += self.seen[left]
             self.seen[left] = 0.0
             self.seen[SEEN[f"{channel}_far"]] = 0.0
+        self.seen[SEEN["pace"]] = 1.0
 
     def size(self, channel: str, *names: str) -> float:
         """Length of the sum of parts of a channel."""
@@ -207,15 +210,19 @@ def _functions() -> tuple[ca.Function, ca.Function]:
     age, gap = seen[SEEN["age"]], seen[SEEN["gap"]]
     steps, offsets = _difference(before, after), _difference(command, pose)
     found: list[list[Expression]] = [[], []]
+    paces: list[list[Expression]] = [[], []]
     for channel, step, offset in zip(CHANNELS, steps, offsets, strict=True):
         x = {name: seen[SEEN[f"{channel}_{name}"]] for name in (*_ONE, *_CONSTANTS)}
         for k, after_it in enumerate(
             (_moved(x, step, passed), _measured(x, offset, learns, age, gap))
         ):
             found[k] += [after_it[name] for name in _ONE]
+            beyond = after_it["far"] - after_it["band"]
+            paces[k].append(1 - beyond / (2 * after_it["band"]))
     constants = seen[SEEN.span("place_lag_drift", "turn_tolerance")]
-    aged = ca.vertcat(age + passed, gap)
-    told = ca.vertcat(0, gap + 0.1 * (ca.fmin(age, 0.2) - gap))
+    pace = [ca.fmin(ca.fmax(ca.fmin(*both), 0.0), 1.0) for both in paces]
+    aged = ca.vertcat(age + passed, gap, pace[0])
+    told = ca.vertcat(0, gap + 0.1 * (ca.fmin(age, 0.2) - gap), pace[1])
     functions = [
         ca.Function(
             name,

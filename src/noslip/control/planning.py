@@ -20,7 +20,6 @@ from noslip.adapting import replan
 from noslip.control.clock import CELLS, PLAN_AT_REST, Bounds, Schedule
 from noslip.errors import muted
 from noslip.law.law import Law
-from noslip.projection.request import ADAPTING
 from noslip.rule import Rule
 from noslip.runtime.engine import Compiled, Memory, Virtual
 from noslip.runtime.rollout import initial_state, motion_from
@@ -28,9 +27,6 @@ from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 
 Reason = Literal["push", "goal"]
-SMOOTHER = 30.0
-"""Times as smooth a turn as when a motion is adapted from rest: else it bends within a few samples
-from the twist that it is handed over with, at some ten times the accelerations of the path."""
 _ORIENTATIONS = 6
 """At which rules are asked what they forbid for good: more than any has rows."""
 
@@ -82,12 +78,15 @@ class Made:
     state : State or None
         To follow it from.
     schedule : Schedule or None
+    engine : Compiled or None
+        What steps it, if it is machine code: it takes longer to set up than a cycle has.
     failure : str
     """
 
     plan: Law | None = None
     state: State | None = None
     schedule: Schedule | None = None
+    engine: Compiled | None = None
     failure: str = ""
 
 
@@ -104,11 +103,20 @@ class Planner:
         Of the loop (s).
     rests : bool
         Whether plans that end at speed come to rest at their ends.
+    memory : Memory
+        Of the controller.
     """
 
     def __init__(
-        self, rule: Rule, bounds: Bounds, mean_speed: float, time_step: float, rests: bool
+        self,
+        rule: Rule,
+        bounds: Bounds,
+        mean_speed: float,
+        time_step: float,
+        rests: bool,
+        memory: Memory,
     ) -> None:
+        self._memory = memory
         self._rule, self._bounds, self._mean_speed = rule, bounds, mean_speed
         self._time_step, self._rests = time_step, rests
         self._thread = ThreadPoolExecutor(1, "noslip-plan")
@@ -136,7 +144,6 @@ class Planner:
                     goal_rotation=task.goal_rotation,
                     duration=task.duration,
                     samples=task.samples,
-                    rotation_smoothing=SMOOTHER * ADAPTING.rotation_smoothing,
                 ).law
                 begun = initial_state(
                     plan, self._rule, start_position=state.position, start_rotation=state.rotation
@@ -145,7 +152,11 @@ class Planner:
         # Whatever it is must not end the loop.
         except Exception as failure:
             return Made(failure=str(failure) or type(failure).__name__)
-        return Made(plan, begun, schedule)
+        library = stepper_of(self._rule).native.library
+        stepping = None
+        if library is not None:
+            stepping = Compiled(plan, self._rule, self._memory, library)
+        return Made(plan, begun, schedule, stepping)
 
     def _there(self, task: Task) -> State:
         """The state at the place from which to plan."""
