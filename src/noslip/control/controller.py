@@ -95,6 +95,8 @@ HASTY, MOST_SLOWED = 1.05, 2
 it is made anew from where the clock is slower instead."""
 _DETOUR = 3.0
 """Way for which time is allotted to a displacement, over its length: it may lie sideways."""
+_MORE = 1.3
+"""Times as much time for a plan, after each failure in a row."""
 _LEAST_TIME, _MOST_TIME = 0.2, 3.0
 """Of the duration: what a plan takes at least, and at most beyond what is left."""
 PATIENCE = 0.2
@@ -359,7 +361,9 @@ class Controller:
         if self._silent:
             return f"nothing was measured for {self._observer.seen.item(_AGE):.3g} s"
         if self.mode == "yield":
-            return f"the tool is held aside, {off:.3g} m off"
+            failure = self.replanned[-1].failure if self.replanned and self._failures else ""
+            told = f"the tool is held aside, {off:.3g} m off"
+            return f"{told}; no plan leads on: {failure}" if failure else told
         if self._wanted_speed == 0.0:
             return "paused"
         if self._observer.seen.item(_PACE) < 1.0:
@@ -512,22 +516,16 @@ class Controller:
         return self._run(h, speed)
 
     def _run(self, h: float, speed: float) -> float:
-        """Run for some seconds at some speed, over the place of a hand-over too."""
+        """Run for some seconds at some speed; on the new plan, where it is handed over."""
         data = self.memory.data
         self._set_speed(speed)
-        left = (1 - data.item(engine.FRACTION)) * self._plan_duration
-        run = speed * h
-        if self._task is not None:
-            before = (self._hand_over - data.item(engine.FRACTION)) * self._plan_duration
-            if run >= before - 1e-9 * h and self._time >= self._due - 1e-9:
-                before = max(min(before, run), 0.0)
-                if before > _LEAST_RUN * h:
-                    self._steps(before / speed, before)
-                if self._adopted():
-                    rest = (run - before) / speed if speed > 0 else 0.0
-                    return self._run(rest, self._speed) if rest > _LEAST_RUN * h else 0.0
-                run, left = run - before, left - before
-                h = run / speed if speed > 0 else 0.0
+        fraction, run = data.item(engine.FRACTION), speed * h
+        due = self._task is not None and self._time >= self._due - 1e-9
+        # In whole cycles: the twist of a cycle is then that of one step, which does not slip.
+        if due and fraction >= self._hand_over - 1e-9 and self._adopted():
+            fraction, speed = data.item(engine.FRACTION), self._speed
+            run = speed * h
+        left = (1 - fraction) * self._plan_duration
         lost = 0.0
         if run >= left - 1e-9 * h and self._in_plan_time and speed > 0:
             lost, run = (run - left) / speed, left
@@ -610,10 +608,10 @@ class Controller:
         observer, seen = self._observer, self._observer.seen
         learns = self.mode != "yield" and seen.item(_PACE) == 1.0
         observer.measured(self.memory.data[_POSE], self._pose, learns)
-        if self.mode != "track":
+        if self.mode == "yield":
             return
         self._accept()
-        if not (self.follows and self.replans):
+        if not (self.follows and self.replans and self.mode == "track"):
             return
         # Sideways: what no lag and no stall explains.
         if seen.item(_FAR) > 1.5 * seen.item(_BAND):
@@ -842,7 +840,9 @@ class Controller:
             duration,
             self.samples,
         )
-        self._hand_over, self._due, self._arrive = place, self._time + self._ahead, arrive
+        # Where it stands there is no place to come to, only a time.
+        self._hand_over, self._arrive = place, arrive
+        self._due = 0.0 if steps else self._time + self._ahead
         self._job = self._planner.begin(self._task)
 
     def _time_for(self, aim: Floats, place: float) -> float:
@@ -855,7 +855,9 @@ class Controller:
             off += float(np.linalg.norm(self.memory.data[engine.POSITION] - on_path))
         detour = _DETOUR * off * off / (off + way) if off > 0 else 0.0
         needed = max(left, way / self._bounds.speed) + detour / self._mean_speed
-        return min(max(needed, _LEAST_TIME * T, 20 * self.time_step), left + _MOST_TIME * T)
+        # What was not found in that time may be in more.
+        needed = max(needed, _LEAST_TIME * T, 20 * self.time_step) * _MORE**self._failures
+        return min(needed, left + _MOST_TIME * T)
 
     def _adopted(self) -> bool:
         """Take over the plan that was made; whether there is one."""
@@ -897,7 +899,10 @@ class Controller:
                 angular_velocity=data[engine.ANGULAR].copy(),
                 previous_step=data.item(engine.PREVIOUS_STEP),
             )
+        # As far beyond the place as the old plan has come.
+        beyond = max(data.item(engine.FRACTION) - self._hand_over, 0.0) * self._plan_duration
         self._follow(made.plan, begun, made.schedule, made.engine)
+        data[engine.FRACTION] = beyond / self._plan_duration
         self._target, self._target_rotation = task.goal_position, task.goal_rotation
         self._moved = False
         if task.resting:

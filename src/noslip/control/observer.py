@@ -289,6 +289,8 @@ def _measured(
     correction = gains @ off
     P = P - gains @ H @ P
     new = ca.fmin(ca.fmax(lag + correction[0], 0.0), x["longest_lag"])
+    # Where the lag may not go on, the bias is what it is given that lag.
+    correction += (new - lag - correction[0]) / P[0, 0] * P[:, 0]
     # What is left, low-passed.
     comes_back = ca.logic_and(x["far"] > x["band"], ca.norm_2(off) < x["far"])
     share = 1 - ca.exp(-h / ca.if_else(comes_back, BACK, SMOOTH))
