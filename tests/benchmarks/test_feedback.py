@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,6 @@ from benchmarks.feedback.loop import Record, run
 from benchmarks.feedback.plant import Plant
 from benchmarks.feedback.poses import Floats, Pose, body_axis, size, turn_between, turned
 from benchmarks.feedback.sensing import Eye, Goal
-from noslip import Controller
 
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 HERE = Pose(np.zeros(3), UNTURNED)
@@ -420,10 +418,6 @@ def test_the_program_prints_its_table_and_fails_where_a_bound_is_broken(
     assert "lag and delay, s-cut, 200 Hz, seed 0: time 0.99" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(
-    "follows" not in signature(Controller).parameters,
-    reason="the controller takes what is measured for what is true",
-)
 @pytest.mark.parametrize("scenario", ["all at once", "push, waits", "push, follows", "goal step"])
 def test_the_controller_keeps_every_bound_in_a_quick_run(scenario: str) -> None:
     [outcome] = trial.tried(trial.Trial(scenario, "s-cut", 200.0, 0, (trial.OURS,)))

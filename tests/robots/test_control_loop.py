@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 from collections import deque
 from dataclasses import dataclass
-from inspect import signature
 
 import numpy as np
 import pytest
@@ -28,13 +27,7 @@ from noslip.robots.kinematics import InverseKinematics
 
 from .arms import arc, published_forward, published_motion
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        "follows" not in signature(ns.Controller).parameters,
-        reason="the controller takes what is measured for what is true",
-    ),
-]
+pytestmark = pytest.mark.slow
 
 H = 1e-3
 DELAY = 5
