@@ -60,6 +60,7 @@ def least_push(
     exchanges: int,
     before: Expression | None = None,
     start: Pushes | None = None,
+    fresh: bool = True,
 ) -> Pushes:
     """Solve the complementarity problem above.
 
@@ -79,14 +80,22 @@ def least_push(
         Multipliers to which those found here are added: a row lets go where the sum is zero.
     start : Pushes, optional
         Who pushes and who yields to begin with.
+    fresh : bool
+        Whether none pushes yet.
     """
     none = ca.SX(q.shape[0], 1)
     # Symmetric by half: rounding aside it is, and so it costs half.
     Q = ca.tril2symm(ca.tril(ca.densify(Q)))
     pushing, yielding = (start.pushing, start.yielding) if start else (none, none)
     given = Q, q, cap, tolerance, none if before is None else before, pushing, yielding
-    found = _search(q.shape[0], exchanges, start is None)(*map(ca.densify, given))
+    found = _search(q.shape[0], exchanges, fresh)(*map(ca.densify, given))
     return Pushes(*found)
+
+
+def hold(Q: Expression, pushing: Expression, margins: Expression) -> Expression:
+    """Multipliers of the rows that push which take margins away, a problem a column."""
+    regular = Q + REGULAR * ca.SX.eye(Q.shape[0])
+    return ca.horzcat(*(_solve_masked(regular, pushing, each) for each in ca.horzsplit(margins)))
 
 
 @lru_cache(maxsize=64)
