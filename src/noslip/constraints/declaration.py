@@ -61,7 +61,7 @@ class Constraint(ABC):
         Of a tool with a direction of travel: the trajectory projection starts from the rotation
         that turns it into the path.
     radii : tuple of float
-        Of inequalities ``r - |x| >= 0`` with x affine in velocities or accelerations: r of each row.
+        Of inequalities ``r - |x| >= 0``, x affine in velocities or accelerations: r of each row.
         The tool is kept within such balls as they are, not within planes that touch them.
     """
 

@@ -2,9 +2,9 @@
 
 Linearized, a ball is a half-space.  Beside another limit that all but always leaves something,
 however far to the side, even where the ball leaves nothing.  So while the nearest velocities are
-sought a ball is no row but a spring of stiffness k, which pulls by ``k |x|``.  With ``x = C nu + c``
-the least change against springs is a quadratic program in the metric ``M + k C^T C``; ``|x|`` falls
-as k rises, and ``1 / |x|`` is all but linear in k, so that Newton's method on it finds where
+sought a ball is no row but a spring of stiffness k, which pulls by ``k |x|``.  With ``x = C nu +
+c`` the least change against springs is a quadratic program in the metric ``M + k C^T C``; ``|x|``
+falls as k rises, and ``1 / |x|`` is all but linear in k, so that Newton's method on it finds where
 ``|x| = r`` (Hebden 1973; More and Sorensen, Computing a trust region step, 1983).  A ball that the
 stiffest spring cannot hold gives way, by little more than the other rows ask for.
 """
@@ -17,8 +17,9 @@ from noslip._typing import Expression
 from noslip.constraints.system import ConstraintSystem
 from noslip.projection.quadratic import CALLED
 
-_STIFFEST = 3e6
-"""Over the metric: stiffer, and too few digits are left of what the spring does not hold."""
+_STIFFEST = 1e6
+"""Over the metric: stiffer, and hard limits at a narrow angle, which push several times as hard,
+would give way before it; and too few digits are left of what the spring does not hold."""
 _FLATTEST = 1e-5
 """Share of a ball's compliance that other rows leave it at least: bounds a step of Newton's."""
 

@@ -311,7 +311,7 @@ class _Step:
                 pull = self.balls.forces(lengths, facets, velocities - before)
                 parts[:, self.ball_rows] = ca.diag(self.weights) @ pull
                 value, rows, along = self._linear_at(velocities)
-                if self.balls.rows:
+                if self.balls.rows and pushes:
                     impulses[self.ball_rows] = self.balls.stiffness * self._lengths(value)
                     pushes = self._stretch(value, rows, pushes)
                 if iteration == 0 and self.shared and not self.is_linear:
@@ -539,9 +539,9 @@ class _Step:
             self.asked * self.caps * share,
             _NEGLIGIBLE * ca.fmax(self.asked, -ca.mmin(q)),
             exchanges,
-            before=before[m:, :] * norms * (1 - pushes.yielding) if restoring else None,
+            before=before[m:, :] * norms * (1 - pushes.yielding) if restoring and pushes else None,
             start=pushes,
-            fresh=not iteration or springy,
+            fresh=springy,
         )
         equal = known + solved[:, 0] - ca.mtimes(solved[:, 1:], found.multipliers)
 
