@@ -873,7 +873,7 @@ def holds(dmp: ConstrainedDMP, seed: int) -> int:
         duration = float(10 ** rng.uniform(-1, 2)) if trial == 2 else 1.0
         # As a controller steps it: a rollout is refused a duration too short for its limits.
         state = dmp.initial_state(goal_position=goal, duration=duration)
-        motion = integrate(dmp.law, dmp.rule, state, steps, duration / steps)
+        motion = integrate(dmp.law, dmp.rule, state, [(steps, duration / steps)])
         fast = max(1.0, 1 / duration)
         assert np.isfinite(motion.positions).all() and np.isfinite(motion.row_forces).all()
         assert np.abs(motion.constraint_residuals).max(initial=0) <= 1e-10 * fast, (seed, trial)
