@@ -60,6 +60,9 @@ class Constraint(ABC):
     edge : Edge or None
         Of a tool with a direction of travel: the trajectory projection starts from the rotation
         that turns it into the path.
+    radii : tuple of float
+        Of inequalities ``r - |x| >= 0``, x affine in velocities or accelerations: r of each row.
+        The tool is kept within such balls as they are, not within planes that touch them.
     """
 
     name: str
@@ -69,6 +72,7 @@ class Constraint(ABC):
     barrier_rate: float | None = None
     priority: int = 0
     edge: Edge | None = None
+    radii: tuple[float, ...] = ()
 
     @abstractmethod
     def residual(self, motion: Instant) -> Expression:

@@ -40,6 +40,10 @@ class SpeedLimit(Limit):
     def __post_init__(self) -> None:
         settle(self, self.name, speed=_arguments.positive, reference_point=point)
 
+    @property
+    def radii(self) -> tuple[float, ...]:  # type: ignore[override]
+        return (self.speed,)
+
     def residual(self, motion: Instant) -> Expression:
         """How much faster the tool may move (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
@@ -65,6 +69,10 @@ class AngularRateLimit(Limit):
 
     def __post_init__(self) -> None:
         settle(self, self.name, rate=_arguments.positive)
+
+    @property
+    def radii(self) -> tuple[float, ...]:  # type: ignore[override]
+        return (self.rate,)
 
     def residual(self, motion: Instant) -> Expression:
         """How much faster the tool may turn (rad/s)."""
@@ -105,6 +113,10 @@ class AccelerationLimit(Limit):
         linear = [] if self.linear is None else [UNITS["acceleration"]]
         angular = [] if self.angular is None else ["rad/s²"]
         return ", ".join(linear + angular)
+
+    @property
+    def radii(self) -> tuple[float, ...]:  # type: ignore[override]
+        return tuple(each for each in (self.linear, self.angular) if each is not None)
 
     def residual(self, motion: Instant) -> Expression:
         """How much larger the accelerations may be (m/s^2, rad/s^2)."""

@@ -165,6 +165,12 @@ class ConstraintSystem:
         return self.per_row(c.level for c in self.constraints)
 
     @cached_property
+    def row_radii(self) -> list[float]:
+        """For each row, the radius of the ball that it is; 0 where it is none."""
+        both = zip(self.constraints, self.rows, strict=True)
+        return [radius for c, rows in both for radius in c.radii or (0.0,) * rows]
+
+    @cached_property
     def row_is_velocity(self) -> NDArray[np.bool_]:
         """For each row, whether it stems from a velocity-level constraint."""
         return np.array([level == "velocity" for level in self.row_levels], dtype=bool)

@@ -40,8 +40,9 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConstraintError
 from noslip.law.step import Coupled, Coupling, StepSymbols
+from noslip.projection.balls import Balls
 from noslip.projection.nearest import nearest
-from noslip.projection.quadratic import Pushes, least_push
+from noslip.projection.quadratic import Pushes, hold, least_push
 from noslip.rotations import quaternion_product, quaternion_turn
 
 Push = Literal["force", "steering"]
@@ -73,6 +74,8 @@ _APPROACHING, _RESTORING = 3, 3
 """Newton steps to the nearest point, and then straight onto the constraint: what is asked and what
 pushes differ by half a step's turn, of which each of the former leaves a higher power.  Of limits
 who pushes is settled in the first, and each of the others may mend it."""
+_STRETCHING = 6
+"""Of the former with balls among the limits."""
 _HARD_CAP, _SOFT_CAPS = 1e7, (3e1, 3e4)
 """Largest multiplier of a hard limit, and of the least and most important soft one, over the
 velocity that the limits ask for."""
@@ -248,6 +251,11 @@ class _Step:
             and not ca.depends_on(self.start_rows, self.unknown)
         )
         self.caps, self.asked = _caps(self.limits), ca.SX(_SMALLEST_PIVOT)
+        at = (s.time - s.time_step, s.position, s.quaternion, self.free[:3], self.free[3:])
+        margins = self.limits.residual(*at, *self._accelerations(self.free))
+        self.hard = ca.SX([float(priority == 0) for priority in _priorities(self.limits)])
+        self.balls = Balls(self.limits, margins, self.unknown, unconstrained)
+        self.ball_rows = [self.equalities.size + i for i in self.balls.rows]
         # Slower than this, a turn can do nothing for a tool that must not slip.
         self.floor = ca.sum1(self.weights) * (_STILL * s.time_step) ** 2 + _SMALLEST_PIVOT
 
@@ -265,10 +273,15 @@ class _Step:
         """Residuals, then margins, of the step."""
         s, v, w = self.s, velocities[:3], velocities[3:]
         step = (s.time - s.time_step, s.time_step, s.position, s.quaternion, v, w)
-        linear, angular = (v - s.linear_velocity) / s.kick, (w - s.angular_velocity) / s.kick
         return ca.vertcat(
-            self.equalities.of_step(*step), self.limits.of_step(*step, linear, angular)
+            self.equalities.of_step(*step),
+            self.limits.of_step(*step, *self._accelerations(velocities)),
         )
+
+    def _accelerations(self, velocities: Expression) -> tuple[Expression, Expression]:
+        s = self.s
+        before = ca.vertcat(s.linear_velocity, s.angular_velocity)
+        return tuple(ca.vertsplit((velocities - before) / s.kick, 3))
 
     def solve(self) -> tuple[Expression, Expression, Expression, Expression]:
         """Velocities, impulses (m,), their parts of the velocities (6, m), who yields (m,)."""
@@ -276,52 +289,91 @@ class _Step:
         velocities, impulses = self.unconstrained, ca.SX(self.phi.shape[0], 1)
         parts = ca.SX(6, self.phi.shape[0])
         pushes = None
+        value, rows, along = self._linear_at(velocities)
         for iteration in range(approaching + restoring):
-            value, rows, along = ca.substitute(
-                [self.phi, self.jacobian, self.start_rows], [self.unknown], [velocities]
-            )
             reach = self.goal - value
             if self.is_division:
                 impulses = reach / (rows @ ca.diag(self.weights) @ along.T + self.floor)
-                parts = _columns(self.weights, along, impulses)
+                parts = _columns(ca.diag(self.weights), along, impulses)
                 velocities = self.unconstrained + parts
             elif iteration < approaching:
                 rows[self.by_force, :] = along[self.by_force, :]
                 # Nearest to the unconstrained velocities.  Multipliers are corrected, not found
                 # anew: what the regularization leaves out of one pass the next makes up for.
-                reach += ca.mtimes(rows, velocities - self.unconstrained)
+                lengths, facets = self._lengths(value), rows[self.ball_rows, :]
+                pull = self.balls.forces(lengths, facets, self.unconstrained - velocities)
+                pulled = self.unconstrained + self._inverse() @ ca.sum2(pull)
+                reach += ca.mtimes(rows, velocities - pulled)
                 impulses, pushes = self._push(rows, reach, iteration, impulses, pushes, False)
-                parts = _columns(self.weights, rows, impulses)
-                velocities = self.unconstrained + ca.sum2(parts)
+                before = velocities
+                velocities = pulled + ca.sum2(_columns(self._inverse(), rows, impulses))
+                parts = _columns(ca.diag(self.weights), rows, impulses)
+                pull = self.balls.forces(lengths, facets, velocities - before)
+                parts[:, self.ball_rows] = ca.diag(self.weights) @ pull
+                value, rows, along = self._linear_at(velocities)
+                if self.balls.rows and pushes:
+                    impulses[self.ball_rows] = self.balls.stiffness * self._lengths(value)
+                    pushes = self._stretch(value, rows, pushes)
                 if iteration == 0 and self.shared and not self.is_linear:
-                    self._stiffen(ca.sum2(parts))
+                    self._stiffen(velocities - self.unconstrained)
             else:
                 # Straight onto the constraint: quadratic, where the nearest point is linear.
                 if self.shared and not self.is_linear:
                     self._balance(rows)
                 more, pushes = self._push(rows, reach, iteration, impulses, pushes, True)
                 impulses += more
-                added = _columns(self.weights, rows, more)
+                added = _columns(self._inverse(), rows, more)
                 parts += added
                 velocities += ca.sum2(added)
+                value, rows, along = self._linear_at(velocities)
         if pushes is not None and self.equalities.size:
             # Where limits contradict each other, their multipliers are large and inexact; the
             # equalities are not to suffer from that.
-            value, rows = ca.substitute([self.phi, self.jacobian], [self.unknown], [velocities])
             more = self._hold(rows, self.goal - value)
             impulses += more
-            added = _columns(self.weights, rows, more)
+            added = _columns(ca.diag(self.weights), rows, more)
             parts += added
             velocities += ca.sum2(added)
         yielding = ca.SX(self.phi.shape[0], 1)
         if pushes is not None:
             yielding[self.equalities.size :] = pushes.yielding
+            # A ball that gave way is as little missed as the others allow.
+            self.hard[self.balls.rows, :] *= 1 - self.balls.yielding
         if restoring and not self.is_linear:
             change = self._fallback(velocities, rows)
             velocities = velocities + change
             # It is for all rows alike.
             parts += ca.repmat(change / parts.shape[1], 1, parts.shape[1])
         return velocities, impulses, parts, yielding
+
+    def _linear_at(self, velocities: Expression) -> list[Expression]:
+        """Residuals, their rows, and those along which forces act."""
+        parts = [self.phi, self.jacobian, self.start_rows]
+        return list(ca.substitute(parts, [self.unknown], [velocities]))
+
+    def _inverse(self) -> Expression:
+        return self.balls.inverse(self.weights)
+
+    def _lengths(self, value: Expression) -> Expression:
+        """What the balls bound."""
+        return self.balls.radii - value[self.ball_rows, :]
+
+    def _stretch(self, value: Expression, rows: Expression, pushes: Pushes) -> Pushes:
+        """Stretch the springs of balls; who then pushes."""
+        facets, balls = rows[self.ball_rows, :], self.balls
+        pulls = balls.stiffness > 0
+        balls.stretch(
+            self._lengths(value),
+            balls.radii - self.goal[self.ball_rows, :],
+            facets,
+            self.compliance(facets),
+            self.weights,
+            self.asked * self.caps[balls.rows],
+        )
+        pushing, yielding = ca.SX(pushes.pushing), ca.SX(pushes.yielding)
+        pushing[balls.rows] = pulls * (1 - balls.yielding)
+        yielding[balls.rows] = balls.yielding
+        return Pushes(pushes.multipliers, pushing, yielding)
 
     def _stiffen(self, change: Expression) -> None:
         """Weigh rotation more where the metric would turn the tool beyond what rows are linear in.
@@ -404,8 +456,7 @@ class _Step:
         G = rows[m:, :]
         norms = ca.sqrt(ca.sum2(G * (G @ ca.diag(self.weights))) + _SMALLEST_PIVOT)
         over = over / ca.fmax(norms, 1)
-        hard = ca.DM([float(priority == 0) for priority in _priorities(self.limits)])
-        return lost, ca.mmax(hard * over), ca.dot(self.caps * (1 - hard), over)
+        return lost, ca.mmax(self.hard * over), ca.dot(self.caps * (1 - self.hard), over)
 
     def _without_limits(self) -> Expression:
         """Velocities that the equalities allow, without limits."""
@@ -435,7 +486,7 @@ class _Step:
                 return _APPROACHING, 2
             # One row is divided by exactly; several are regularized, which further passes undo.
             return (1 if self.equalities.size == 1 else 3), 0
-        return _APPROACHING, _RESTORING
+        return _STRETCHING if self.balls.rows else _APPROACHING, _RESTORING
 
     def _push(
         self,
@@ -451,15 +502,15 @@ class _Step:
         All of them when approaching, those to be added to the ones before when restoring.
         """
         m, k = self.equalities.size, self.limits.size
-        A, G = rows[:m, :], rows[m:, :]
-        weighted = ca.mtimes(ca.diag(self.weights), A.T)
+        A, G, inverse = rows[:m, :], rows[m:, :], self._inverse()
+        weighted = ca.mtimes(inverse, A.T)
         normal = ca.mtimes(A, weighted)
         known = ca.SX(m, 1) if restoring else before[:m, :]
         left = reach[:m, :] - ca.mtimes(normal, known)
         if not k:
             return known + _solve_regularized(normal, left, self.floor), None
         # Limits of unit norm, in the freedom that the equalities leave.
-        pushed = ca.mtimes(ca.diag(self.weights), G.T)
+        pushed = ca.mtimes(inverse, G.T)
         norms = ca.sqrt(ca.sum2(G * pushed.T) + _SMALLEST_PIVOT)
         pushed, reached = pushed / ca.repmat(norms.T, 6, 1), reach[m:, :] / norms
         both = ca.mtimes(A, pushed)
@@ -468,19 +519,39 @@ class _Step:
         Q = ca.mtimes(pushed.T, G.T) / ca.repmat(norms.T, k, 1) - ca.mtimes(across, solved[:, 1:])
         q = ca.mtimes(across, known + solved[:, 0]) - reached
         # In later passes little is left to ask for; what pushed before may go on.
-        self.asked = ca.fmax(self.asked, -ca.mmin(q))
+        share = ca.SX(1)
+        if self.balls.rows:
+            share = norms / ca.sqrt(ca.sum2(G * (G @ ca.diag(self.weights))) + _SMALLEST_PIVOT)
+        self.asked = ca.fmax(self.asked, -ca.mmin(q * share))
+        springy = bool(self.balls.rows) and not restoring
+        if springy:
+            # Springs pull instead of their rows.
+            none, yielding = ca.SX(k, 1), ca.SX(pushes.yielding) if pushes else ca.SX(k, 1)
+            yielding[self.balls.rows] = 1
+            pushes = Pushes(none, none, yielding)
         # Whoever pushes is found in the first pass; in the last ones hardly any is exchanged.
-        exchanges = (k + 3, *([1 + k // 6] * 3), 1, 0)[iteration]
+        late = iteration - self._passes()[0]
+        some = (1 + k // 6, 1, 0)[max(late, 0)]
+        exchanges = k + 3 if springy or not iteration else some
         found = least_push(
             Q,
             q,
-            self.asked * self.caps,
-            _NEGLIGIBLE * self.asked,
+            self.asked * self.caps * share,
+            _NEGLIGIBLE * ca.fmax(self.asked, -ca.mmin(q)),
             exchanges,
-            before=before[m:, :] * norms if restoring else None,
+            before=before[m:, :] * norms * (1 - pushes.yielding) if restoring and pushes else None,
             start=pushes,
+            fresh=springy,
         )
         equal = known + solved[:, 0] - ca.mtimes(solved[:, 1:], found.multipliers)
+
+        def compliance(facets: Expression) -> Expression:
+            held = _solve_regularized(normal, ca.mtimes(facets, weighted).T, self.floor)
+            own = ca.mtimes(facets, ca.mtimes(inverse, facets.T) - ca.mtimes(weighted, held))
+            met = ca.mtimes(pushed.T, facets.T) - ca.mtimes(across, held)
+            return own - ca.mtimes(met.T, hold(Q, found.pushing, met))
+
+        self.compliance = compliance
         return ca.vertcat(equal, found.multipliers / norms), found
 
     def _hold(self, rows: Expression, reach: Expression) -> Expression:
@@ -504,9 +575,9 @@ def _priorities(limits: ConstraintSystem) -> list[int]:
     return limits.per_row(c.priority for c in limits.constraints)
 
 
-def _columns(weights: Expression, rows: Expression, impulses: Expression) -> Expression:
-    """What each row adds to the velocities, shape (6, m)."""
-    return ca.mtimes(ca.mtimes(ca.diag(weights), rows.T), ca.diag(impulses))
+def _columns(inverse: Expression, rows: Expression, impulses: Expression) -> Expression:
+    """What each row adds to the velocities, in an inverse metric, shape (6, m)."""
+    return ca.mtimes(ca.mtimes(inverse, rows.T), ca.diag(impulses))
 
 
 def _require_holdable(system: ConstraintSystem, metric: tuple[float, ...]) -> None:

@@ -60,6 +60,7 @@ def least_push(
     exchanges: int,
     before: Expression | None = None,
     start: Pushes | None = None,
+    fresh: bool = False,
 ) -> Pushes:
     """Solve the complementarity problem above.
 
@@ -79,14 +80,22 @@ def least_push(
         Multipliers to which those found here are added: a row lets go where the sum is zero.
     start : Pushes, optional
         Who pushes and who yields to begin with.
+    fresh : bool
+        Whether of those none pushes yet, as without a start.
     """
     none = ca.SX(q.shape[0], 1)
     # Symmetric by half: rounding aside it is, and so it costs half.
     Q = ca.tril2symm(ca.tril(ca.densify(Q)))
     pushing, yielding = (start.pushing, start.yielding) if start else (none, none)
     given = Q, q, cap, tolerance, none if before is None else before, pushing, yielding
-    found = _search(q.shape[0], exchanges, start is None)(*map(ca.densify, given))
+    found = _search(q.shape[0], exchanges, fresh or start is None)(*map(ca.densify, given))
     return Pushes(*found)
+
+
+def hold(Q: Expression, pushing: Expression, margins: Expression) -> Expression:
+    """Multipliers of the rows that push which take margins away, a problem a column."""
+    regular = Q + REGULAR * ca.SX.eye(Q.shape[0])
+    return ca.horzcat(*(_solve_masked(regular, pushing, each) for each in ca.horzsplit(margins)))
 
 
 @lru_cache(maxsize=64)
@@ -132,19 +141,18 @@ def _parts(size: int, fresh: bool) -> tuple[ca.Function, ca.Function]:
     regular, kind = Q + REGULAR * ca.SX.eye(size), "fresh" if fresh else "later"
 
     def left(pushing: Any, yielding: Any, multipliers: Any, margins: Any) -> tuple[Any, Any, Any]:
-        """The most violated row; its violation, and what of it is left alone."""
+        """How much each row is violated, and pulls where it may but push; what is left alone."""
         violation = ca.if_else((1 - pushing) * (1 - yielding), -margins, 0)
         inexact = _INEXACT * REGULAR * ca.mmax(ca.fabs(before + multipliers))
-        return violation, ca.mmax(violation), ca.fmax(tolerance, inexact)
+        pull = ca.if_else(pushing, -(before + multipliers), 0)
+        return violation, pull, ca.fmax(tolerance, inexact)
 
     def after(*state: Any) -> list[Any]:
         """A state, and whether anyone is still to be driven."""
         *rows, driven = state
-        _, largest, alone = left(*rows)
-        return [
-            ca.densify(ca.vertcat(*state)),
-            ca.logic_or(ca.sum1(driven) > 0, largest > alone),
-        ]
+        violation, pull, alone = left(*rows)
+        wanted = ca.logic_or(ca.sum1(driven) > 0, ca.mmax(ca.fmax(violation, pull)) > alone)
+        return [ca.densify(ca.vertcat(*state)), wanted]
 
     first = ca.SX(size, 1), q
     if not fresh:
@@ -153,21 +161,27 @@ def _parts(size: int, fresh: bool) -> tuple[ca.Function, ca.Function]:
     begun = after(pushing, yielding, *first, ca.SX(size, 1))
     begin = ca.Function(f"begin_{kind}", [*problem, pushing, yielding], begun)
 
-    # Drive the most violated row, unless one is on its way already.
-    violation, largest, alone = left(pushing, yielding, multipliers, margins)
+    # Drive the most violated row, unless one is on its way already.  Before that, whoever pulls
+    # lets go: those that pushed in an earlier pass need not push in this one.
+    violation, pull, alone = left(pushing, yielding, multipliers, margins)
+    largest, strongest, idle = ca.mmax(violation), ca.mmax(pull), ca.sum1(driven) == 0
+    lets_go = _first(pull, strongest) * (strongest > alone) * idle
+    is_let_go = ca.sum1(lets_go) > 0
+    pushing = pushing - lets_go
     new = _first(violation, largest) * (largest > alone)
-    drives = ca.if_else(ca.sum1(driven) > 0, driven, new)
+    drives = ca.if_else(is_let_go, lets_go, ca.if_else(idle, new, driven))
     is_driven = ca.sum1(drives) > 0
     direction = drives - _solve_masked(regular, pushing, ca.mtimes(Q, drives))
     rates = ca.mtimes(Q, direction)
     rate, margin = ca.dot(drives, rates), ca.dot(drives, margins)
     full = ca.if_else(rate > _FLAT, -margin / rate, _NEVER)
+    full = ca.if_else(is_let_go, strongest, full)
     # How far until a multiplier meets zero or its cap.
     total = before + multipliers
     lost = ca.if_else(pushing * (direction < 0), ca.fmax(total, 0) / -direction, _NEVER)
     room = ca.fmax(cap - total, 0)
     spent = ca.if_else((pushing + drives) * (direction > 0), room / direction, _NEVER)
-    nearest = ca.mmin(ca.fmin(lost, spent))
+    nearest = ca.if_else(is_let_go, _NEVER, ca.mmin(ca.fmin(lost, spent)))
     arrives = full <= nearest
     # Leaves: another row, or the driven one itself that cannot be satisfied; then none moves.
     leaves = _first(-ca.fmin(lost, spent), -nearest) * (1 - arrives) * is_driven
@@ -176,7 +190,7 @@ def _parts(size: int, fresh: bool) -> tuple[ca.Function, ca.Function]:
     pushes, stands = multipliers + length * direction, margins + length * rates
     gives_way = leaves * (spent <= lost)
     pushes = ca.if_else(leaves * (1 - gives_way), -before, pushes)
-    holds = pushing * (1 - leaves) + drives * arrives
+    holds = pushing * (1 - leaves) + drives * arrives * (1 - is_let_go)
     if fresh:
         # Once a row has given way, the others stand as if it had never pushed.  (Later there
         # are too few exchanges for that to matter.)
