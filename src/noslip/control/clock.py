@@ -58,7 +58,11 @@ class Bounds:
 
     @classmethod
     def of(cls, motion: Motion, faster: float) -> Bounds:
-        """So many times the peaks of a motion; twice as many of its accelerations."""
+        """So many times the peaks of a motion; twice as many of its accelerations.
+
+        The way is hardly longer where a tool is led back, but it turns more: of the linear speed
+        half of what is beyond 1 is enough.
+        """
         v, w, a, b = (float(x.max(initial=0.0)) for x in _sizes(motion))
         duration, length = motion.duration, motion.path_length
         least = length / duration, 4 * length / duration**2
@@ -66,7 +70,9 @@ class Bounds:
         v, a = max(v, least[0]) or np.inf, max(a, least[1]) or np.inf
         w = max(w, _LEAST_TURN / duration)
         b = max(b, _LEAST_TURN_CHANGE / duration**2)
-        return cls(faster * v, faster * w, HASTE * faster * a, HASTE * faster * b)
+        return cls(
+            min(faster, (1 + faster) / 2) * v, faster * w, HASTE * faster * a, HASTE * faster * b
+        )
 
 
 @dataclass(frozen=True, eq=False)

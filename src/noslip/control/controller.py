@@ -172,8 +172,9 @@ class Controller:
     bias : float
         What may stand between command and measurement for ever, over the path's length.
     faster : float
-        How many times the peak speeds of its own motion a command may reach; twice as many times
-        its accelerations.  ``inf`` bounds nothing: a motion that begins at speed begins so.
+        How many times the peak angular speed of its own motion a command may reach; of the linear
+        speed half of that beyond 1, of both accelerations twice as many times.  ``inf`` bounds
+        nothing: a motion that begins at speed begins so.
     samples : int
         Of a new plan, at most.
     replan : bool

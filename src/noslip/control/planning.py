@@ -20,6 +20,7 @@ from noslip.adapting import replan
 from noslip.control.clock import CELLS, PLAN_AT_REST, Bounds, Schedule
 from noslip.errors import muted
 from noslip.law.law import Law
+from noslip.projection.request import ADAPTING
 from noslip.rule import Rule
 from noslip.runtime.engine import Compiled, Memory, Virtual
 from noslip.runtime.rollout import initial_state, motion_from
@@ -27,6 +28,9 @@ from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 
 Reason = Literal["push", "goal"]
+SMOOTHER = 30.0
+"""Times as smooth a turn as when a motion is adapted from rest: else it bends within a few samples
+from the twist that it is handed over with, at some ten times the accelerations of the path."""
 _ORIENTATIONS = 6
 """At which rules are asked what they forbid for good: more than any has rows."""
 
@@ -144,6 +148,7 @@ class Planner:
                     goal_rotation=task.goal_rotation,
                     duration=task.duration,
                     samples=task.samples,
+                    rotation_smoothing=SMOOTHER * ADAPTING.rotation_smoothing,
                 ).law
                 begun = initial_state(
                     plan, self._rule, start_position=state.position, start_rotation=state.rotation
