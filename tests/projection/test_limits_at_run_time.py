@@ -883,12 +883,6 @@ def holds(dmp: ConstrainedDMP, seed: int) -> int:
     return taken
 
 
-JOLTED = pytest.mark.xfail(
-    strict=True,
-    reason="a turn cut to a small one leaves 4e-6 of the path of a limit for a step",
-)
-
-
 def cases(count: int) -> list[Any]:
     """Numbers of compositions; the first two dozen are quick, the others slow."""
     return [
@@ -896,13 +890,7 @@ def cases(count: int) -> list[Any]:
     ]
 
 
-@pytest.mark.parametrize(
-    "seed",
-    [
-        pytest.param(*case.values, marks=[*case.marks, *([JOLTED] if case.values == (91,) else [])])
-        for case in cases(150)
-    ],
-)
+@pytest.mark.parametrize("seed", cases(150))
 def test_random_compositions_hold_in_random_metrics(seed: int) -> None:
     dmp = composition(seed)
     if dmp is not None:
