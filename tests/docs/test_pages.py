@@ -121,6 +121,9 @@ class Measured:
         aside = 1e-3 if self.asked == 1000 else 0.0
         return np.asarray(self.names["state"].position + np.array([0.0, aside, 0.0]))
 
+    def tolist(self) -> list[float]:
+        return np.asarray(self).tolist()
+
 
 @pytest.fixture(scope="session")
 def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -172,6 +175,9 @@ def names_of_a_page() -> dict[str, Any]:
         "g": np.array([0.2, 0.2, 0.0]),
         "Rg": Rotation.from_euler("z", np.pi / 2) * dmp.rollout().rotations[-1],
         "where_the_goal_is": dmp.goal_position + np.array([0.0, 0.002, 0.0]),
+        # A robot that is where it was sent, seen by nobody.
+        "camera": SimpleNamespace(has_seen=lambda: False),
+        "robot": SimpleNamespace(command=lambda position, rotation: None),
     }
     names["where_the_tool_is"] = Measured(names)
     return names

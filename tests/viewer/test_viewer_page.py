@@ -240,8 +240,9 @@ def test_a_tool_that_is_held_waits_and_is_pushed_to_where_it_is_released(primiti
         while page.pushes.run is not None and time.monotonic() < end:
             time.sleep(0.05)
         done(page)
-        jump = run.states[held].position - tool
-        assert jump[1] == pytest.approx(0.006, abs=2e-3)
+        # The command goes to where the hand holds the tool.
+        reached = np.array([state.position for state in run.states[held:]])
+        assert np.linalg.norm(reached - (tool + [0.0, 0.006, 0.0]), axis=1).min() < 2e-3
         assert run.goal_error < 2e-3 and run.residual < EXACT
         assert not page.pushes.grip.visible and page.goals.gizmos["goal"].visible
 

@@ -131,8 +131,8 @@ class Adapter:
 class PushedRun:
     """A primitive in its control loop, pushed off its path now and then.
 
-    A hand holds the tool where it was pushed to until the controller leads on from there.  All
-    ``states`` so far are kept; the first is where it begins.
+    A hand holds the tool where it was pushed to until the controller leads on from there, or for
+    half of the duration.  All ``states`` so far are kept; the first is where it begins.
     """
 
     def __init__(self, dmp: ConstrainedDMP) -> None:
@@ -140,7 +140,7 @@ class PushedRun:
         self.controller = dmp.controller(time_step=dmp.duration / dmp.steps, follows=True)
         self.states: list[State] = [self.controller.reset()]
         self._held: State | None = None
-        self._plans = 0
+        self._plans, self._let_go = 0, 0.0
 
     @property
     def done(self) -> bool:
@@ -152,6 +152,7 @@ class PushedRun:
         tool = self._held or self.states[-1]
         self._held = replace(tool, position=tool.position + _arguments.vector("push", by))
         self._plans = len(self.controller.replanned)
+        self._let_go = self.states[-1].time + self.dmp.duration / 2
 
     def advance(self, until: float) -> None:
         """Run the loop up to a time (s) since it began, or to its end.
@@ -164,7 +165,7 @@ class PushedRun:
             if self.done or now.time >= until:
                 return
             self.states.append(self.controller.step(self._held or now))
-            if len(self.controller.replanned) > self._plans:
+            if len(self.controller.replanned) > self._plans or now.time > self._let_go:
                 self._held = None
 
     @property
