@@ -1,14 +1,13 @@
 """``python -m benchmarks``, from the repository's root."""
 
-import os
 import sys
+
+from benchmarks import single_threaded
 
 
 def main() -> int:
     """Restrict the linear algebra to one thread, then run."""
-    # Read once, when NumPy is imported; the processes started for the growth inherit them.
-    for library in ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "VECLIB_MAXIMUM"):
-        os.environ[f"{library}_THREADS"] = "1"
+    single_threaded()
     from benchmarks.command import run
 
     return run()

@@ -111,6 +111,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
     return int(options.gate and bool(broken or medians))
 
 
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more, got {text!r}")
+    return int(text)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.feedback",
@@ -121,7 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--quick", action="store_true", help="one seed, two tasks, 200 Hz")
     add("--gate", action="store_true", help="exit with 1 where noslip breaks a bound")
-    add("--seeds", type=int, metavar="N", help=f"of each combination; {SEEDS} by default")
+    add("--seeds", type=_count, metavar="N", help=f"of each combination; {SEEDS} by default")
     add("--first-seed", type=int, default=0, metavar="K")
     add(
         "--scenario", action="append", choices=list(NAMED), help="again for several; all by default"
@@ -129,7 +135,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--task", action="append", choices=list(TASKS), help="the same")
     add("--rate", action="append", type=float, metavar="HZ", help="of the loop; the same")
     add("--generator", action="append", choices=list(GENERATORS), help="the same")
-    add("--processes", type=int, default=PROCESSES)
+    add("--processes", type=_count, default=PROCESSES)
     add("--markdown", type=Path, metavar="FILE", help="write a short table, as the docs have it")
     add("--json", type=Path, metavar="FILE", help="write every run's figures")
     add("--tune", action="store_true", help="seek phase stopping's gains on the held-out scenario")

@@ -80,27 +80,24 @@ def replan(
     system = rule.system
     done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
-    named = goal_position is not None or goal_rotation is not None
-    if goal_velocity is None and end == "pose" and (named or not duration):
-        to = asked("goal", goal_position, goal_rotation).pose_or(
-            state.goal_position, state.goal_rotation
-        )
-        seconds = 0.0 if duration is None else _arguments.positive("duration", duration, "seconds")
+    goal = asked("goal", goal_position, goal_rotation, goal_velocity)
+    own = state.goal_position, state.goal_rotation
+    if duration is not None:
+        duration = _arguments.positive("duration", duration, "seconds")
+    # A goal that nothing names is moved onto the constraints; C does not do that in a given time.
+    if goal_velocity is None and end == "pose" and (duration is None or not goal.is_free):
+        to, seconds = goal.pose_or(*own), duration or 0.0
         if found := compiled.made(
             law, rule, to, weights, state=state, duration=seconds, samples=samples, steps=law.steps
         ):
             return Plan(found.law, found.request, found.projected).verified(law, rule)
     nominal, now = _nominal(law, rule, state, done, samples - 1)
-    goal = asked("goal", goal_position, goal_rotation, goal_velocity)
     is_given = duration is not None
-    if duration is not None:
-        duration = _arguments.positive("duration", duration, "seconds")
-    else:
+    if duration is None:
         toward = state.goal_position if goal.position is None else goal.position
         step = state.previous_step or state.duration / law.steps
         duration = max(_time_needed(nominal, state, now, done, toward), FEWEST_SAMPLES * step)
     rest = _rest(nominal, now, samples, duration)
-    own = state.goal_position, state.goal_rotation
     at_end = state.time + duration
     last = placed(goal, own, system, rule.inverse_metric, at_end)
     if goal_velocity is None:
