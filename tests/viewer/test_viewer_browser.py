@@ -290,6 +290,7 @@ def test_a_goal_that_is_typed_moves_the_path(tab, page, primitive, artifacts):
 
 
 def test_a_goal_off_the_plane_is_explained(tab, page, primitive):
+    open_tab(tab, "Change")
     before = page.entry.track
     fill(tab, "Goal (m)", "0.02", component=2)
     tab.view.get_by_text("no such motion").wait_for()
