@@ -22,7 +22,6 @@ from noslip.boundary import Boundary
 from noslip.codegen import c99
 from noslip.codegen.library import Native, built, function
 from noslip.errors import NoslipError
-from noslip.law.fitting import fewest_steps
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.layout import FORCE
@@ -95,7 +94,7 @@ class Library:
             function(
                 code,
                 "noslip_planned",
-                *([pointer] * 4 + [ctypes.c_double] + [integer] * 4 + [pointer] * 6),
+                *([pointer] * 4 + [ctypes.c_double] + [integer] * 3 + [pointer] * 6),
                 result=integer,
             ),
         )
@@ -168,7 +167,6 @@ def made(
     if (library := native(rule).library) is None:
         return None
     functions, rows = law.basis.count, system.size
-    fewest = fewest_steps(functions)
     struct, sizes = numbers.Struct(law, rule), np.zeros(2, dtype=np.int32)
     library.sizes(samples, MOST_SAMPLES, functions, sizes.ctypes.data)
     if sizes[0] != struct.size:
@@ -185,7 +183,7 @@ def made(
         to.ctypes.data,
         memory.ctypes.data,
         smoother,
-        *(samples, steps, fewest, MOST_SAMPLES - 1),
+        *(samples, steps, MOST_SAMPLES - 1),
         *(array.ctypes.data for array in (reference, found, values, multipliers, told, counts)),
     )
     if outcome != _DONE:

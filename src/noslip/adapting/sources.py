@@ -53,13 +53,7 @@ def sources(rule: Rule) -> dict[str, str]:
     ]
     kinds = ("position", "velocity", "acceleration")
     lines = [
-        f"#define {name.removeprefix('_')} {float(getattr(module, name))!r}"
-        if isinstance(getattr(module, name), float)
-        else f"#define {name.removeprefix('_')} {getattr(module, name)}"
-        for module, names in _CONSTANTS.items()
-        for name in names
-    ]
-    lines += [
+        *c99.defined(_CONSTANTS),
         f"#define STEPS_PER_FUNCTION {fitting.SAMPLES_PER_BASIS_FUNCTION}",
         f"#define MOST_PASSES {nearest._MOST_ITERATIONS}",
         f"#define ON_SURFACE {feasibility._ON!r}",

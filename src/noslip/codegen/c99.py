@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
+from types import ModuleType
 from typing import Any
 
 import casadi as ca
@@ -77,8 +78,8 @@ def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
         "DRIVE": DRIVE,
         "OUTPUT": layout,
     }
-    offsets = "\n".join(_offsets(name, each) for name, each in layouts.items())
-    text = template("noslip.c").replace("@OUTPUTS@", str(outputs)).replace("@OFFSETS@", offsets)
+    places = "\n".join(offsets(name, each) for name, each in layouts.items())
+    text = template("noslip.c").replace("@OUTPUTS@", str(outputs)).replace("@OFFSETS@", places)
     return text + "\n" + _core(function, outputs)
 
 
@@ -99,7 +100,16 @@ def _fields(fields: Sequence[Field]) -> str:
     return "\n".join(lines)
 
 
-def _offsets(prefix: str, layout: Layout) -> str:
+def defined(constants: Mapping[ModuleType, Iterable[str]]) -> Iterator[str]:
+    """Definitions of modules' constants, by the same names without what marks them as private."""
+    for module, names in constants.items():
+        for name in names:
+            value = getattr(module, name)
+            text = repr(float(value)) if isinstance(value, float) else str(value)
+            yield f"#define {name.removeprefix('_')} {text}"
+
+
+def offsets(prefix: str, layout: Layout) -> str:
     """Definitions of where each part of a row of numbers begins, and of its size."""
     places = {name: layout.index(name) for name in layout} | {"size": layout.size}
     return "\n".join(f"#define {prefix}_{name.upper()} {at}" for name, at in places.items())

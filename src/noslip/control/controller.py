@@ -102,7 +102,7 @@ _LEAST_TIME, _MOST_TIME = 0.2, 3.0
 PATIENCE = 0.2
 """s for which a goal must be off that did not jump: it begins to move, and its speed is not known
 before."""
-_LOOK = 0.01
+_LOOK_EVERY = 0.01
 """s between two looks at where the goal will be."""
 _LEAST_RUN = 1e-4
 """Of a cycle: less is not worth a step, whose lengths are divided by."""
@@ -430,7 +430,7 @@ class Controller:
             return
         passed = min(h, max(MADE_GOOD, 2 * self.time_step))
         if h > max(HALTED, 2 * self.time_step):
-            self._speed = 0.0
+            self._set_speed(0.0)
         try:
             self._cycle(h, passed, is_measured)
         except (NoslipError, ArithmeticError, ValueError) as failure:
@@ -442,7 +442,7 @@ class Controller:
         if is_measured:
             self._measure()
         if self._time >= self._next_look and (self._goal.last or self._goal_turn.last):
-            self._next_look = self._time + _LOOK
+            self._next_look = self._time + _LOOK_EVERY
             self._look_at_goal()
         observes = seen.item(_SAMPLES) > 0
         if observes:

@@ -138,7 +138,7 @@ class Observer:
         self._found = np.empty(SEEN.size)
         self._moving, self._measuring = np.empty(_MOVE.size), np.empty(_MEASURE.size)
         self._calls = []
-        for function, given in zip(_functions(), (self._moving, self._measuring), strict=True):
+        for function, given in zip(functions(), (self._moving, self._measuring), strict=True):
             buffer, call = function.buffer()
             buffer.set_arg(0, self.seen.data)
             buffer.set_arg(1, given.data)
@@ -199,8 +199,8 @@ class Observer:
 
 
 @lru_cache(maxsize=1)
-def _functions() -> tuple[ca.Function, ca.Function]:
-    """(seen, what happened) -> seen, of a command that moved and of a pose that was measured."""
+def functions() -> tuple[ca.Function, ca.Function]:
+    """Return (seen, what happened) -> seen: the command moved; a pose was measured."""
     seen, moved, measured = (
         ca.SX.sym(name, layout.size)
         for name, layout in (("seen", SEEN), ("moved", _MOVE), ("measured", _MEASURE))

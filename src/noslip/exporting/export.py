@@ -14,6 +14,7 @@ import numpy as np
 from noslip._files import write_beside
 from noslip.adapting.sources import sources
 from noslip.codegen import c99
+from noslip.control.sources import sources as controller_sources
 from noslip.errors import InputError
 from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
@@ -143,6 +144,7 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         # Forces and values, without each row's own part.
         "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False),
         **sources(rule),
+        **controller_sources(law, rule),
         f"{name}.h": declared,
         f"{name}.c": numbers.text(law, rule, name),
     }

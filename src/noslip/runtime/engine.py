@@ -33,21 +33,18 @@ POSITION, QUATERNION, LINEAR, ANGULAR = (_PLACES[name] for name in STATE)
 MOVING = _PLACES.span("position", "angular_velocity")
 """Pose and velocities."""
 VELOCITIES = _PLACES.span("linear_velocity", "angular_velocity")
-GOAL_POSITION, GOAL_QUATERNION, STEERING, ACCELERATION, FORCE = (
-    _PLACES[name]
-    for name in ("goal_position", "goal_quaternion", "steering", "acceleration", "force")
+GOAL_POSITION, GOAL_QUATERNION, ACCELERATION, FORCE = (
+    _PLACES[name] for name in ("goal_position", "goal_quaternion", "acceleration", "force")
 )
 FIRST_GOAL_POSITION, FIRST_GOAL_QUATERNION = (
     _PLACES[f"first_{name}"] for name in ("goal_position", "goal_quaternion")
 )
-_OFFSET, _KICK = STEP["rotation_offset"], STEP.index("kick")
+_KICK = STEP.index("kick")
 _MOST_ROWS_AHEAD = 256
 """Rows of the step table computed at once: more would make one step wait for many."""
 NOT_FINITE = (
     "the step is not finite; its state or goal is out of what can be computed with, and is kept"
 )
-NO_STEERING = np.zeros(3)
-NO_STEERING.flags.writeable = False
 
 
 class Memory:
@@ -92,7 +89,6 @@ class Memory:
         data[GOAL_QUATERNION] = state.goal_rotation.as_quat(scalar_first=True)
         data[FIRST_GOAL_POSITION] = state.first_goal_position
         data[FIRST_GOAL_QUATERNION] = state.first_goal_rotation.as_quat(scalar_first=True)
-        data[STEERING] = state.steering
         data[ACCELERATION], data[FORCE] = state.acceleration, state.constraint_forces
         # A state made by hand may come without.
         for given, part in (
@@ -103,7 +99,7 @@ class Memory:
         data[self.known] = -1.0
 
     def state(self) -> State:
-        """What it holds, without its steering; a copy."""
+        """What it holds; a copy."""
         data = self.data.copy()
         fraction = data.item(FRACTION)
         # The frozen dataclass sets its fields one by one, which takes longer than the step itself.
@@ -123,7 +119,6 @@ class Memory:
             _first_goal_rotation=data[FIRST_GOAL_QUATERNION],
             pull_in=data.item(PULL_IN),
             braking=data.item(BRAKING),
-            steering=NO_STEERING,
             constraint_residuals=data[self.equalities],
             multipliers=data[self.multipliers],
             margins=data[self.limits],
@@ -220,7 +215,6 @@ class Virtual:
         if over or self._next == len(self._table) or self._expected != (fraction, duration, h):
             self._look_ahead(h, over)
         self._row[:] = self._table[self._next]
-        self._row[_OFFSET] += data[STEERING]
         self._now[: STATE.size], self._now[STATE.size :] = data[MOVING], data[self._values]
         self._evaluate()
         after, output, columns = self._after, self._output, self._columns

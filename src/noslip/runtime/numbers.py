@@ -33,6 +33,7 @@ def numbers(law: Law, rule: Rule) -> dict[str, Number]:
         "knot_quaternions": winding.quaternions,
         # C knows no empty arrays.
         "knot_splines": splines if len(splines) else np.zeros((1, 12)),
+        "steps": law.steps,
         "duration": law.duration,
         "residual_rate": rule.stabilization,
         "barrier_rate": rule.barrier_rate,

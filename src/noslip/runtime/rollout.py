@@ -304,8 +304,6 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
     )
     for name, values in targets.items():
         column[name][:] = values
-    if state.steering.any():
-        column["rotation_offset"] += state.steering
     return table
 
 

@@ -63,8 +63,6 @@ class State(Value):
         Rate at which a violation decays (1/s).
     braking : float
         Seconds within which a motion that ends at speed comes to rest after its end; 0 is at once.
-    steering : array, shape (3,)
-        Turn of the orientation's target (rad, world frame).
     constraint_residuals, multipliers : array, shape (m,)
         Of the equalities.
     margins, limit_multipliers : array, shape (k,)
@@ -91,7 +89,6 @@ class State(Value):
     first_goal_rotation: _Turn = _Turn()
     pull_in: float = 0.0
     braking: float = 0.0
-    steering: Floats = field(default_factory=lambda: np.zeros(3))
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros(0))
     multipliers: Floats = field(default_factory=lambda: np.zeros(0))
     margins: Floats = field(default_factory=lambda: np.zeros(0))

@@ -142,4 +142,10 @@ static inline void led_by(const noslip_primitive *p, noslip_real before, noslip_
 int noslip_step_freely(const noslip_primitive *primitive, noslip_state *state,
                        noslip_real time_step);
 
+/* In replan.c.  The nearest twist, in the rule's metric, that the equalities allow at a pose. */
+void noslip_allow(double time, const double *pose, double rate, double *twist);
+
+/* Put a state at the start of a motion over another duration. */
+void noslip_start_within(const noslip_primitive *primitive, double duration, noslip_state *state);
+
 #endif

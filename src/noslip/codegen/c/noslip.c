@@ -172,7 +172,6 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
         state->linear_velocity[i] = primitive->start_linear_velocity[i];
         state->angular_velocity[i] = primitive->start_angular_velocity[i];
         state->goal_position[i] = state->first_goal_position[i] = primitive->goal_position[i];
-        state->steering[i] = 0;
     }
     for (i = 0; i < 4; ++i) {
         state->quaternion[i] = primitive->start_quaternion[i];
@@ -239,7 +238,6 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
         const noslip_real moved = state->goal_position[i] - state->first_goal_position[i];
         step[STEP_POSITION_TARGET + i]
             = state->goal_position[i] + moved * (drive[DRIVE_DRAWN] - 1) + drive[i];
-        step[STEP_ROTATION_OFFSET + i] += state->steering[i];
     }
     for (i = 0; i < 4; ++i) now[STATE_QUATERNION + i] = state->quaternion[i];
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) now[STATE_VALUES + i] = state->values[i];

@@ -31,17 +31,16 @@ static double left_by(noslip_workspace *w, const double *points, int steps) {
 
 /* Plan from a state, or all of a motion (state null), as the numbers that follow in it and in a goal:
  * position, quaternion, twist, time, fraction, previous step, duration, its goal; position, quaternion,
- * duration.  The law of what is left has as many steps as its share of the time, but some at least, and
- * is fitted on as many, but not more than at most.  Returns what became of it. */
+ * duration.  Returns what became of it. */
 int noslip_planned(const noslip_primitive *primitive, const double *state, const double *goal,
-                   double *memory, double smoother, int knots, int steps, int fewest, int most,
+                   double *memory, double smoother, int knots, int steps, int most,
                    double *reference, double *found,
                    double *values, double *multipliers, double *numbers, int *counts) {
     noslip_workspace w = {0};
     noslip_state s;
     noslip_goal to = {{0}, {0}, 0};
     double *number = numbers;
-    int outcome = NOSLIP_REPLAN_GOING_ON, largest, k;
+    int outcome = NOSLIP_REPLAN_GOING_ON, k;
     room at;
     if (state) {
         noslip_start(primitive, &s);
@@ -65,7 +64,7 @@ int noslip_planned(const noslip_primitive *primitive, const double *state, const
     w.knots = knots;
     w.smoother = smoother;
     w.steps = steps;
-    largest = fewest > steps ? fewest : steps;
+    w.most_steps = most;
     at = room_of(&w, primitive->basis_functions);
     while (outcome == NOSLIP_REPLAN_GOING_ON && w.phase != CHECK) {
         if (w.phase == CORRECT) {
@@ -74,9 +73,6 @@ int noslip_planned(const noslip_primitive *primitive, const double *state, const
         }
         outcome = unit(primitive, state ? &s : 0, goal ? &to : 0, &w);
         if (w.phase == ATTEMPT && w.attempt == 0) {
-            if (state) largest = (int)rint(steps * w.duration / s.duration);
-            if (largest < fewest) largest = fewest;
-            w.steps = largest < most ? largest : most;
             copy(at.positions + 3, reference, 3 * knots);
             copy(at.quaternions + 4, reference + 3 * knots, 4 * knots);
         }
@@ -102,6 +98,6 @@ int noslip_planned(const noslip_primitive *primitive, const double *state, const
     counts[1] = w.heeded;
     counts[2] = w.backing;
     counts[3] = w.primitive.knots;
-    counts[4] = largest;
+    counts[4] = w.primitive.steps;
     return NOSLIP_REPLAN_DONE;
 }

@@ -195,7 +195,7 @@ static void instant_at(double time, const double *pose, const double *twist, dou
 }
 
 /* The nearest twist, in the rule's metric, that the equalities allow at a pose. */
-static void allow(double time, const double *pose, double rate, double *twist) {
+void noslip_allow(double time, const double *pose, double rate, double *twist) {
     const double most = fmax(fmax(fmax(fabs(twist[0]), fabs(twist[1])), fabs(twist[2])),
                              fmax(fmax(fabs(twist[3]), fabs(twist[4])), fabs(twist[5])));
     double given[6], change[6] = {0}, first = 0;
@@ -1093,7 +1093,7 @@ static int finish(noslip_workspace *w, const room *r, const double *points, int 
     p->weights = (const double(*)[6])r->weights;
     p->duration = w->duration;
     p->begin = w->begin;
-    allow(p->begin, points, p->residual_rate / p->duration, twist);
+    noslip_allow(p->begin, points, p->residual_rate / p->duration, twist);
     copy(points, p->start_position, 3);
     copy(points + 3, p->start_quaternion, 4);
     copy(twist, p->start_linear_velocity, 3);
@@ -1115,7 +1115,7 @@ static int is_over(const noslip_workspace *w) {
 static int has_past(const noslip_workspace *w) { return w->passed > 0 && !is_over(w); }
 
 /* Put a state at the start of a motion over another duration. */
-static void start_within(const noslip_primitive *p, double duration, noslip_state *s) {
+void noslip_start_within(const noslip_primitive *p, double duration, noslip_state *s) {
     double pose[7], twist[6];
     int i;
     noslip_start(p, s);
@@ -1128,7 +1128,7 @@ static void start_within(const noslip_primitive *p, double duration, noslip_stat
         twist[3 + i] = s->angular_velocity[i] * p->duration / duration;
     }
     /* Not all rules allow a twist that is as much slower. */
-    allow(s->time, pose, s->pull_in, twist);
+    noslip_allow(s->time, pose, s->pull_in, twist);
     copy(twist, s->linear_velocity, 3);
     copy(twist + 3, s->angular_velocity, 3);
 }
@@ -1163,7 +1163,7 @@ static int begin(noslip_workspace *w, const noslip_primitive *p, const noslip_st
     } else if (goal && goal->duration > 0) {
         w->duration = goal->duration;
     }
-    start_within(p, w->duration, &w->state);
+    noslip_start_within(p, w->duration, &w->state);
     if (goal) {
         double size = 0;
         if (!is_finite(goal->position, 3) || !is_finite(goal->quaternion, 4)) return NOSLIP_REPLAN_NOT_FINITE;
@@ -1263,7 +1263,7 @@ static void keep_twist(const double *own, const double *fastest, const double *f
     } else {
         copy(kept, twist, 6);
     }
-    allow(time, pose, 0, twist);
+    noslip_allow(time, pose, 0, twist);
 }
 
 /* Move what is left of the motion, or all of it, to where it must begin and end. */
@@ -1308,7 +1308,7 @@ static int move(noslip_workspace *w, const room *r, const noslip_goal *goal, int
         for (i = 0; i < 6; ++i) {
             w->first_twist[i] += share * (w->steps_around[1][i] - w->steps_around[0][i]);
         }
-        allow(w->begin, w->first, 0, w->first_twist);
+        noslip_allow(w->begin, w->first, 0, w->first_twist);
         w->exact_start = 0;
         at[0] = last;
         copy(w->goal, poses[0], 7);
@@ -1370,6 +1370,17 @@ static int check(noslip_workspace *w) {
     return NOSLIP_REPLAN_DONE;
 }
 
+/* As many steps as before in the same time, where the workspace does not say how many. */
+static void set_steps(noslip_workspace *w, int functions, double before) {
+    const int fewest = STEPS_PER_FUNCTION * functions;
+    w->primitive.steps = w->steps;
+    if (w->most_steps <= 0) return;
+    w->primitive.steps = (int)rint(w->steps * w->duration / before);
+    if (w->primitive.steps < FEWEST_STEPS) w->primitive.steps = FEWEST_STEPS;
+    if (w->primitive.steps < fewest) w->primitive.steps = fewest;
+    w->steps = w->primitive.steps < w->most_steps ? w->primitive.steps : w->most_steps;
+}
+
 /* A unit of work. */
 static int unit(const noslip_primitive *p, const noslip_state *s, const noslip_goal *goal,
                 noslip_workspace *w) {
@@ -1391,6 +1402,7 @@ static int unit(const noslip_primitive *p, const noslip_state *s, const noslip_g
         outcome = move(w, &r, goal, !s);
         without_flips(r.quaternions + 4, w->knots);
         if (!is_finite(r.positions + 3, 3 * w->knots)) outcome = NOSLIP_REPLAN_NOT_FINITE;
+        set_steps(w, functions, s ? s->duration : w->duration);
         w->attempt = 0;
         w->phase = ATTEMPT;
         break;

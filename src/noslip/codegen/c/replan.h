@@ -47,6 +47,9 @@ typedef struct noslip_workspace {
     int knots;              /* of the plan, 20 or more; 201 as in Python */
     int steps;              /* of the fit and of the new primitive's own motion, 200 or more, and 4 or
                              * more a basis function; 400 as in Python */
+    int most_steps;         /* 0; or the most that the fit has if the steps given are those of a motion as
+                             * long as before, and the new ones are to be as long: then the memory is for
+                             * so many */
     int units;              /* of work in a call, each a Newton step or less; 0: all */
     double smoother;        /* times as smooth a turn as usual; 0: as usual */
 
