@@ -167,13 +167,14 @@ def test_the_header_is_understood_by_cpp(tmp_path: Path, uncounted: None) -> Non
 
 
 ARM, EMULATOR = "arm-linux-gnueabihf-gcc", "qemu-arm"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(
+needs_emulator = pytest.mark.skipif(
     shutil.which(ARM) is None or shutil.which(EMULATOR) is None,
     reason=f"{ARM} or {EMULATOR} is missing (Debian: gcc-arm-linux-gnueabihf, qemu-user)",
 )
+
+
+@pytest.mark.slow
+@needs_emulator
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("name", ["blade", "winding", "limits"])
 def test_it_runs_on_a_32_bit_arm(name: str, real: str, tmp_path: Path, uncounted: None) -> None:

@@ -19,21 +19,21 @@ from noslip.rotations import rotation_matrix
 from noslip.rule import Rule
 
 _CONSTANTS = {
-    constants: ("DETOUR", "SETTLED", "LEAST_TIME", "FEWEST_LEFT", "FEWEST_SAMPLES", "OFF"),
-    boundary: ("_AT_REST",),
-    fitting: ("FEWEST_STEPS",),
-    forcing: ("RIDGE",),
-    winding: ("FARTHEST_FROM_GOAL", "FARTHEST_FROM_WINDING"),
-    heading: ("REACH", "REST", "BACKWARDS", "PLUNGING", "SIDEWAYS", "_ROUNDED"),
-    problem: (
-        *("_REST_WEIGHT", "_SLOPE", "_SLOW", "_TURNED_REFERENCE", "_RESIDUAL_TOLERANCE"),
-        *("_LAST_BARRIER", "_LIMIT_TOLERANCE", "_APPROACH"),
-    ),
-    projecting: ("_CLEARANCE", "_LIMIT_PATIENCE"),
-    nearest: ("_LOST",),
-    feasibility: ("_APPROACHING", "_APART"),
-    newton: ("SMALL_TURN",),
-    verification: ("MISSED", "MISSED_TURN", "BROKEN"),
+    constants: "DETOUR SETTLED LEAST_TIME FEWEST_LEFT FEWEST_SAMPLES OFF",
+    boundary: "_AT_REST",
+    fitting: "FEWEST_STEPS",
+    forcing: "RIDGE",
+    winding: "FARTHEST_FROM_GOAL FARTHEST_FROM_WINDING",
+    heading: "REACH REST BACKWARDS PLUNGING SIDEWAYS _ROUNDED",
+    problem: """
+        _REST_WEIGHT _SLOPE _SLOW _TURNED_REFERENCE _RESIDUAL_TOLERANCE _LAST_BARRIER
+        _LIMIT_TOLERANCE _APPROACH
+        """,
+    projecting: "_CLEARANCE _LIMIT_PATIENCE",
+    nearest: "_LOST",
+    feasibility: "_APPROACHING _APART",
+    newton: "SMALL_TURN",
+    verification: "MISSED MISSED_TURN BROKEN",
 }
 """By the same names in C, without what marks them as a module's own."""
 _DEPENDENT = 1e-13

@@ -100,10 +100,10 @@ def _fields(fields: Sequence[Field]) -> str:
     return "\n".join(lines)
 
 
-def defined(constants: Mapping[ModuleType, Iterable[str]]) -> Iterator[str]:
+def defined(constants: Mapping[ModuleType, str]) -> Iterator[str]:
     """Definitions of modules' constants, by the same names without what marks them as private."""
     for module, names in constants.items():
-        for name in names:
+        for name in names.split():
             value = getattr(module, name)
             text = repr(float(value)) if isinstance(value, float) else str(value)
             yield f"#define {name.removeprefix('_')} {text}"
