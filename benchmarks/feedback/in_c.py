@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import ctypes
 import tempfile
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.feedback import loop, tasks
+from benchmarks.feedback.generators import Controlled
 from benchmarks.feedback.poses import Floats, Pose
 from benchmarks.feedback.tasks import Task
+from benchmarks.feedback.trial import NAMED, Trial, conditions_of
 from noslip.codegen.library import built
 
 SOURCES = ("noslip.c", "plan.c", "replan.c", "controller.c", "primitive.c")
@@ -189,3 +192,24 @@ class InC:
         seen = None if measured is None else np.concatenate(measured)
         pose = self.controller.step(elapsed, seen, goal)
         return Pose(pose[:3], pose[3:])
+
+
+def difference(trial: Trial) -> float:
+    """How far what both command differs (m, and of quaternions); inf where plans or ends differ."""
+    scenario, task, period = NAMED[trial.scenario], tasks.task(trial.task), 1 / trial.rate
+    conditions = conditions_of(scenario, task, trial.rate, trial.seed)
+    python, c = (
+        loop.run(
+            task,
+            partial(make, task, period, follows=scenario.follows),
+            period,
+            conditions,
+            trial.seed,
+        )
+        for make in (Controlled, InC)
+    )
+    alike = (python.plans, python.failure) == (c.plans, c.failure)
+    same = (np.array_equal(python.done, c.done), np.array_equal(python.led, c.led))
+    if not (alike and all(same)):
+        return np.inf
+    return float(np.abs(python.commanded - c.commanded).max())

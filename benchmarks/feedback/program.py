@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import peers
-from benchmarks.feedback import cartesian
+from benchmarks.feedback import cartesian, in_c
 from benchmarks.feedback.judge import Bounds
 from benchmarks.feedback.scenarios import MEDIAN_END, SCENARIOS
 from benchmarks.feedback.tasks import TASKS, missing
@@ -27,6 +27,7 @@ from benchmarks.feedback.trial import (
     NAMED,
     OURS,
     Outcome,
+    Trial,
     cost_of_gains,
     trials,
     tried,
@@ -37,6 +38,8 @@ RATES = (200.0, 1000.0)
 SEEDS, QUICK_SEEDS = 20, 1
 QUICK_TASKS, QUICK_RATES = ("s-cut", "needle"), (200.0,)
 PROCESSES = 2
+IN_C = 1e-9
+"""m, and of quaternions: what the exported controller may differ by."""
 PIPED_WIDTH = 180
 COLUMNS = (
     "scenario",
@@ -92,6 +95,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         range(options.first_seed, options.first_seed + count),
         tuple(options.generator or GENERATORS),
     )
+    if options.in_c:
+        return _compare(wanted, options.processes)
     outcomes = [one for found in _each(tried, wanted, options.processes) for one in found]
     _show(outcomes, left_out)
     broken = [one for one in outcomes if one.generator == OURS and one.broken]
@@ -138,6 +143,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--processes", type=_count, default=PROCESSES)
     add("--markdown", type=Path, metavar="FILE", help="write a short table, as the docs have it")
     add("--json", type=Path, metavar="FILE", help="write every run's figures")
+    add("--in-c", action="store_true", help="compare the exported controller with Python's")
     add("--tune", action="store_true", help="seek phase stopping's gains on the held-out scenario")
     return parser
 
@@ -160,6 +166,18 @@ def _tune(processes: int) -> int:
     ]:
         print(f"{cost:.4f}  {gains}")
     return 0
+
+
+def _compare(wanted: Sequence[Trial], processes: int) -> int:
+    """Say how far the exported controller is from Python's."""
+    found = list(_each(in_c.difference, wanted, processes))
+    for trial, off in zip(wanted, found, strict=True):
+        if not off <= IN_C:
+            print(
+                f"{trial.scenario}, {trial.task}, {trial.rate:g} Hz, seed {trial.seed}: {off:.3g}"
+            )
+    print(f"{len(found)} runs in C and in Python: commands differ by {max(found):.2g} at most")
+    return int(not max(found) <= IN_C)
 
 
 # ---------------------------------------------------------------- tables
