@@ -69,9 +69,10 @@ def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive
     -------
     Exported
         ``noslip.h`` and ``noslip.c`` (the step under these constraints); ``replan.h``,
-        ``replan.c``, ``plan.h`` and ``plan.c`` (new plans); ``inside.h`` (what both share);
-        ``NAME.h`` and ``NAME.c`` (this primitive's numbers); ``example.c``, ``example_replan.c``,
-        ``test.c`` and ``CMakeLists.txt``.
+        ``replan.c``, ``plan.h`` and ``plan.c`` (new plans); ``controller.h`` and ``controller.c``
+        (the loop); ``inside.h`` (what they share); ``NAME.h`` and ``NAME.c`` (this primitive's
+        numbers); ``example.c``, ``example_replan.c``, ``example_controller.cpp``, ``test.c`` and
+        ``CMakeLists.txt``.
 
     Raises
     ------
@@ -134,7 +135,8 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         "SINGLE_RESIDUAL": repr(1e-4 * speed),
         "FUNCTIONS": str(law.basis.count),
         "FIT_STEPS": str(fewest_steps(law.basis.count)),
-        "ASIDE": "((const double[3]){" + ", ".join(map(repr, aside.tolist())) + "})",
+        "ASIDE": "{" + ", ".join(map(repr, aside.tolist())) + "}",
+        "LENGTH": repr(motion.path_length or 1.0),
     }
     declared = f"#ifndef {name.upper()}_H\n#define {name.upper()}_H\n\n"
     declared += f'#include "noslip.h"\n\nextern const noslip_primitive {name};\n\n#endif\n'
@@ -148,7 +150,8 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         f"{name}.h": declared,
         f"{name}.c": numbers.text(law, rule, name),
     }
-    for file in ("example.c", "example_replan.c", "test.c", "CMakeLists.txt"):
+    examples = ("example.c", "example_replan.c", "example_controller.cpp")
+    for file in (*examples, "test.c", "CMakeLists.txt"):
         text = c99.template(file)
         for key, value in values.items():
             text = text.replace(f"@{key}@", value)

@@ -24,7 +24,7 @@ static void print(const noslip_state *state) {
 int main(void) {
     static noslip_workspace workspace;
     const noslip_primitive *primitive = &@NAME@;
-    const double cycle = @NAME@.duration / STEPS;
+    const double cycle = @NAME@.duration / STEPS, aside[3] = @ASIDE@;
     noslip_state state, ahead;
     noslip_goal goal = {{0}, {0}, 0};
     int k, i, outcome = NOSLIP_REPLAN_GOING_ON;
@@ -32,7 +32,7 @@ int main(void) {
     workspace.knots = KNOTS;
     workspace.steps = FIT_STEPS;
     workspace.units = 1;
-    for (i = 0; i < 3; ++i) goal.position[i] = primitive->goal_position[i] + @ASIDE@[i];
+    for (i = 0; i < 3; ++i) goal.position[i] = primitive->goal_position[i] + aside[i];
     for (i = 0; i < 4; ++i) goal.quaternion[i] = primitive->goal_quaternion[i];
     noslip_start(primitive, &state);
     printf("t,x,y,z,qw,qx,qy,qz\n");
