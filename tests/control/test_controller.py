@@ -243,6 +243,34 @@ def test_a_hand_that_holds_a_compliant_robot_is_followed(seed: int, at: float, s
     assert turned <= 1.0
 
 
+@pytest.mark.parametrize("rolled", [0.0, np.pi / 2])
+def test_a_tool_that_hardly_comes_back_from_aside_is_waited_for(rolled: float) -> None:
+    # A beveled tip bends with a radius twice as long as its way: it must draw back to get aside.
+    u = eased(np.linspace(0, 1, 201))
+    path = 0.2 * np.column_stack([np.sin(u / 2), 1 - np.cos(u / 2), 0 * u])
+    turns = Rotation.from_euler("z", u[:, None] / 2)
+    trajectory = ns.PoseTrajectory(3 * np.linspace(0, 1, 201), path, turns)
+    dmp = ns.learn(trajectory, [ns.Needle(curvature=5.0)])
+    nominal = dmp.rollout(time_step=H)
+    fine, length = dmp.rollout(time_step=H / 50).positions, nominal.path_length
+    begin = 1.2
+    body = nominal.rotations[int(begin / H)].apply([0, np.cos(rolled), np.sin(rolled)])
+    for hold in (0.3, 3.0):
+        controller = ns.Controller(dmp, H, follows=True)
+        run = drive(controller, usual(hand=held(0.1 * length * body, begin, begin + hold)))
+        assert controller.done
+        assert misses(run.states[-1], dmp.goal_position, dmp.goal_rotation)[0] <= 4e-3 * length
+        found = [plan for plan in controller.replanned if not plan.failure]
+        if hold < ACCEPT:
+            assert found == []
+            assert run.time <= 1.2 * dmp.duration + hold
+        if not found:
+            # Nothing has led the command off its way.
+            off = [np.linalg.norm(fine - p, axis=1).min() for p in run.positions]
+            assert max(off) <= 1e-4 * length
+            assert run.residual <= 1e-12
+
+
 def test_a_tool_that_stalls_is_waited_for() -> None:
     dmp = s_cut()
     controller = ns.Controller(dmp, H)

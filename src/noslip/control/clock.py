@@ -89,7 +89,6 @@ class Schedule(Value):
         Seconds to the end, as the clock will run.
     way : array, shape (CELLS + 1,)
         Meters to the end.
-    positions : array, shape (CELLS + 1, 3)
     velocities : array, shape (CELLS + 1, 6)
     begins_at_speed : bool
     is_free : bool
@@ -100,7 +99,6 @@ class Schedule(Value):
     ramps: Floats
     left: Floats
     way: Floats
-    positions: Floats
     velocities: Floats
     begins_at_speed: bool
     is_free: bool
@@ -169,7 +167,6 @@ class Schedule(Value):
             ramps,
             _remaining(2 * step / (speeds[:-1] + speeds[1:])),
             _remaining(ways),
-            motion.positions,
             np.hstack([motion.linear_velocities, motion.angular_velocities]),
             bool(still[0] < 1.0),
             bool(caps.min() == 1.0),

@@ -78,6 +78,9 @@ CALM, CALM_GAPS = 0.05, 3.0
 """s, and mean times between two measurements, for which a tool must rest to be followed."""
 FOLLOW = 0.02
 """s, time constant of a command that is moved to the tool: nearly at once, without a jump."""
+DEAREST = 0.75
+"""Of the duration: how much longer than what is left a way on from where a tool is held may take.
+One that takes longer is gone only if the tool stays there: most often it is let go before that."""
 FOLLOW_HASTE = 2.0
 """Over the bounds on rates, while it is: it goes where the tool is already."""
 FUNNEL = 0.02
@@ -296,9 +299,8 @@ class Controller:
         self._arrive, self._slowed = 1.0, 0
         # Of a tool that is off: since when sideways, since when at rest and where.
         self._aside, self._rest, self._rest_at = -1.0, -1.0, np.zeros(3)
-        self._stage: Literal["wait", "move", "look", "plan"] = "wait"
-        self._since, self._moved, self._turned, self._may_move = 0.0, False, False, True
-        self._budget = [0.0, 0.0]
+        self._stage: Literal["wait", "move", "look"] = "wait"
+        self._since = 0.0
         self._observer = Observer(
             (self.tolerance * self._length, self.angle_tolerance),
             (self.bias * self._length / 3, ANGLE_BIAS / 3),
@@ -625,14 +627,13 @@ class Controller:
                 if self._time - self._aside >= PERSIST:
                     self.mode, self._stage = "yield", "wait"
                     self._rest = self._aside = -1.0
-                    self._may_move, self._moved = True, False
                     self._task = self._job = None
                 return
         self._aside = -1.0
 
     def _accept(self) -> None:
         """Take an offset that stays for a bias, if it is small enough; else it blocks."""
-        observer, seen = self._observer, self._observer.seen
+        seen = self._observer.seen
         if seen.item(_PACE) == 1.0:
             self._rest, self.blocked = -1.0, False
             return
@@ -641,98 +642,98 @@ class Controller:
         if self._rest < 0 or moved:
             self._rest, self._rest_at = self._time, left.copy()
         if self._time - self._rest > ACCEPT:
-            small = observer.size("place", "bias", "left") <= self.bias * self._length
-            if small and observer.size("turn", "bias", "left") <= ANGLE_BIAS:
-                observer.accept()
-                self.blocked = False
-            else:
-                self.blocked = True
+            self._settle()
             self._rest = -1.0
 
+    def _settle(self) -> None:
+        """Of an offset that has stayed: a bias, or it blocks."""
+        observer = self._observer
+        small = observer.size("place", "bias", "left") <= self.bias * self._length
+        self.blocked = not small or observer.size("turn", "bias", "left") > ANGLE_BIAS
+        if not self.blocked:
+            observer.accept()
+
     def _yield(self, h: float) -> None:
-        """Wait until the tool rests; move the command to it, once; look; plan."""
+        """Wait until the tool rests; plan from there; move the command there, once; look; go on."""
         observer, seen, data = self._observer, self._observer.seen, self.memory.data
-        small = seen.item(_PACE) == 1.0
         calm = max(CALM, CALM_GAPS * seen.item(_GAP))
         if self._speed > 0:
             self._track(h, halt=True)
             if self.mode == "hold":
                 return
         if self._stage == "wait":
-            self._wait(small, calm)
-        elif self._stage == "move":
-            # Never farther than it was off when this began: nothing can run away.
-            share = -expm1(-h / FOLLOW)
-            most = self._bounds.speed, self._bounds.rate
-            off = (
-                self._reachable @ seen[SEEN["place_left"]],
-                self._turned * seen[SEEN["turn_left"]],
-            )
-            steps = [share * part for part in off]
-            for i in (0, 1):
-                size = float(np.linalg.norm(steps[i]))
-                allowed = min(FOLLOW_HASTE * most[i] * h, self._budget[i])
-                if size > allowed:
-                    steps[i] = steps[i] * (allowed / size)
-                self._budget[i] -= min(size, allowed)
-            place = data[engine.POSITION] + steps[0]
+            self._wait(calm)
+        elif self._stage == "move" and self._task is not None:
+            # To a place that is fixed: nothing can run away.
+            goes = self._task.memory
             turned = Rotation.from_quat(data[engine.QUATERNION], scalar_first=True)
-            turn = Rotation.from_rotvec(steps[1])
-            data[engine.POSITION] = place
-            data[engine.QUATERNION] = (turn * turned).as_quat(scalar_first=True)
+            turn = Rotation.from_quat(goes[engine.QUATERNION], scalar_first=True) * turned.inv()
+            steps = [goes[engine.POSITION] - data[engine.POSITION], turn.as_rotvec()]
+            most = self._bounds.speed, self._bounds.rate
+            near = 0.1 * self.tolerance * self._length, 0.1 * self.angle_tolerance
+            sizes = [float(np.linalg.norm(step)) for step in steps]
+            if sizes[0] < near[0] and sizes[1] < near[1]:
+                # All of it: the plan starts just there.
+                self._stage, self._since, self._rest = "look", self._time, -1.0
+            else:
+                for i in (0, 1):
+                    share, allowed = -expm1(-h / FOLLOW), FOLLOW_HASTE * most[i] * h
+                    if share * sizes[i] > allowed:
+                        share = allowed / sizes[i]
+                    steps[i] = share * steps[i]
+            data[engine.POSITION] += steps[0]
+            turned = Rotation.from_rotvec(steps[1]) * turned
+            data[engine.QUATERNION] = turned.as_quat(scalar_first=True)
             observer.shifted(*steps)
-            little = self._budget[0] < 0.1 * self.tolerance * self._length
-            if (
-                np.linalg.norm(self._reachable @ seen[SEEN["place_left"]])
-                < (0.3 * seen.item(_BAND))
-                or little
-            ):
-                self._stage, self._since = "look", self._time
-        elif self._stage == "look":
-            if self._time - self._since < max(calm, 3 * seen.item(_LAG)):
-                return
-            if not small and observer.size("place", "bias", "left") <= self.bias * self._length:
+        elif self._time - self._since >= max(calm, 3 * seen.item(_LAG)):
+            if seen.item(_PACE) < 1.0:
+                if observer.size("place", "bias", "left") > self.bias * self._length:
+                    self._accept()
+                    return
                 # It went along: a bias.
                 observer.accept()
-                small = True
-            if small:
-                self._stage = "plan"
-            else:
-                self._stage, self._rest, self._may_move = "wait", -1.0, False
-        elif self._speed == 0.0:
-            self._lead_on()
+            self._adopted()
 
-    def _wait(self, small: bool, calm: float) -> None:
-        """Wait until the tool rests, or is back."""
-        seen = self._observer.seen
-        if small:
+    def _wait(self, calm: float) -> None:
+        """Wait until the tool is back, or rests where a plan leads on from."""
+        seen, data = self._observer.seen, self.memory.data
+        if seen.item(_PACE) == 1.0:
             # It came back by itself.
-            self.blocked = False
-            if self._moved:
-                self._stage = "plan"
-            else:
-                self.mode = "track"
+            self.mode, self.blocked = "track", False
+            self._task = self._job = None
             return
-        if not self._may_move:
-            self._accept()
-            return
-        parts = (seen[SEEN[f"place_{name}"]] for name in ("behind", "bias", "left"))
-        tool = self.memory.data[engine.POSITION] + sum(parts)
+        left = seen[SEEN["place_left"]]
+        tool = data[engine.POSITION] + seen[SEEN["place_behind"]] + seen[SEEN["place_bias"]] + left
         rests = 0.5 * self.tolerance * self._length + 4.5 * np.sqrt(seen.item(_VARIANCE))
         if self._rest < 0 or np.linalg.norm(tool - self._rest_at) > rests:
             self._rest, self._rest_at = self._time, tool
-        if self._time - self._rest >= calm and self._speed == 0.0:
-            self._stage, self._moved = "move", True
-            self._turned = seen.item(_TURN_FAR) > seen.item(_TURN_BAND)
-            self._budget = [seen.item(_FAR), seen.item(_TURN_FAR)]
+            self._task = self._job = None
+        if self._time - self._rest < calm or self._speed > 0:
+            return
+        if self._task is not None:
+            if self._time >= self._due - 1e-9 and self._leads_on():
+                self._stage, self.blocked = "move", False
+        elif self._time >= self._next_plan:
+            turn = Rotation.from_quat(data[engine.QUATERNION], scalar_first=True)
+            if seen.item(_TURN_FAR) > seen.item(_TURN_BAND):
+                turn = Rotation.from_rotvec(seen[SEEN["turn_left"]]) * turn
+            place = data[engine.POSITION] + self._reachable @ left
+            self._plan("push", self._target, self._target_rotation, held=(place, turn))
+        elif self._time - self._rest > ACCEPT:
+            self._settle()
 
-    def _lead_on(self) -> None:
-        """Plan from where the command was moved to, and follow that plan."""
-        if self._task is None:
-            if self._time >= self._next_plan:
-                self._plan("push", self._target, self._target_rotation)
-        elif self._time >= self._due - 1e-9 and self._adopted():
-            self.mode = "track"
+    def _leads_on(self) -> bool:
+        """Whether the plan from where the tool is held is there, and takes not too long."""
+        job, held = self._job, self._time - self._rest
+        if job is None or (self.real_time and not job.done()):
+            return False
+        made = job.result()
+        if made.schedule is None:
+            self._task = self._job = None
+            self._failed("push", made.failure)
+            return False
+        left = self._schedule.at("left", self.memory.data.item(engine.FRACTION))
+        return held > ACCEPT or made.schedule.left.item(0) <= left + DEAREST * self._duration
 
     # ---------------------------------------------------------------- goals and plans
 
@@ -798,8 +799,18 @@ class Controller:
             self._goal_since = -1.0
             self._plan("goal", aim, rotation)
 
-    def _plan(self, reason: Reason, aim: Floats, rotation: Rotation, arrive: float = 1.0) -> None:
-        """Begin to plan, from where the command will be, with so much of the clock's speed."""
+    def _plan(
+        self,
+        reason: Reason,
+        aim: Floats,
+        rotation: Rotation,
+        arrive: float = 1.0,
+        held: tuple[Floats, Rotation] | None = None,
+    ) -> None:
+        """Begin to plan, from where the command will be, with so much of the clock's speed.
+
+        Or, while it stands, from a pose where the tool is held.
+        """
         data, h, speed = self.memory.data, self.time_step, self._speed
         fraction = data.item(engine.FRACTION)
         step = speed * h if self.mode == "track" else 0.0
@@ -809,12 +820,17 @@ class Controller:
             ramp = self._schedule.at("ramps", fraction)
             steps += ceil(1.1 * (speed * speed - arrive * arrive) / (2 * ramp) / step)
         place = min(fraction + steps * step / self._plan_duration, 1.0)
-        duration = self._time_for(aim, place)
+        memory, aside = data.copy(), 0.0
+        if held is not None:
+            memory[engine.POSITION] = held[0]
+            memory[engine.QUATERNION] = held[1].as_quat(scalar_first=True)
+            aside = float(np.linalg.norm(held[0] - data[engine.POSITION]))
+        duration = self._time_for(aim, place, aside)
         if reason == "goal":
             # To where it is when this arrives.
             late = max(self._schedule.left.item(0) - self._plan_duration, 0.0)
             aim, rotation, *_ = self._aim_at(duration + late + self._ahead)
-            duration = self._time_for(aim, place)
+            duration = self._time_for(aim, place, aside)
         far = float(np.linalg.norm(aim - data[engine.POSITION]))
         self._next_plan = self._time + BETWEEN_PLANS * self._duration
         if far > FARTHEST * self._length:
@@ -825,7 +841,6 @@ class Controller:
                 "primitive to it first",
             )
             return
-        memory = data.copy()
         if not self._in_plan_time:
             memory[engine.DURATION] = self._plan_duration
             memory[_TWIST] += (1 - self._speed) * self._schedule.velocity(fraction)
@@ -846,14 +861,11 @@ class Controller:
         self._due = 0.0 if steps else self._time + self._ahead
         self._job = self._planner.begin(self._task)
 
-    def _time_for(self, aim: Floats, place: float) -> float:
+    def _time_for(self, aim: Floats, place: float, aside: float) -> float:
         """At the primitive's own mean speed, never that of the plan which happens to run."""
         schedule, T = self._schedule, self._duration
         way, left = schedule.at("way", place), (1 - place) * self._plan_duration
-        on_path = schedule.positions[min(round(place * CELLS), CELLS)]
-        off = float(np.linalg.norm(aim - self._target))
-        if self._moved:
-            off += float(np.linalg.norm(self.memory.data[engine.POSITION] - on_path))
+        off = aside + float(np.linalg.norm(aim - self._target))
         detour = _DETOUR * off * off / (off + way) if off > 0 else 0.0
         needed = max(left, way / self._bounds.speed) + detour / self._mean_speed
         # What was not found in that time may be in more.
@@ -905,7 +917,6 @@ class Controller:
         self._follow(made.plan, begun, made.schedule, made.engine)
         data[engine.FRACTION] = beyond / self._plan_duration
         self._target, self._target_rotation = task.goal_position, task.goal_rotation
-        self._moved = False
         if task.resting:
             self._speed = 0.0
         elif not self._in_plan_time:
