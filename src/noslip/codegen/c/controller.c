@@ -11,7 +11,7 @@
 
 static const double pi = 3.14159265358979323846;
 
-enum { WAIT, MOVE, LOOK, PLAN };                                 /* stages of yielding */
+enum { WAIT, MOVE, LOOK };                                       /* stages of yielding */
 enum { NOTHING, LOOK_AHEAD, SEEK, ROLL, READY, FAILED };         /* of a plan's work */
 
 /* Of a plan's work, units besides those of noslip_replan: steps of its own motion in each. */
@@ -352,11 +352,11 @@ static void not_found(noslip_controller *c, noslip_cause cause, int outcome) {
 }
 
 /* Of a plan to a goal from a place of the one that is followed: at the primitive's own mean speed. */
-static double time_for(const noslip_controller *c, const double *aim, double place) {
+static double time_for(const noslip_controller *c, const double *aim, double place, double aside) {
     const noslip_schedule *s = now(c);
     const double way = between(s->way, place), left = (1 - place) * c->plan_duration;
-    double off = apart(aim, c->target), detour, needed;
-    if (c->moved) off += apart(c->state.position, s->positions[cell(place)]);
+    const double off = aside + apart(aim, c->target);
+    double detour, needed;
     detour = off > 0 ? DETOUR * off * off / (off + way) : 0;
     needed = larger(left, way / c->bounds[0]) + detour / c->mean_speed;
     needed = larger(larger(needed, LEAST_TIME * c->duration), 20 * c->time_step) * pow(MORE, c->failed_in_row);
@@ -383,8 +383,11 @@ static void aim_at(const noslip_controller *c, double ahead, double *aim, double
     if (i == 3) copy(part, aim, 3);
 }
 
-/* Begin to plan, from where the command will be, with so much of the clock's speed. */
-static void begin_plan(noslip_controller *c, noslip_cause cause, const double *aim, double arrive) {
+/* Begin to plan, from where the command will be, with so much of the clock's speed; or, while it stands,
+ * from a pose where the tool is held. */
+static void begin_plan(noslip_controller *c, noslip_cause cause, const double *aim, double arrive,
+                       const double *held) {
+    const double aside = held ? apart(held, c->state.position) : 0;
     const noslip_schedule *s = now(c);
     const double h = c->time_step, speed = c->speed, fraction = c->state.fraction;
     const double step = c->mode == NOSLIP_MODE_TRACK ? speed * h : 0;
@@ -397,12 +400,12 @@ static void begin_plan(noslip_controller *c, noslip_cause cause, const double *a
         steps += (int)ceil(1.1 * (speed * speed - arrive * arrive) / (2 * ramp) / step);
     }
     place = smaller(fraction + steps * step / c->plan_duration, 1);
-    duration = time_for(c, to, place);
+    duration = time_for(c, to, place, aside);
     if (cause == NOSLIP_CAUSE_GOAL) {
         /* To where it is when this arrives. */
         const double late = larger(s->left[0] - c->plan_duration, 0);
         aim_at(c, duration + late + c->ahead, to, deviations);
-        duration = time_for(c, to, place);
+        duration = time_for(c, to, place, aside);
     }
     c->next_plan = c->time + BETWEEN_PLANS * c->duration;
     if (apart(to, c->state.position) > FARTHEST * c->length) {
@@ -410,6 +413,11 @@ static void begin_plan(noslip_controller *c, noslip_cause cause, const double *a
         return;
     }
     c->there = c->state;
+    if (held) {
+        copy(held, c->held, 7);
+        copy(held, c->there.position, 3);
+        copy(held + 3, c->there.quaternion, 4);
+    }
     if (!RUNS_IN_PLAN_TIME) {
         c->there.duration = c->plan_duration;
         add_twist(&c->there, 1 - speed, s->velocities[cell(fraction)]);
@@ -471,7 +479,7 @@ static int adopt(noslip_controller *c) {
         ++c->slowed;
         copy(c->to.position, aim, 3);
         copy(c->to.quaternion, aim + 3, 4);
-        begin_plan(c, c->pending_cause, aim, 0.9 * most);
+        begin_plan(c, c->pending_cause, aim, 0.9 * most, 0);
         return 0;
     }
     c->slowed = c->failed_in_row = 0;
@@ -496,7 +504,6 @@ static int adopt(noslip_controller *c) {
     c->state.fraction = beyond / c->plan_duration;
     for (i = 0; i < 3; ++i) c->target[i] = c->to.position[i];
     for (i = 0; i < 4; ++i) c->target[3 + i] = c->to.quaternion[i];
-    c->moved = 0;
     if (c->resting) {
         c->speed = 0;
     } else if (!RUNS_IN_PLAN_TIME) {
@@ -689,6 +696,12 @@ static int is_small_bias(const noslip_controller *c) {
     return with_left(c, 0, SEEN_PLACE_BIAS) <= c->bias * c->length;
 }
 
+/* Of an offset that has stayed: a bias, or it blocks. */
+static void settle(noslip_controller *c) {
+    c->blocked = !(is_small_bias(c) && with_left(c, 1, SEEN_TURN_BIAS) <= ANGLE_BIAS);
+    if (!c->blocked) accept_bias(c);
+}
+
 /* Take an offset that stays for a bias, if it is small enough; else it blocks. */
 static void accept_or_block(noslip_controller *c) {
     const double *left = c->seen + SEEN_PLACE_LEFT;
@@ -702,8 +715,7 @@ static void accept_or_block(noslip_controller *c) {
         copy(left, c->rest_at, 3);
     }
     if (c->time - c->rest > ACCEPT) {
-        c->blocked = !(is_small_bias(c) && with_left(c, 1, SEEN_TURN_BIAS) <= ANGLE_BIAS);
-        if (!c->blocked) accept_bias(c);
+        settle(c);
         c->rest = -1;
     }
 }
@@ -727,8 +739,6 @@ static void take_measured(noslip_controller *c, const double *measured) {
                 c->mode = NOSLIP_MODE_YIELD;
                 c->stage = WAIT;
                 c->rest = c->aside = -1;
-                c->may_move = 1;
-                c->moved = 0;
                 drop_task(c);
             }
             return;
@@ -737,101 +747,110 @@ static void take_measured(noslip_controller *c, const double *measured) {
     c->aside = -1;
 }
 
-/* Wait until the tool rests, or is back. */
-static void wait_for(noslip_controller *c, int small, double calm) {
-    const double *seen = c->seen;
-    double tool[3], rests;
-    int i;
-    if (small) {
-        /* It came back by itself. */
-        c->blocked = 0;
-        if (c->moved) {
-            c->stage = PLAN;
-        } else {
-            c->mode = NOSLIP_MODE_TRACK;
-        }
-        return;
+/* Whether the plan from where the tool is held is there, and takes not too long. */
+static int leads_on(noslip_controller *c) {
+    double left;
+    if (c->real_time && !is_made(c)) return 0;
+    while (!is_made(c)) work(c);
+    if (c->work == FAILED) {
+        drop_task(c);
+        not_found(c, NOSLIP_CAUSE_PUSH, c->task_outcome);
+        return 0;
     }
-    if (!c->may_move) {
-        accept_or_block(c);
+    left = between(now(c)->left, c->state.fraction) + DEAREST * c->duration;
+    return c->time - c->rest > ACCEPT || c->schedules[!c->schedule].left[0] <= left;
+}
+
+/* Wait until the tool is back, or rests where a plan leads on from. */
+static void wait_for(noslip_controller *c, double calm) {
+    const double *seen = c->seen, *left = seen + SEEN_PLACE_LEFT;
+    double tool[3], held[7], turn[4], rests;
+    int i;
+    if (seen[SEEN_PACE] >= 1) {
+        /* It came back by itself. */
+        c->mode = NOSLIP_MODE_TRACK;
+        c->blocked = 0;
+        drop_task(c);
         return;
     }
     for (i = 0; i < 3; ++i) {
-        tool[i] = c->state.position[i]
-                  + (seen[SEEN_PLACE_BEHIND + i] + seen[SEEN_PLACE_BIAS + i] + seen[SEEN_PLACE_LEFT + i]);
+        tool[i] = c->state.position[i] + seen[SEEN_PLACE_BEHIND + i] + seen[SEEN_PLACE_BIAS + i] + left[i];
     }
     rests = 0.5 * c->tolerance * c->length + 4.5 * sqrt(seen[SEEN_PLACE_VARIANCE]);
     if (c->rest < 0 || apart(tool, c->rest_at) > rests) {
         c->rest = c->time;
         copy(tool, c->rest_at, 3);
+        drop_task(c);
     }
-    if (c->time - c->rest >= calm && !(c->speed > 0)) {
-        c->stage = MOVE;
-        c->moved = 1;
-        c->turned = seen[SEEN_TURN_FAR] > seen[SEEN_TURN_BAND];
-        c->budget[0] = seen[SEEN_PLACE_FAR];
-        c->budget[1] = seen[SEEN_TURN_FAR];
+    if (c->time - c->rest < calm || c->speed > 0) return;
+    if (c->pending) {
+        if (c->time >= c->due - 1e-9 && leads_on(c)) {
+            c->stage = MOVE;
+            c->blocked = 0;
+        }
+    } else if (c->time >= c->next_plan) {
+        pose_of(&c->state, held);
+        if (seen[SEEN_TURN_FAR] > seen[SEEN_TURN_BAND]) {
+            quaternion_of(seen + SEEN_TURN_LEFT, turn);
+            multiply(turn, c->state.quaternion, held + 3);
+        }
+        reach(left, held);
+        for (i = 0; i < 3; ++i) held[i] += c->state.position[i];
+        begin_plan(c, NOSLIP_CAUSE_PUSH, c->target, 1, held);
+    } else if (c->time - c->rest > ACCEPT) {
+        settle(c);
     }
 }
 
-/* Move the command to where the tool is: never farther than it was off when this began. */
-static void go_along(noslip_controller *c, double h) {
-    const double share = -expm1(-h / FOLLOW);
-    double steps[2][3], turn[4], before[4], left[3];
+/* Move the command to where its plan begins: to a place that is fixed, so that nothing can run away. */
+static void go_there(noslip_controller *c, double h) {
+    const double near[2] = {0.1 * c->tolerance * c->length, 0.1 * c->angle_tolerance};
+    double steps[2][3], sizes[2], turn[4], before[4];
     int k, i;
-    reach(c->seen + SEEN_PLACE_LEFT, steps[0]);
-    for (i = 0; i < 3; ++i) steps[1][i] = c->turned ? c->seen[SEEN_TURN_LEFT + i] : 0;
-    for (k = 0; k < 2; ++k) {
-        double size, allowed;
-        for (i = 0; i < 3; ++i) steps[k][i] *= share;
-        size = norm(steps[k]);
-        allowed = smaller(FOLLOW_HASTE * c->bounds[k] * h, c->budget[k]);
-        for (i = 0; i < 3 && size > allowed; ++i) steps[k][i] *= allowed / size;
-        c->budget[k] -= smaller(size, allowed);
+    for (i = 0; i < 3; ++i) steps[0][i] = c->held[i] - c->state.position[i];
+    turn_between(c->state.quaternion, c->held + 3, steps[1]);
+    for (k = 0; k < 2; ++k) sizes[k] = norm(steps[k]);
+    if (sizes[0] < near[0] && sizes[1] < near[1]) {
+        /* All of it: the plan starts just there. */
+        c->stage = LOOK;
+        c->since = c->time;
+        c->rest = -1;
+    } else {
+        for (k = 0; k < 2; ++k) {
+            const double allowed = FOLLOW_HASTE * c->bounds[k] * h;
+            double share = -expm1(-h / FOLLOW);
+            if (share * sizes[k] > allowed) share = allowed / sizes[k];
+            for (i = 0; i < 3; ++i) steps[k][i] *= share;
+        }
     }
     for (i = 0; i < 3; ++i) c->state.position[i] += steps[0][i];
     quaternion_of(steps[1], turn);
     copy(c->state.quaternion, before, 4);
     multiply(turn, before, c->state.quaternion);
     shifted(c, steps[0], steps[1]);
-    reach(c->seen + SEEN_PLACE_LEFT, left);
-    if (norm(left) < 0.3 * c->seen[SEEN_PLACE_BAND] || c->budget[0] < 0.1 * c->tolerance * c->length) {
-        c->stage = LOOK;
-        c->since = c->time;
-    }
 }
 
-/* Wait until the tool rests; move the command to it, once; look; plan. */
+/* Wait until the tool rests; plan from there; move the command there, once; look; go on. */
 static int yield_to(noslip_controller *c, double h) {
-    int small = c->seen[SEEN_PACE] >= 1;
     const double calm = larger(CALM, CALM_GAPS * c->seen[SEEN_GAP]);
     if (c->speed > 0) {
         if (track(c, h, 1) < 0) return 1;
         if (c->mode == NOSLIP_MODE_HOLD) return 0;
     }
     if (c->stage == WAIT) {
-        wait_for(c, small, calm);
-    } else if (c->stage == MOVE) {
-        go_along(c, h);
-    } else if (c->stage == LOOK) {
-        if (c->time - c->since < larger(calm, 3 * c->seen[SEEN_PLACE_LAG])) return 0;
-        if (!small && is_small_bias(c)) {
+        wait_for(c, calm);
+    } else if (c->stage == MOVE && c->pending) {
+        go_there(c, h);
+    } else if (c->time - c->since >= larger(calm, 3 * c->seen[SEEN_PLACE_LAG])) {
+        if (c->seen[SEEN_PACE] < 1) {
+            if (!is_small_bias(c)) {
+                accept_or_block(c);
+                return 0;
+            }
             /* It went along: a bias. */
             accept_bias(c);
-            small = 1;
         }
-        c->stage = small ? PLAN : WAIT;
-        if (!small) {
-            c->rest = -1;
-            c->may_move = 0;
-        }
-    } else if (!(c->speed > 0)) {
-        /* Plan from where the command was moved to, and follow that plan. */
-        if (!c->pending) {
-            if (c->time >= c->next_plan) begin_plan(c, NOSLIP_CAUSE_PUSH, c->target, 1);
-        } else if (c->time >= c->due - 1e-9 && adopt(c)) {
-            c->mode = NOSLIP_MODE_TRACK;
-        }
+        adopt(c);
     }
     return 0;
 }
@@ -881,7 +900,7 @@ static void look_at_goal(noslip_controller *c) {
     moving = larger(c->goal.since, c->goal_turn.since) < c->time - PATIENCE;
     if (!moving || c->time - c->goal_since >= PATIENCE) {
         c->goal_since = -1;
-        begin_plan(c, NOSLIP_CAUSE_GOAL, aim, 1);
+        begin_plan(c, NOSLIP_CAUSE_GOAL, aim, 1, 0);
     }
 }
 
@@ -918,7 +937,7 @@ int noslip_controller_start(noslip_controller *c, const noslip_state *from) {
     c->mean_speed = c->length / c->duration;
     bound(c, s);
     c->mode = NOSLIP_MODE_TRACK;
-    c->blocked = c->plans = c->failures = c->failed_in_row = c->silent = c->slowed = c->moved = c->turned = 0;
+    c->blocked = c->plans = c->failures = c->failed_in_row = c->silent = c->slowed = 0;
     c->cause = NOSLIP_CAUSE_NONE;
     c->outcome = NOSLIP_REPLAN_DONE;
     c->time = c->next_plan = c->next_look = c->ramp = c->hand_over = c->due = c->since = 0;
@@ -926,8 +945,6 @@ int noslip_controller_start(noslip_controller *c, const noslip_state *from) {
     c->goal_since = c->aside = c->rest = -1;
     c->ahead = c->plan_within;
     c->stage = WAIT;
-    c->may_move = 1;
-    zero(c->budget, 2);
     zero(c->rest_at, 3);
     c->schedule = c->spare = 0;
     drop_task(c);

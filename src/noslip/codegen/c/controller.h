@@ -107,16 +107,17 @@ typedef struct noslip_controller {
 
     /* Not to be written to. */
     const noslip_primitive *plan;
-    int schedule, spare, silent, stage, moved, turned, may_move, slowed, failed_in_row, pending, work;
+    int schedule, spare, silent, stage, slowed, failed_in_row, pending, work;
     noslip_cause pending_cause;
     int ahead_steps, rolled, resting, task_outcome, units_now;
     double duration, plan_duration, length, mean_speed, time, next_plan, next_look, wanted_speed, ramp;
-    double goal_since, hand_over, due, ahead, arrive, aside, rest, rest_at[3], since, budget[2];
+    double goal_since, hand_over, due, ahead, arrive, aside, rest, rest_at[3], since;
     double bounds[4], target[7], goal_quaternion[4], step_ahead;
     double seen[NOSLIP_CONTROLLER_SEEN];
     noslip_goal_filter goal, goal_turn;
     noslip_goal to;
     noslip_state there, begun, rolling;
+    double held[7];
     noslip_schedule schedules[2];
     noslip_workspace workspaces[2];
     double memory[2][NOSLIP_REPLAN_MEMORY(NOSLIP_CONTROLLER_KNOTS, NOSLIP_CONTROLLER_STEPS,
