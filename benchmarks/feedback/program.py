@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +19,7 @@ from rich.table import Table
 
 from benchmarks import peers
 from benchmarks.feedback import cartesian, in_c
-from benchmarks.feedback.judge import Bounds
+from benchmarks.feedback.judge import Bounds, Figures
 from benchmarks.feedback.scenarios import MEDIAN_END, SCENARIOS
 from benchmarks.feedback.tasks import TASKS, missing
 from benchmarks.feedback.trial import (
@@ -71,6 +71,7 @@ examples (from the repository's root):
   python -m benchmarks.feedback                    the whole table: hours
   python -m benchmarks.feedback --quick --gate     minutes; fails where noslip breaks a bound
   python -m benchmarks.feedback --generator noslip --scenario "goal step" --task wheel --rate 1000
+  python -m benchmarks.feedback --add a.json --add b.json --markdown table.md
   python -m benchmarks.feedback --tune             seek phase stopping's gains anew
 """
 Given = TypeVar("Given")
@@ -83,9 +84,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
     if options.tune:
         return _tune(options.processes)
     quick = options.quick
+    outcomes = [one for file in options.add for one in read(file)]
+    # From files alone, if nothing says what to run.
+    runs = quick or options.generator or not options.add
     names = options.task or (QUICK_TASKS if quick else TASKS)
-    left_out = [reason for name in names if (reason := missing(name))]
-    if peers.MISSING:
+    left_out = [reason for name in names if (reason := missing(name))] if runs else []
+    if runs and peers.MISSING:
         left_out.append(peers.MISSING)
     count = options.seeds or (QUICK_SEEDS if quick else SEEDS)
     wanted = trials(
@@ -97,7 +101,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     )
     if options.in_c:
         return _compare(wanted, options.processes)
-    outcomes = [one for found in _each(tried, wanted, options.processes) for one in found]
+    if runs:
+        outcomes += [one for found in _each(tried, wanted, options.processes) for one in found]
     _show(outcomes, left_out)
     broken = [one for one in outcomes if one.generator == OURS and one.broken]
     for one in broken:
@@ -144,6 +149,14 @@ def _parser() -> argparse.ArgumentParser:
     add("--markdown", type=Path, metavar="FILE", help="write a short table, as the docs have it")
     add("--json", type=Path, metavar="FILE", help="write every run's figures")
     add("--in-c", action="store_true", help="compare the exported controller with Python's")
+    add(
+        "--add",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="of --json: its runs, judged anew, beside these; alone without --generator or --quick",
+    )
     add("--tune", action="store_true", help="seek phase stopping's gains on the held-out scenario")
     return parser
 
@@ -289,7 +302,10 @@ def markdown(outcomes: Sequence[Outcome]) -> list[str]:
     for scenario in dict.fromkeys(scenario for scenario, _ in groups):
         cells = [scenario]
         for generator in generators:
-            group = groups[scenario, generator]
+            group = groups.get((scenario, generator), [])
+            if not group:
+                cells.append("")
+                continue
             figures = [one.figures for one in group]
             done = [f for f in figures if f.arrived]
             time, end = np.median(_values(done, "time")), max(_values(figures, "end"))
@@ -330,3 +346,20 @@ def as_json(outcomes: Sequence[Outcome], left_out: Sequence[str]) -> bytes:
         "left_out": list(left_out),
     }
     return (json.dumps(content, indent=1) + "\n").encode()
+
+
+def read(file: Path) -> list[Outcome]:
+    """Runs as :func:`as_json` wrote them, held against the bounds as they are now."""
+
+    def figure(value: Any) -> Any:
+        return np.nan if value is None else value
+
+    found = []
+    for run in json.loads(file.read_text())["runs"]:
+        figures = Figures(**{name: figure(value) for name, value in run["figures"].items()})
+        beyond = figure(run["beyond_lag"])
+        bounds = NAMED[run["scenario"]].bounds
+        plain = replace(figures, path=figures.path - beyond)
+        given = run | {"figures": figures, "beyond_lag": beyond}
+        found.append(Outcome(**given | {"broken": tuple(bounds.broken(figures, plain))}))
+    return found

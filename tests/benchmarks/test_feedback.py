@@ -404,6 +404,23 @@ def test_the_program_prints_its_table_and_fails_where_a_bound_is_broken(
     ]
     [one] = json.loads(file.read_text())["runs"]
     assert one["figures"]["finished"] and one["broken"] == [] and one["beyond_lag"] == 0.0
+    # From files alone: nothing is run; bounds are those of now.
+    again, table = tmp_path / "again.json", tmp_path / "again.md"
+    late = json.loads(file.read_text())
+    late["runs"][0] |= {"seed": 7, "generator": "fed back literally"}
+    late["runs"][0]["figures"] |= {"time": None, "finished": False}
+    (other := tmp_path / "other.json").write_text(json.dumps(late))
+    monkeypatch.setattr(program, "tried", None)
+    added = ["--add", str(file), "--add", str(other)]
+    assert program.run([*added, "--json", str(again), "--markdown", str(table)]) == 0
+    monkeypatch.undo()
+    late["runs"][0]["broken"] = ["not finished"]
+    assert json.loads(again.read_text())["runs"] == [one, *late["runs"]]
+    assert table.read_text().splitlines() == [
+        "| | without feedback | fed back literally |",
+        "|---|---|---|",
+        "| lag and delay | 100%, 1.00 T, 4e-06; 1 of 1 | 0%, 4e-06; 0 of 1 |",
+    ]
     # The gate is of noslip alone; a bound that nothing can keep closes it.
     monkeypatch.setattr(program, "OURS", "without feedback")
     assert program.run(plain) == 0
