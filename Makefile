@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep hard-use docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -61,6 +61,9 @@ soak: $(STAMP) ## step the exported C code 1e8 times and look for what must neve
 
 sweep: $(STAMP) ## hold what is said of 2000 random jobs against their files
 	$(BIN)/python -m benchmarks.sweep --jobs 2000
+
+hard-use: $(VENV)/.dev ## what strangers' files, users' rules and full disks must not do
+	$(BIN)/python -m pytest tests/hard_use
 
 docs: $(VENV)/.dev ## build the documentation into docs/_build/html
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html

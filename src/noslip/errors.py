@@ -2,6 +2,9 @@
 
 Each message is one line that names what was wrong, where, what was found and what to do.  What was
 done, but not as asked, is a :class:`NoslipWarning`, in Python as on the command line.
+
+Messages quote names and text of files that others wrote: here, where they leave, they are made such
+that they cannot forge a line or steer a terminal.
 """
 
 import sys
@@ -14,6 +17,11 @@ from typing import ClassVar
 _muted: ContextVar[bool] = ContextVar("muted", default=False)
 
 
+def one_line(text: object) -> str:
+    """Return a text with all escaped that is no printable character: ends of lines, escapes, ..."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
+
+
 class NoslipError(Exception):
     """Base of every error that noslip raises on purpose.
 
@@ -24,6 +32,9 @@ class NoslipError(Exception):
     """
 
     page: ClassVar[str] = ""
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
 
 
 class InputError(NoslipError, ValueError):
@@ -77,7 +88,7 @@ def warn(message: str, category: type[NoslipWarning]) -> None:
     package, frame, level = __name__.partition(".")[0], sys._getframe(1), 2
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
         frame, level = frame.f_back, level + 1
-    warnings.warn(message, category, stacklevel=level)
+    warnings.warn(one_line(message), category, stacklevel=level)
 
 
 @contextmanager

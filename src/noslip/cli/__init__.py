@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
@@ -9,13 +10,15 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from textwrap import indent
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from noslip._version import __version__
-from noslip.errors import ConvergenceError, MissedError, NoslipError, NoslipWarning
+from noslip.errors import ConvergenceError, MissedError, NoslipError, NoslipWarning, one_line
 
 EXIT_VIOLATED, EXIT_USAGE = 1, 2
 """What a script tells apart: a job that was not done, and a call that is wrong."""
@@ -133,17 +136,47 @@ def _noslip(
     context.with_resource(_warnings_as_lines())
 
 
+def _interrupt(_: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt outside of CasADi, which clears what is raised in its midst."""
+    caller = frame
+    while caller is not None and caller.f_globals.get("__name__", "").startswith("casadi"):
+        caller = caller.f_back
+    if caller is frame or caller is None:
+        raise KeyboardInterrupt
+
+    def stop(*_: Any) -> None:
+        sys.settrace(None)
+        raise KeyboardInterrupt
+
+    caller.f_trace = stop
+    sys.settrace(lambda *_: None)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGINT)
+    ours = before is signal.default_int_handler and current_thread() is main_thread()
+    if ours:
+        signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)
+
+
 def main() -> None:
     """Run the command line; errors become one line and an exit code."""
     try:
-        app()
+        with _interruptible():
+            app()
     except NoslipError as error:
         more = f" (see {error.page})" if error.page else ""
         print(f"noslip: error: {error}{more}", file=sys.stderr)
         undone = isinstance(error, (ConvergenceError, MissedError))
         sys.exit(EXIT_VIOLATED if undone else EXIT_USAGE)
     except (MemoryError, OverflowError, RecursionError, ArithmeticError) as error:
-        what = str(error) or "too large to compute"
+        what = one_line(error) or "too large to compute"
         print(f"noslip: error: {type(error).__name__}: {what}; check the numbers", file=sys.stderr)
         sys.exit(EXIT_USAGE)
     except BrokenPipeError:
@@ -151,7 +184,8 @@ def main() -> None:
         sys.stderr.close()
         sys.exit(0)
     except OSError as error:
-        print(f"noslip: error: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        where = one_line(error.filename or "output")
+        print(f"noslip: error: {where}: {error.strerror}", file=sys.stderr)
         sys.exit(EXIT_USAGE)
     except KeyboardInterrupt:
         print("noslip: interrupted", file=sys.stderr)

@@ -12,7 +12,7 @@ import typer
 from noslip.cli import output
 from noslip.constraints.check import residual_text
 from noslip.constraints.declaration import Constraint
-from noslip.errors import InputError
+from noslip.errors import InputError, one_line
 from noslip.many import LearnedEach, cluster, find_recordings, learn_each
 
 
@@ -68,12 +68,13 @@ def _print_summary(learned: LearnedEach, out: Path) -> None:
     if motions:
         worst = max(motions, key=lambda result: result.residual_peak or 0.0)
         peak = residual_text(worst.residual_peak or 0.0, "1", order="at most")
-        typer.echo(f"residual of their motions: {peak} ({worst.name})")
+        typer.echo(f"residual of their motions: {peak} ({one_line(worst.name)})")
     loose = [result.name for result in motions if not result.holds]
     if loose:
-        typer.echo(f"{len(loose)} violate a constraint or limit: {', '.join(loose[:5])}")
+        some = one_line(", ".join(loose[:5]))
+        typer.echo(f"{len(loose)} violate a constraint or limit: {some}")
     for result in learned.failed:
         # Most messages begin with the file.
         where = "" if result.message.startswith(result.recording) else f"{result.recording}: "
-        typer.echo(f"FAILED {where}{result.message}")
+        typer.echo(one_line(f"FAILED {where}{result.message}"))
     typer.echo(f"wrote {out} and {learned.table}")

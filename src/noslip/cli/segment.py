@@ -21,6 +21,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from noslip._typing import Floats
 from noslip.cli import options, output
@@ -267,7 +268,8 @@ def _result(
 
 
 def _table(segments: Segments, files: list[Path]) -> Table:
-    title = f"{segments.recording.name}: {_count(segments)}"
+    # As text: brackets in a file's name are no markup.
+    title = Text(f"{segments.recording.name}: {_count(segments)}")
     table = Table(title=title, title_justify="left", title_style="bold")
     for heading in ("", "from (s)", "to (s)", "lasts (s)", "path (mm)"):
         table.add_column(heading, justify="right")
@@ -277,7 +279,7 @@ def _table(segments: Segments, files: list[Path]) -> Table:
         span = f"{interval.start:.2f}", f"{interval.end:.2f}", f"{interval.duration:.2f}"
         if interval.reason is None:
             count, (piece, file) = next(numbered)
-            table.add_row(str(count), *span, f"{piece.path_length * 1e3:.1f}", file.name)
+            table.add_row(str(count), *span, f"{piece.path_length * 1e3:.1f}", Text(file.name))
         elif interval.reason not in BETWEEN:
             table.add_row("", *span, "", interval.reason, style="dim")
     return table

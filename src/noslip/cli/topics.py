@@ -13,8 +13,10 @@ from typing import Annotated
 
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from noslip.cli import options, output
+from noslip.errors import one_line
 from noslip.recordings.bags import bag_topics
 from noslip.recordings.transforms import links_text
 
@@ -36,5 +38,7 @@ def run(
     table = Table("topic", "type", "messages", "frames", box=None, pad_edge=False)
     for topic in topics:
         frames = links_text(topic.frames)
-        table.add_row(topic.name, topic.type.replace("/msg/", "/"), str(topic.messages), frames)
+        kind = topic.type.replace("/msg/", "/")
+        # As text: brackets are no markup.
+        table.add_row(*(Text(one_line(x)) for x in (topic.name, kind, topic.messages, frames)))
     output.console().print(table)

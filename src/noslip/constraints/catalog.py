@@ -16,6 +16,7 @@ from noslip.constraints.declaration import (
     DeclaredConstraint,
     constraint_function,
     declared,
+    of_a_user,
 )
 from noslip.constraints.expression import Instructions, Opaque
 from noslip.edge import Edge
@@ -144,22 +145,13 @@ def _from_file(path: Path, name: str) -> Constraint:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
-    try:
+    with of_a_user(f"{path}: what it holds"):
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
-        reason = " ".join(str(error).split())
-        raise ConstraintError(
-            f"{path}: importing it failed: {type(error).__name__}: {reason}"
-        ) from error
-    found = getattr(module, name, None)
+        found = getattr(module, name, None)
     if isinstance(found, type) and issubclass(found, Constraint):
-        try:
+        instead = f"write {name.lower()} = {name}(...) in that file and name that"
+        with of_a_user(f"{path}: {name}()", lambda reason: f"{reason}; {instead}"):
             found = found()
-        except TypeError as error:
-            raise ConstraintError(
-                f"{path}: {name} needs arguments ({error}); write {name.lower()} = {name}(...) in "
-                "that file and name that"
-            ) from error
     if not isinstance(found, Constraint):
         own = [key for key, value in vars(module).items() if isinstance(value, Constraint)]
         listing = f"it declares {', '.join(own)}" if own else "it declares no constraint"

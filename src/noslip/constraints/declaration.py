@@ -12,6 +12,8 @@ its expression, as data.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
 from functools import lru_cache
 from typing import Any, Literal, TypeVar
@@ -20,8 +22,8 @@ import casadi as ca
 
 from noslip import _arguments
 from noslip._typing import Expression
-from noslip._values import call_text, keep_repr
-from noslip.constraints.expression import Instructions, Opaque
+from noslip._values import call_text, keep_repr, shortened
+from noslip.constraints.expression import MOST_OPERATIONS, Instructions, Opaque
 from noslip.constraints.instant import AcceleratedInstant, Instant, motion_symbols
 from noslip.constraints.shape import Shape
 from noslip.edge import Edge
@@ -31,6 +33,11 @@ Level = Literal["position", "velocity", "acceleration"]
 Relation = Literal["zero", "nonnegative"]
 UNITS: dict[Level, str] = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 """Of a residual, unless its constraint says another."""
+LONGEST_NAME = 200
+"""Characters of a constraint's name: more than a line of a report shows."""
+MOST_ROWS = 64
+"""Of the constraints of a system, together: a box has 6.  Time grows with the third power: learning
+of 100 rows takes half a minute, of 2000 days."""
 MOST_PRIORITIES = 10
 """Each soft priority weighs its limits by another power of ten; more would lose the least ones."""
 
@@ -211,7 +218,8 @@ def from_declared(identity: Constraint | Declaration) -> Constraint:
 def relative_function(constraint: Constraint) -> Any:
     """CasADi function (t, p, R, v, w) -> column of the relative p, R, v, w; None of all motion."""
     motion = motion_symbols()
-    seen = constraint.relative(motion)
+    with of_a_user(f"constraint {constraint.name!r}: its relative motion"):
+        seen = constraint.relative(motion)
     if seen is motion:
         return None
     parts = seen.position, ca.vec(seen.rotation), seen.linear_velocity, seen.angular_velocity
@@ -241,6 +249,30 @@ def given_arguments(constraint: Constraint) -> dict[str, Any]:
         if value != (field.default if factory is MISSING else factory()):
             found[field.name] = value
     return found
+
+
+@contextmanager
+def of_a_user(what: str, advice: Callable[[str], str] = str) -> Iterator[None]:
+    """Run code of a user's: whatever ends it but Ctrl-C is an error of that code.
+
+    An exit would otherwise end the program, as if all was well.
+
+    Parameters
+    ----------
+    what : str
+        Whose code it is, for the message.
+    advice : callable, optional
+        What to say of a reason.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise
+    except ConstraintError as error:
+        raise ConstraintError(f"{what}: {error}") from error
+    except BaseException as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(":")
+        raise ConstraintError(f"{what} cannot be evaluated: {advice(reason)}") from error
 
 
 _KINDS: dict[Relation, str] = {"zero": "constraint", "nonnegative": "inequality"}
@@ -286,7 +318,15 @@ def row_units(constraint: Constraint) -> list[str]:
 
 
 def _require_attributes(constraint: Constraint) -> None:
-    name = constraint.name
+    with of_a_user(f"an attribute of a {type(constraint).__name__}"):
+        kept = {name: getattr(constraint, name) for name in _ATTRIBUTES}
+    name, unit = kept["name"], kept["unit"]
+    for what, text in {"name": name, "unit": "1" if unit is None else unit}.items():
+        if not (isinstance(text, str) and text.isprintable() and 0 < len(text) <= LONGEST_NAME):
+            raise ConstraintError(
+                f"constraint {shortened(repr(name))}: its {what} must be a text of 1 to "
+                f"{LONGEST_NAME} characters that can be printed, got {shortened(repr(text))}"
+            )
     if constraint.relation not in list(_KINDS) or constraint.level not in list(UNITS):
         raise ConstraintError(
             f"constraint {name!r}: level is {', '.join(UNITS)}, relation zero or nonnegative; got "
@@ -315,10 +355,12 @@ def _built(constraint: Constraint) -> Any:
     _require_attributes(constraint)
     name, motion = constraint.name, motion_symbols()
     column = _column(constraint, motion)
+    function = ca.Function("constraint", [*vars(motion).values()], [column])
+    require_size(f"constraint {name!r}", column.shape[0], function.n_instructions())
     levels = _levels(motion)
     if not any(ca.depends_on(column, quantity) for quantity in levels.values()):
         raise ConstraintError(
-            f"constraint {name!r} does not depend on the motion: it is {column[0]}"
+            f"constraint {name!r} does not depend on the motion: it is {shortened(str(column[0]))}"
         )
     declare = "{}_constraint" if constraint.relation == "zero" else "keep_nonnegative(level={!r})"
     several = column.shape[0] > 1
@@ -339,7 +381,18 @@ def _built(constraint: Constraint) -> Any:
             )
         if constraint.level == "acceleration" and not ca.depends_on(row, levels["acceleration"]):
             raise ConstraintError(f"{which} depends on no acceleration; leave out its level")
-    return ca.Function("constraint", [*vars(motion).values()], [column])
+    return function
+
+
+def require_size(what: str, rows: int, operations: int) -> None:
+    """Refuse a rule, or several, that would take longer than anyone waits."""
+    found = {"rows": (rows, MOST_ROWS), "operations": (operations, MOST_OPERATIONS)}
+    for noun, (count, most) in found.items():
+        if count > most:
+            raise ConstraintError(
+                f"{what} has {count} {noun}, at most {most} are held; write it with fewer, or "
+                "leave out what cannot matter"
+            )
 
 
 def _column(constraint: Constraint, motion: AcceleratedInstant) -> Expression:
@@ -347,27 +400,13 @@ def _column(constraint: Constraint, motion: AcceleratedInstant) -> Expression:
     given: Instant = motion
     if constraint.level != "acceleration":
         given = Instant(*list(vars(motion).values())[:5])
-    try:
+    with of_a_user(f"constraint {constraint.name!r}", _advice):
         value = constraint.residual(given)
         if value is None:
-            raise ValueError("it returns nothing; is a return missing?")
+            raise TypeError("it returns nothing; is a return missing?")
         if isinstance(value, (list, tuple)):
             value = ca.vertcat(*value)
         column = ca.SX(value)
-    except ConstraintError as error:
-        raise ConstraintError(f"constraint {constraint.name!r}: {error}") from error
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        if "truth value" in reason:
-            raise ConstraintError(
-                f"constraint {constraint.name!r} cannot be evaluated: if, and, or, min and max "
-                "cannot look into an expression; write two rules, or casadi.if_else, casadi.fmin "
-                "and casadi.fmax"
-            ) from error
-        raise ConstraintError(
-            f"constraint {constraint.name!r} cannot be evaluated: {reason}; write it with the "
-            "motion's CasADi expressions (casadi.dot, casadi.norm_2, @, .T)"
-        ) from error
     if column.shape[1] != 1 or column.shape[0] < 1:
         wanted = "zero" if constraint.relation == "zero" else "0 or more"
         raise ConstraintError(
@@ -381,6 +420,18 @@ def _column(constraint: Constraint, motion: AcceleratedInstant) -> Expression:
             f"return the quantity itself: {wanted}"
         )
     return ca.densify(column)
+
+
+def _advice(reason: str) -> str:
+    if "truth value" in reason:
+        return (
+            "if, and, or, min and max cannot look into an expression; write two rules, or "
+            "casadi.if_else, casadi.fmin and casadi.fmax"
+        )
+    return (
+        f"{reason}; write it with the motion's CasADi expressions (casadi.dot, casadi.norm_2, @, "
+        ".T)"
+    )
 
 
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)

@@ -14,7 +14,12 @@ from typing import Any
 import casadi as ca
 
 from noslip._typing import Expression
+from noslip._values import shortened
 from noslip.errors import ConstraintError
+
+MOST_OPERATIONS = 2000
+"""Of the constraints of a system, together: the largest of the catalog has 78.  Learning and
+planning take seconds at this size, and a C compiler, whose time grows faster, minutes."""
 
 _CONSTANT, _INPUT, _OUTPUT = "CONST", "INPUT", "OUTPUT"
 _UNARY = [
@@ -110,10 +115,18 @@ class Instructions:
         ConstraintError
             If the data are none.
         """
-        try:
-            return cls(tuple(tuple(step) for step in data))
-        except TypeError as error:
-            raise ConstraintError(f"its expression cannot be read: {error}") from error
+        if not isinstance(data, list) or len(data) > MOST_OPERATIONS:
+            found = f"{len(data)} operations" if isinstance(data, list) else type(data).__name__
+            raise ConstraintError(
+                f"its expression cannot be read: expected a list of at most {MOST_OPERATIONS} "
+                f"operations, found {found}"
+            )
+        for step in data:
+            if not (isinstance(step, list) and 3 <= len(step) <= 4 and _is_step(*step)):
+                raise ConstraintError(
+                    f"its expression cannot be read: {shortened(repr(step))} is no operation"
+                )
+        return cls(tuple(map(tuple, data)))
 
     def to_data(self) -> list[list[Any]]:
         """Return plain data, for JSON."""
@@ -192,6 +205,14 @@ class Opaque:
     def to_data(self) -> Any:
         """Refuse, with the reason."""
         raise ConstraintError(self.reason)
+
+
+def _is_step(name: Any, *places: Any) -> bool:
+    """Whether these are what :func:`_steps` yields: an operation and whole numbers, or a number."""
+    *whole, last = places
+    known = isinstance(name, str) and name in _CODES
+    numbers = all(type(place) is int for place in whole) and type(last) in (int, float)
+    return known and numbers and (type(last) is int or name == _CONSTANT)
 
 
 def _steps(function: Any) -> Iterator[tuple[Any, ...]]:

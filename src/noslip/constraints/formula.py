@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 
 from noslip._typing import Expression
+from noslip.constraints.declaration import of_a_user
 from noslip.constraints.expression import Instructions
 from noslip.constraints.fields import safe_norm
 from noslip.errors import ConstraintError
@@ -17,6 +18,9 @@ Surface = str | Callable[[Expression], Expression]
 """f of an implicit surface ``f(p) = 0``: text, or a function of a position (shape (3,)).
 
 A constraint keeps a user's function as its instructions."""
+
+LONGEST_FORMULA = 10_000
+"""Characters: beyond what is written by hand, and parsed in milliseconds."""
 
 _FUNCTIONS = {
     "abs": ca.fabs,
@@ -50,13 +54,8 @@ def checked_surface(name: str, surface: Any) -> Surface:
             f"{name} must be text in x, y, z or a function of the position, got {surface!r}"
         )
     position = ca.SX.sym("p", 3)
-    try:
+    with of_a_user(name):
         value = ca.SX(surface_value(surface, position))
-    except ConstraintError as error:
-        raise ConstraintError(f"{name} {error}") from None
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ConstraintError(f"{name} cannot be evaluated: {reason}") from error
     if value.shape != (1, 1):
         raise ConstraintError(f"{name} must give one number, it has shape {value.shape}")
     if not ca.depends_on(value, position):
@@ -71,6 +70,8 @@ def surface_value(surface: Surface, position: Expression) -> Expression:
     if not isinstance(surface, str):
         return surface(position)
     try:
+        if len(surface) > LONGEST_FORMULA:
+            raise ConstraintError(f"is longer than {LONGEST_FORMULA} characters")
         tree = ast.parse(surface.strip(), mode="eval").body
         return _evaluate(tree, {"x": position[0], "y": position[1], "z": position[2], "pi": ca.pi})
     except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError) as error:

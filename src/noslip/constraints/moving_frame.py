@@ -13,7 +13,7 @@ from noslip import _arguments
 from noslip._typing import Expression
 from noslip.constraints.blade import Blade
 from noslip.constraints.catalog import parse_constraint
-from noslip.constraints.declaration import Constraint, register
+from noslip.constraints.declaration import Constraint, of_a_user, register
 from noslip.constraints.expression import Instructions
 from noslip.constraints.fields import ORIGIN, Triple, number, point, settle
 from noslip.constraints.instant import Instant
@@ -147,17 +147,12 @@ def _frame_instructions(frame: Any) -> Instructions:
     if not callable(frame):
         raise ConstraintError(f"{NAME}: frame must be a function of time, got {frame!r}")
     t = ca.SX.sym("t")
-    try:
+    takes = "it takes the time and returns 3 expressions, or a tuple of them and a 3 x 3 matrix"
+    with of_a_user(f"{NAME}: frame", lambda reason: f"{reason}; {takes}"):
         value = frame(t)
         origin, rotation = value if _is_pair(value) else (value, np.eye(3))
         origin, rotation = ca.SX(_matrix(origin)), ca.SX(_matrix(rotation))
         pose = ca.Function("frame", [t], [origin, rotation])
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ConstraintError(
-            f"{NAME}: frame cannot be evaluated: {reason}; it takes the time and returns 3 "
-            "expressions, or a tuple of them and a 3 x 3 matrix"
-        ) from error
     if origin.shape != (3, 1) or rotation.shape != (3, 3):
         raise ConstraintError(
             f"{NAME}: frame must return 3 expressions, or a tuple of them and a 3 x 3 matrix; "

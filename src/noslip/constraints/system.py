@@ -21,6 +21,7 @@ from noslip.constraints.declaration import (
     Level,
     constraint_function,
     declared,
+    require_size,
     row_units,
 )
 from noslip.constraints.undefined import Watch
@@ -80,13 +81,18 @@ class ConstraintSystem:
                 raise ConstraintError(
                     f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
                 )
+            constraint_function(constraint)
         self.names = _numbered([c.name for c in self.constraints])
         self._own()
 
     def _own(self) -> None:
-        self.rows: tuple[int, ...] = tuple(
-            constraint_function(c).size1_out(0) for c in self.constraints
-        )
+        functions, operations = [], 0
+        for c in self.constraints:
+            functions.append(constraint_function(c))
+            operations += functions[-1].n_instructions()
+            require_size("all constraints together", len(functions), operations)
+        self.rows: tuple[int, ...] = tuple(function.size1_out(0) for function in functions)
+        require_size("all constraints together", sum(self.rows), operations)
         self._identity = tuple(map(declared, self.constraints)), self.names
         self._hash = hash(self._identity)
         self._graphs = _graphs(self._identity)

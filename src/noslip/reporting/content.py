@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from noslip.constraints.check import check
+from noslip.errors import one_line
 from noslip.figures.quantities import value_text
 from noslip.figures.residuals import finding, residual_rows
 from noslip.figures.style import number
@@ -23,7 +24,7 @@ from noslip.reporting.tables import (
     settings_table,
     short_names,
 )
-from noslip.reporting.values import Report, printable
+from noslip.reporting.values import Report
 from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
@@ -82,7 +83,7 @@ def report(
     ]
     return Report(
         title=title,
-        primitive=printable(Path(primitive).name),
+        primitive=one_line(Path(primitive).name),
         lead=" ".join(filter(None, [f"{rest}." if rest else "", _lead(dmp, shown)])),
         verdict="" if verdict is None else verdict.verdict,
         holds=verdict is None or verdict.satisfied,
@@ -90,7 +91,7 @@ def report(
         tables=tuple(tables),
         pictures=tuple(pictures(dmp, shown, motions, motion, progress)),
         commands=tuple(
-            printable(line) for line in commands(dmp, str(primitive), sources or names, preparation)
+            one_line(line) for line in commands(dmp, str(primitive), sources or names, preparation)
         ),
     )
 
@@ -103,12 +104,12 @@ def _title(motions: Mapping[str, PoseTrajectory], dmp: ConstrainedDMP) -> str:
     first = next(iter(motions))
     rows = residual_rows({first: motions[first], "learned motion": motion}, dmp.system)
     # Figures escape what their formulas begin with.
-    return printable(finding(rows).replace(r"\$", "$"))
+    return one_line(finding(rows).replace(r"\$", "$"))
 
 
 def _lead(dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory]) -> str:
     count = dmp.spread.demonstrations if dmp.spread else max(len(dmp.record), 1)
-    under = ", ".join(printable(name) for name in dmp.system.names) or "no constraint"
+    under = ", ".join(one_line(name) for name in dmp.system.names) or "no constraint"
     text = (
         f"A primitive of {number(dmp.duration)} s, learned from {count} recording"
         f"{'s' if count > 1 else ''} under: {under}."
@@ -130,7 +131,7 @@ def _mismatches(dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory]) -
         )
         return
     for record, given in zip(dmp.record, demonstrations, strict=False):
-        learned = printable(record.demonstration)
+        learned = one_line(record.demonstration)
         if Path(learned).name != Path(given.name).name:
             yield f"learned from {learned}, given {given.name}: another recording, or adapted since"
     for what, sample, own in (

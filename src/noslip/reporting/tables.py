@@ -11,14 +11,14 @@ from pathlib import Path
 from noslip._version import __version__
 from noslip.boundary import Boundary
 from noslip.constraints.check import SLIP_SHARE, TOLERANCE, CheckReport, ConstraintCheck, check
-from noslip.errors import InputError
+from noslip.errors import InputError, one_line
 from noslip.figures.family import end_errors
 from noslip.figures.quantities import value_text
 from noslip.figures.style import number
 from noslip.merit import figures_of_merit
 from noslip.primitive import ConstrainedDMP
 from noslip.reporting.commands import declaration
-from noslip.reporting.values import Cell, Table, Value, cell, count, plain, printable
+from noslip.reporting.values import Cell, Table, Value, cell, count, plain
 from noslip.runtime.motion import Motion
 from noslip.trajectory import PoseTrajectory
 
@@ -31,7 +31,7 @@ def files_table(files: Iterable[str]) -> Table:
         except OSError as error:
             raise InputError(f"{file}: cannot be read: {error.strerror}") from error
         size = Value(len(content), f"{len(content):,}".replace(",", " "))
-        rows.append((printable(file), size, hashlib.sha256(content).hexdigest()))
+        rows.append((one_line(file), size, hashlib.sha256(content).hexdigest()))
     return Table("Files", ("file", "bytes", "SHA-256"), tuple(rows))
 
 
@@ -69,7 +69,7 @@ def recordings_tables(
                 plain(record.residual),
                 cell(record.position_change, "m"),
                 cell(record.rotation_change, "rad"),
-                printable(", ".join(record.left_out)) or "nothing",
+                one_line(", ".join(record.left_out)) or "nothing",
             )
             for name, record in zip(names, dmp.record, strict=True)
         ),
@@ -97,7 +97,7 @@ def constraints_tables(
         if constraint.relation == "nonnegative":
             soft = f"soft limit, priority {constraint.priority}" if constraint.priority else "limit"
             kind = f"{constraint.level} {soft}"
-        name = printable(declaration(constraint))
+        name = one_line(declaration(constraint))
         rows.append((name, kind, _extreme(worst), _extreme(after), after.verdict))
     who = "as demonstrated" if demonstrations else "regular"
     return [
@@ -180,4 +180,4 @@ def settings_table(dmp: ConstrainedDMP) -> Table:
 def short_names(paths: Sequence[str]) -> list[str]:
     """Names of files, without their folders if they differ without."""
     names = [Path(path).name or path for path in paths]
-    return [printable(name) for name in (names if len(set(names)) == len(names) else paths)]
+    return [one_line(name) for name in (names if len(set(names)) == len(names) else paths)]

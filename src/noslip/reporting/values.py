@@ -84,11 +84,6 @@ class Report:
     commands: tuple[str, ...]
 
 
-def printable(text: str) -> str:
-    """Return text with what cannot be printed replaced; bytes of a file's name that are no text."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-
-
 def plain(value: float) -> Value:
     return Value(value, number(value))
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.constraints.declaration import Constraint
+from noslip.constraints.declaration import Constraint, of_a_user
 from noslip.constraints.formula import surface_value
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.shape import Ball, Capsule, Implicit, Mark, Plane, Sides, Tube
@@ -107,7 +107,8 @@ def shapes(constraints: Iterable[Constraint], center: ArrayLike, size: float) ->
             axes = Shape(constraint.name, "frame", *_axes(there, size))
             found += [replace(shape, frame=frame) for shape in [*still, axes]]
             continue
-        shape = constraint.shape()
+        with of_a_user(f"constraint {constraint.name!r}: its shape"):
+            shape = constraint.shape()
         mesh = None if shape is None else _meshed(shape, middle, size)
         if shape is not None and mesh is not None:
             found.append(Shape(constraint.name, shape.kind, *mesh))
