@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable, Iterator
+from copy import copy, deepcopy
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -20,6 +21,7 @@ from motions import along, eased
 from noslip._typing import Floats
 from noslip.control.clock import HASTE
 from noslip.control.controller import ACCEPT, FASTER, SILENT
+from noslip.errors import NoslipError
 from noslip.experiments.numerical_example import demonstration
 from plants import Plant, Run, drive
 from strategies import seeds, unit
@@ -558,6 +560,64 @@ def test_what_is_not_finite_is_a_sample_that_was_lost(
             other.step(None if k % 2 else state),
         )
         np.testing.assert_array_equal(one.vector(), expected.vector())
+
+
+@pytest.mark.parametrize("size", [1e7, 1e12, 1e200, 1e308])
+def test_what_is_out_of_all_proportion_is_no_measurement_and_no_goal(size: float) -> None:
+    controller = s_cut().controller(time_step=H)
+    for k in range(60):
+        place, turned = controller.state.position, controller.state.rotation
+        far = place + [0.0, size, 0.0]
+        controller.step((far if k % 3 == 0 else place, turned))
+        before = controller.memory.data.copy()
+        with pytest.raises(NoslipError, match="goal"):
+            controller.step(goal=far)
+        np.testing.assert_array_equal(controller.memory.data, before)
+    assert controller.mode == "track"
+    assert controller.reason == ""
+    assert controller.speed == 1.0
+
+
+def test_a_goal_is_taken_whole_or_not_at_all() -> None:
+    controller = s_cut().controller(time_step=H)
+    other = deepcopy(controller)
+    wrong: Any = (s_cut().goal_position + 0.01, "up")
+    with pytest.raises(NoslipError, match="goal"):
+        controller.step(goal=wrong)
+    assert controller == other
+
+
+def test_a_copy_shares_nothing() -> None:
+    controller = s_cut().controller(time_step=H)
+    controller.step()
+    other = copy(controller)
+    before = other.memory.data.copy()
+    for _ in range(20):
+        controller.step()
+    np.testing.assert_array_equal(other.memory.data, before)
+
+
+@pytest.mark.parametrize("late", [0.12, 1.0, 10.0, 100.0])
+@pytest.mark.parametrize("at", [20, 300, 500])
+def test_however_late_a_cycle_is_nothing_jumps(late: float, at: int) -> None:
+    controller, places = s_cut().controller(time_step=H), []
+    for k in range(700):
+        controller.step(time_step=late if k == at else H)
+        places.append(controller.state.position)
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.max() <= 3 * FASTER * peaks()["speed"] * H
+    assert controller.done
+    assert np.linalg.norm(places[-1] - s_cut().goal_position) <= 1e-4 * way()
+
+
+def test_a_rule_that_knows_the_time_knows_the_true_one_after_a_late_cycle() -> None:
+    breathing = ns.learn(demonstration(), [ns.constraints.InMovingFrame(ns.Blade())])
+    controller, time = breathing.controller(time_step=H), 0.0
+    for k in range(300):
+        late = 2.0 if k == 100 else H
+        controller.step(time_step=late)
+        time += late
+    assert controller.state.time == pytest.approx(time, abs=1e-9)
 
 
 def test_a_step_that_fails_holds_and_says_why() -> None:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from learned import under
+from noslip.errors import NoslipError
 from noslip.experiments.numerical_example import demonstration
 from noslip.exporting import export
 
@@ -271,3 +272,62 @@ def test_what_is_not_finite_changes_nothing_and_is_told(tmp_path: Path, uncounte
         "    s = before;\n    return noslip_step(&cut, &s, 1e-3) ? 4 : told == 6 ? 0 : 5;\n}\n"
     )
     assert run(build(tmp_path, "poison.c")).returncode == 0
+
+
+LATE = r"""
+#include "cut.h"
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* A step, whole or refused; how far its motion is from its own at the end. */
+static int refused(noslip_state *s, double h) {
+    const noslip_state before = *s;
+    return noslip_step(&cut, s, h) == 1 && memcmp(&before, s, sizeof before) == 0;
+}
+
+int main(void) {
+    noslip_state s;
+    int k, failed = 0;
+    noslip_start(&cut, &s);
+    for (k = 0; k < 10; ++k) noslip_step(&cut, &s, cut.duration / cut.steps);
+    failed += !refused(&s, 101 * cut.duration) || !refused(&s, INFINITY) || !refused(&s, NAN);
+    failed += !refused(&s, 0) || !refused(&s, -1);
+    s.angular_velocity[0] = 1e200, s.linear_velocity[1] = 1e308;
+    failed += !refused(&s, cut.duration / cut.steps) || !refused(&s, cut.duration / 3);
+    noslip_start(&cut, &s);
+    for (k = 0; k < 10; ++k) noslip_step(&cut, &s, cut.duration / cut.steps);
+    noslip_step(&cut, &s, cut.duration / 5);
+    printf("%d\n", failed);
+    for (k = 0; k < 3; ++k) printf("%.17g\n", s.position[k]);
+    noslip_step(&cut, &s, 100 * cut.duration);
+    for (k = 0; k < 3; ++k) printf("%.17g\n", s.position[k]);
+    printf("%d\n", noslip_done(&s));
+    return 0;
+}
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["blade", "breathing", "limits"])
+def test_a_late_step_is_made_good_or_refused(name: str, tmp_path: Path, uncounted: None) -> None:
+    dmp = primitive(name)
+    dmp.export_c(tmp_path, name="cut")
+    (tmp_path / "late.c").write_text(LATE)
+    told = [float(line) for line in run(build(tmp_path, "late.c")).stdout.split()]
+    assert told[0] == 0
+    motion, step = dmp.rollout(), dmp.duration / dmp.steps
+    state = dmp.initial_state()
+    for _ in range(10):
+        state = dmp.step(state, step)
+    state = dmp.step(state, dmp.duration / 5)
+    np.testing.assert_allclose(told[1:4], state.position, rtol=0, atol=1e-12)
+    # Beside its own motion, whose steps are as long, if not at the same places.
+    off = np.linalg.norm(motion.positions - state.position, axis=1).min()
+    assert off <= 2 * motion.path_length / dmp.steps
+    np.testing.assert_allclose(
+        told[4:7], motion.positions[-1], rtol=0, atol=1e-4 * motion.path_length
+    )
+    assert told[7] == 1
+    with pytest.raises(NoslipError, match="more than 100 times the motion's"):
+        dmp.step(state, 101 * dmp.duration)

@@ -10,6 +10,7 @@ from typing import Any
 
 import casadi as ca
 
+from noslip.law import clock
 from noslip.law.layout import (
     BEGINNING,
     DRIVE,
@@ -32,6 +33,7 @@ _BODY = re.compile(
 )
 """Name, number and statements of a function."""
 _HELPER = re.compile(r"^casadi_real casadi_\w+\(.*\) \{(?:.*\}|\n(?:.*\n)*?\})$", re.MULTILINE)
+_STEPS = "LONGEST_STEP LATEST"
 _COMMENT_COLUMN = 40
 """Where comments begin in a struct, so that they stand under each other."""
 
@@ -78,7 +80,9 @@ def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
         "DRIVE": DRIVE,
         "OUTPUT": layout,
     }
-    places = "\n".join(offsets(name, each) for name, each in layouts.items())
+    places = "\n".join(
+        [*(offsets(name, each) for name, each in layouts.items()), *defined({clock: _STEPS})]
+    )
     text = template("noslip.c").replace("@OUTPUTS@", str(outputs)).replace("@OFFSETS@", places)
     return text + "\n" + _core(function, outputs)
 

@@ -23,8 +23,9 @@ What cannot be, by any smooth feedback: that a tool which must not slip converge
 from __future__ import annotations
 
 from concurrent.futures import Future
+from copy import deepcopy
 from dataclasses import dataclass, replace
-from math import ceil, expm1, isfinite, sqrt
+from math import ceil, dist, expm1, isfinite, sqrt
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -81,6 +82,10 @@ FOLLOW = 0.02
 DEAREST = 0.75
 """Of the duration: how much longer than what is left a way on from where a tool is held may take.
 One that takes longer is gone only if the tool stays there: most often it is let go before that."""
+NO_TOOL = 1e6
+"""Over the path's length: what is measured farther from the command is no tool, and no goal."""
+_SMALLEST = 1e-12
+"""Squared length of a quaternion that still is one; the largest is as large."""
 FOLLOW_HASTE = 2.0
 """Over the bounds on rates, while it is: it goes where the tool is already."""
 FUNNEL = 0.02
@@ -266,6 +271,10 @@ class Controller:
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in _BUILT}
+
+    def __copy__(self) -> Controller:
+        # What steps in place must not be shared.
+        return deepcopy(self)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -458,9 +467,9 @@ class Controller:
         elif self.mode == "yield":
             self._yield(passed)
         else:
-            self._hold(h)
-        if self._in_plan_time:
-            data[engine.TIME] = before + h - lost
+            self._hold(passed)
+        # Rules that know the time know the true one, however much of a late cycle is made good.
+        data[engine.TIME] = before + h - lost
         if observes:
             # Of a late cycle the robot made what it makes of any.
             self._observer.moved(self._before, data[_POSE], h if passed == h else self.time_step)
@@ -605,7 +614,11 @@ class Controller:
         pose = self._pose
         pose[0], pose[1], pose[2] = x, y, z
         pose[3], pose[4], pose[5], pose[6] = w, i, j, k
-        return isfinite(x + y + z + w + i + j + k) and w * w + i * i + j * j + k * k > 0
+        # Written so that NaN fails.
+        if not _SMALLEST < w * w + i * i + j * j + k * k < 1 / _SMALLEST:
+            return False
+        away = dist((x, y, z), self.memory.data[engine.POSITION].tolist())
+        return away <= NO_TOOL * self._length
 
     def _measure(self) -> None:
         observer, seen = self._observer, self._observer.seen
@@ -744,11 +757,16 @@ class Controller:
         position, rotation = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, None)
         if isinstance(position, Rotation):
             position, rotation = rotation, position
-        if position is not None:
-            self._goal.take(self._time, _arguments.vector("goal", position).tolist())
         if rotation is not None:
-            asked = _arguments.rotation("goal", rotation)
-            turn = (asked * self._goal_rotation.inv()).as_rotvec()
+            rotation = _arguments.rotation("goal", rotation)
+        if position is not None:
+            place = _arguments.vector("goal", position).tolist()
+            away = dist(place, self.memory.data[engine.POSITION].tolist())
+            if not away <= NO_TOOL * self._length:
+                raise InputError(f"goal: {away:.3g} m away, the whole path {self._length:.3g} m")
+            self._goal.take(self._time, place)
+        if rotation is not None:
+            turn = (rotation * self._goal_rotation.inv()).as_rotvec()
             last = np.array(self._goal_turn.last or turn)
             angle = float(np.linalg.norm(turn))
             if angle > 0 and last @ turn < 0 and np.linalg.norm(turn - last) > np.pi:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import ceil, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip._typing import Floats
+from noslip.errors import InputError
 
 DONE = 1 - 1e-9
 """Fraction of the duration from which on a motion has come to its end: steps add up to 1 only to
 rounding."""
+LONGEST_STEP = 0.02
+"""Of the duration: a longer step is a late cycle, and made good in shorter ones."""
+LATEST = 100.0
+"""Durations: a step that is longer is refused, so that the work of making it good is bounded."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,28 @@ class Phase:
         slower = max(0.0, speed - time_step / braking)
         share = slower / speed if speed > 0 else 0.0
         return share, 1 + (1 - slower * slower) * braking / (2 * duration)
+
+    def made_good(
+        self, fraction: float, time_step: float, duration: float, steps: int
+    ) -> tuple[int, float]:
+        """In how many steps a step is made, of a motion of so many, and the seconds of each.
+
+        Raises
+        ------
+        InputError
+            If it is longer than :data:`LATEST` durations.
+        """
+        share = time_step / duration
+        if share <= LONGEST_STEP:
+            return 1, time_step
+        if not share <= LATEST:
+            raise InputError(
+                f"time_step of {time_step:g} s is more than {LATEST:g} times the motion's "
+                f"{duration:g} s; step at the rate of the loop, or set the time of the state"
+            )
+        left = share if self.is_over(fraction) else min(share, 1 - fraction)
+        count = ceil(left * steps)
+        return count, left * duration / count
 
     @staticmethod
     def is_over(fraction: float) -> bool:

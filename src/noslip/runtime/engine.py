@@ -146,14 +146,16 @@ class Compiled:
         self._struct = Struct(law, rule)
         if (self._struct.size, memory.data.nbytes) != library.sizes:
             raise NoslipError(f"{library.path}: another layout than expected; remove the file")
-        self._memory, self._system = memory, rule.system
+        self._memory, self._system, self._law = memory, rule.system, law
         self._step = library.step
         self._primitive, self._state = self._struct.address, memory.data.ctypes.data
 
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
         if self._step(self._primitive, self._state, time_step):
-            raise _lost(self._system, self._memory.data, time_step)
+            data, law = self._memory.data, self._law
+            law.clock.made_good(data.item(FRACTION), time_step, data.item(DURATION), law.steps)
+            raise _lost(self._system, data, time_step)
 
 
 def _lost(system: ConstraintSystem, data: Floats, time_step: float) -> InputError:
@@ -200,7 +202,19 @@ class Virtual:
 
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
-        data, h = self._memory.data, time_step
+        data = self._memory.data
+        fraction, duration = data.item(FRACTION), data.item(DURATION)
+        count, seconds = self._law.clock.made_good(fraction, time_step, duration, self._law.steps)
+        kept = data.copy() if count > 1 else data
+        try:
+            for _ in range(count):
+                self._step(seconds)
+        except InputError:
+            data[:] = kept
+            raise
+
+    def _step(self, h: float) -> None:
+        data = self._memory.data
         fraction, duration = data.item(FRACTION), data.item(DURATION)
         share = h / duration
         over = self._law.clock.is_over(fraction)

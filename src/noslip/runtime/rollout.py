@@ -212,8 +212,18 @@ def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
 
     Steps may differ in length; the last one ends where the motion does.  After its end it holds its
     pose, or comes to rest within ``state.braking`` seconds, straight on or as constraints lead it.
+    One longer than a fiftieth of the duration is made good in steps as long as the motion's own.
     """
     time_step = _arguments.positive("time_step", time_step, "seconds")
+    fraction = law.clock.fraction(state.phase)
+    count, seconds = law.clock.made_good(fraction, time_step, state.duration, law.steps)
+    for _ in range(count):
+        state = _stepped(law, rule, state, seconds)
+    return state
+
+
+def _stepped(law: Law, rule: Rule, state: State, time_step: float) -> State:
+    """The state after one step, however long."""
     fraction = law.clock.fraction(state.phase)
     if law.clock.is_over(fraction):
         _, after_end = law.clock.slowed(fraction, time_step, state.duration, state.braking)

@@ -253,14 +253,12 @@ static double goal_ahead(const noslip_goal_filter *f, double seconds, double *go
 
 /* ------------------------------------------------------------------ plans beside the loop */
 
-static int is_finite_pose(const double *pose) {
+/* Whether a pose is one, and no farther away than any tool can be. */
+static int is_pose(const noslip_controller *c, const double *pose) {
     double size = 0;
     int i;
-    for (i = 0; i < 7; ++i) {
-        if (!isfinite(pose[i])) return 0;
-    }
     for (i = 3; i < 7; ++i) size += pose[i] * pose[i];
-    return size > 0;
+    return apart(pose, c->state.position) <= NO_TOOL * c->length && size > SMALLEST && size < 1 / SMALLEST;
 }
 
 /* Begin to follow a plan: put a state at its start, in a pose near it. */
@@ -995,10 +993,11 @@ static int cycle(noslip_controller *c, double h, double passed, const double *me
         if (lost < 0) return 1;
     } else if (c->mode == NOSLIP_MODE_YIELD) {
         if (yield_to(c, passed)) return 1;
-    } else if (hold(c, h)) {
+    } else if (hold(c, passed)) {
         return 1;
     }
-    if (RUNS_IN_PLAN_TIME) s->time = before + h - lost;
+    /* Rules that know the time know the true one, however much of a late cycle is made good. */
+    s->time = before + h - lost;
     /* Of a late cycle the robot made what it makes of any. */
     if (observes) observe_move(c, pose, passed < h ? c->time_step : h);
     return 0;
@@ -1006,14 +1005,15 @@ static int cycle(noslip_controller *c, double h, double passed, const double *me
 
 int noslip_controller_step(noslip_controller *c, double elapsed, const double *measured,
                            const double *goal_position, const double *goal_quaternion) {
-    const double pose[7] = {goal_position ? goal_position[0] : 0, goal_position ? goal_position[1] : 0,
-                            goal_position ? goal_position[2] : 0, goal_quaternion ? goal_quaternion[0] : 1,
-                            goal_quaternion ? goal_quaternion[1] : 0, goal_quaternion ? goal_quaternion[2] : 0,
-                            goal_quaternion ? goal_quaternion[3] : 0};
+    const double *place = goal_position ? goal_position : c->state.position;
+    const double *turn = goal_quaternion ? goal_quaternion : c->state.quaternion;
+    double asked[7];
     double share;
     int i;
-    if (!(elapsed > 0) || !isfinite(elapsed) || !is_finite_pose(pose)) return 1;
-    if (measured && !is_finite_pose(measured)) measured = 0;
+    copy(place, asked, 3);
+    copy(turn, asked + 3, 4);
+    if (!(elapsed > 0) || !isfinite(elapsed) || !is_pose(c, asked)) return 1;
+    if (measured && !is_pose(c, measured)) measured = 0;
     if (c->replans) take_aim(c, goal_position, goal_quaternion);
     c->time += elapsed;
     if (c->mode == NOSLIP_MODE_FAULT) return 0;

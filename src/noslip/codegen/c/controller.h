@@ -133,10 +133,10 @@ void noslip_controller_init(noslip_controller *controller, const noslip_primitiv
 int noslip_controller_start(noslip_controller *controller, const noslip_state *from);
 
 /* A cycle.  Returns 0; or 1, everything as it was, if the seconds are not positive or the goal is not
- * finite.  Whatever else goes wrong does not end the loop: see mode and noslip_controller_reason.
+ * finite, or a million path lengths away.  Whatever else goes wrong does not end the loop: see mode and noslip_controller_reason.
  *
  * elapsed: since the last one, s.  measured: the pose that was measured since (position, quaternion), or
- * null; what is not finite is a sample that was lost.  goal_position, goal_quaternion: as seen now, or
+ * null; what is not finite, or as far away, is a sample that was lost.  goal_position, goal_quaternion: as seen now, or
  * null. */
 int noslip_controller_step(noslip_controller *controller, double elapsed, const double *measured,
                            const double *goal_position, const double *goal_quaternion);

@@ -138,9 +138,10 @@ static inline void led_by(const noslip_primitive *p, noslip_real before, noslip_
     found[1] = before > 0 ? bend / (h * h) : slope / h / 2;
 }
 
-/* A step without the constraints. */
-int noslip_step_freely(const noslip_primitive *primitive, noslip_state *state,
-                       noslip_real time_step);
+/* One step, however long; freely, without the constraints.  What it keeps for the next one may change
+ * even if it fails. */
+int noslip_step_once(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step,
+                     int freely);
 
 /* In replan.c.  The nearest twist, in the rule's metric, that the equalities allow at a pose. */
 void noslip_allow(double time, const double *pose, double rate, double *twist);

@@ -296,11 +296,29 @@ static int step_by(const noslip_primitive *primitive, noslip_state *state, nosli
     return advance(primitive, state, time_step, drive, winding, &lead, carried);
 }
 
-int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
-    return step_by(primitive, state, time_step, noslip_core);
+int noslip_step_once(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step,
+                     int freely) {
+    return step_by(primitive, state, time_step, freely ? noslip_free : noslip_core);
 }
 
-int noslip_step_freely(const noslip_primitive *primitive, noslip_state *state,
-                       noslip_real time_step) {
-    return step_by(primitive, state, time_step, noslip_free);
+int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step) {
+    const noslip_state kept = *state;
+    const noslip_real share = time_step / state->duration;
+    int count = 1, k;
+    /* Written so that NaN fails. */
+    if (!(share <= LATEST)) return 1;
+    if (share > LONGEST_STEP) {
+        /* A late cycle is made good in steps as long as those of its own motion. */
+        noslip_real left = share;
+        if (!noslip_done(state)) left = smaller(share, 1 - state->fraction);
+        count = (int)ceil(left * (noslip_real)primitive->steps);
+        time_step = left * state->duration / (noslip_real)count;
+    }
+    for (k = 0; k < count; ++k) {
+        if (step_by(primitive, state, time_step, noslip_core)) {
+            *state = kept;
+            return 1;
+        }
+    }
+    return 0;
 }

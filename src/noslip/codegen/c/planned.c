@@ -22,7 +22,7 @@ static double left_by(noslip_workspace *w, const double *points, int steps) {
         s->angular_velocity[i] = w->start_velocity[3 + i] / w->duration;
     }
     for (k = 1; k <= steps; ++k) {
-        if (noslip_step_freely(&w->primitive, s, w->duration / steps)) return INFINITY;
+        if (noslip_step_once(&w->primitive, s, w->duration / steps, 1)) return INFINITY;
         off = larger(off, apart(s->position, points + 7 * k));
         off_turn = larger(off_turn, angle_between(s->quaternion, points + 7 * k + 3));
     }

@@ -1218,7 +1218,7 @@ static int roll(noslip_workspace *w, const room *r, const noslip_primitive *p, i
         }
         if (at == total) return 1;
         copy(s->position, before, 3);
-        if (free ? noslip_step_freely(p, s, step) : noslip_step(p, s, step)) return -1;
+        if (noslip_step_once(p, s, step, free)) return -1;
         w->path_length += apart(s->position, before);
         if (at >= w->passed) w->way += apart(s->position, before);
         ++w->done_steps;
