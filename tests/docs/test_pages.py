@@ -42,7 +42,7 @@ ELSEWHERE = {
     ".venv/bin/pip": "installs",
     "pip install": "installs",
     "source": "belongs to an interactive shell",
-    "cmake": "built and run by tests/runtime/test_export.py",
+    "cmake": "built and run by tests/runtime/test_example_controller.py",
     "ssh": "needs another machine",
     "noslip topics session": "tests/test_bag_to_arm.py runs this block",
     "noslip learn session --topic": "tests/test_bag_to_arm.py runs this block",

@@ -239,8 +239,9 @@ int main(void) {
     memcpy(seen, c.state.position, sizeof(double) * 3);
     noslip_controller_step(&c, H, 0, 0, 0);
     for (i = 0; i < 3; ++i) turned += fabs(c.state.position[i] - seen[i]);
+    for (i = 0; i < 6; ++i) turned += fabs(c.twist[i]);
     if (c.mode != NOSLIP_MODE_FAULT || noslip_controller_reason(&c) != NOSLIP_REASON_FAULT
-        || turned > 0 || noslip_controller_step(&c, H, 0, 0, 0)) printf("no fault\n");
+        || !(turned <= 0) || noslip_controller_step(&c, H, 0, 0, 0)) printf("no fault\n");
     return 0;
 }
 """

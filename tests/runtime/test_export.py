@@ -225,7 +225,22 @@ def test_the_header_tells_the_instructions_of_a_step(tmp_path: Path) -> None:
     assert f"At most {exported.instructions} instructions" in (tmp_path / "noslip.h").read_text()
 
 
-@pytest.mark.parametrize("name", ["", "2cut", "my-cut", "double", "noslip", "a b"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "",
+        "2cut",
+        "my-cut",
+        "double",
+        "a b",
+        "main",
+        "noslip",
+        "plan",
+        "controller",
+        "test",
+        "example",
+    ],
+)
 def test_a_name_that_c_does_not_allow_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(ns.errors.InputError, match="identifier of C"):
         primitive("blade").export_c(tmp_path / "out", name=name)

@@ -30,8 +30,10 @@ _NO_PLAN = 1
 _KEYWORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline int
 long main register restrict return short signed sizeof static struct switch typedef union unsigned
-void volatile while R REAL noslip
+void volatile while R REAL
+main noslip plan replan controller inside test example example_replan example_controller
 """
+"""And names that the files have."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,9 @@ def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive
         If the name is no C identifier, or the folder is a file.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in _KEYWORDS.split():
-        raise InputError(f"name must be an identifier of C, got {name!r}")
+        raise InputError(
+            f"name must be an identifier of C, and not that of another file, got {name!r}"
+        )
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; give the name of a folder")

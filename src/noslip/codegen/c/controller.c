@@ -1024,6 +1024,11 @@ int noslip_controller_step(noslip_controller *c, double elapsed, const double *m
     }
     for (i = 0; i < c->units_now && c->pending && !is_made(c); ++i) work(c);
     share = RUNS_IN_PLAN_TIME ? c->speed : 1;
+    if (c->mode == NOSLIP_MODE_FAULT) {
+        /* The command stands, whatever the velocities were. */
+        zero(c->twist, 6);
+        return 0;
+    }
     for (i = 0; i < 3; ++i) {
         c->twist[i] = share * c->state.linear_velocity[i];
         c->twist[3 + i] = share * c->state.angular_velocity[i];

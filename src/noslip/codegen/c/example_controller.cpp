@@ -11,7 +11,7 @@
 #include <deque>
 #include <random>
 
-namespace {
+namespace example {
 
 using Pose = std::array<double, 7>;  // x, y, z (m), then w, x, y, z
 
@@ -67,33 +67,31 @@ private:
     std::normal_distribution<double> normal_;
 };
 
-Pose command_of(const noslip_state &state) {
+static Pose command_of(const noslip_state &state) {
     Pose pose;
     std::copy_n(state.position, 3, pose.begin());
     std::copy_n(state.quaternion, 4, pose.begin() + 3);
     return pose;
 }
 
-double apart(const Pose &pose, const std::array<double, 3> &point) {
+static double apart(const Pose &pose, const std::array<double, 3> &point) {
     double sum = 0;
     for (std::size_t i = 0; i < 3; ++i) sum += (pose[i] - point[i]) * (pose[i] - point[i]);
     return std::sqrt(sum);
 }
 
-noslip_controller controller;  // half a megabyte or more: not on the stack
+static noslip_controller controller;  // half a megabyte or more: not on the stack
 
-}  // namespace
-
-int main() {
-    noslip_controller_init(&controller, &@NAME@, cycle);
+static int run() {
+    noslip_controller_init(&controller, &::@NAME@, cycle);
     if (noslip_controller_start(&controller, nullptr) != 0) return 1;
     Robot robot(command_of(controller.state));
 
-    const double duration = @NAME@.duration;
+    const double duration = ::@NAME@.duration;
     const long push_at = std::lround(0.3 * duration / cycle), step_at = std::lround(0.5 * duration / cycle);
     const long most = std::lround(10 * duration / cycle);
     std::array<double, 3> goal{};
-    std::copy_n(@NAME@.goal_position, 3, goal.begin());
+    std::copy_n(::@NAME@.goal_position, 3, goal.begin());
 
     std::printf("t,x,y,z,qw,qx,qy,qz,tool_x,tool_y,tool_z,speed,mode\n");
     long done_at = most;
@@ -124,3 +122,7 @@ int main() {
                 controller.failures, left, left / length);
     return is_there ? 0 : 1;
 }
+
+}  // namespace example
+
+int main() { return example::run(); }

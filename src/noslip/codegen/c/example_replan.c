@@ -23,7 +23,7 @@ static void print(const noslip_state *state) {
 
 int main(void) {
     static noslip_workspace workspace;
-    const noslip_primitive *primitive = &@NAME@;
+    const noslip_primitive *followed = &@NAME@;
     const double cycle = @NAME@.duration / STEPS, aside[3] = @ASIDE@;
     noslip_state state, ahead;
     noslip_goal goal = {{0}, {0}, 0};
@@ -32,24 +32,24 @@ int main(void) {
     workspace.knots = KNOTS;
     workspace.steps = FIT_STEPS;
     workspace.units = 1;
-    for (i = 0; i < 3; ++i) goal.position[i] = primitive->goal_position[i] + aside[i];
-    for (i = 0; i < 4; ++i) goal.quaternion[i] = primitive->goal_quaternion[i];
-    noslip_start(primitive, &state);
+    for (i = 0; i < 3; ++i) goal.position[i] = followed->goal_position[i] + aside[i];
+    for (i = 0; i < 4; ++i) goal.quaternion[i] = followed->goal_quaternion[i];
+    noslip_start(followed, &state);
     printf("t,x,y,z,qw,qx,qy,qz\n");
     print(&state);
     for (k = 0; !noslip_done(&state); ++k) {
         if (k == STEPS / 2) {
             ahead = state;
-            for (i = 0; i < AHEAD; ++i) noslip_step(primitive, &ahead, cycle);
+            for (i = 0; i < AHEAD; ++i) noslip_step(followed, &ahead, cycle);
         }
         if (k >= STEPS / 2 && outcome == NOSLIP_REPLAN_GOING_ON) {
-            outcome = noslip_replan(primitive, &ahead, &goal, &workspace);
+            outcome = noslip_replan(followed, &ahead, &goal, &workspace);
         }
         if (k == STEPS / 2 + AHEAD && outcome == NOSLIP_REPLAN_DONE) {
-            primitive = &workspace.primitive;
-            noslip_start(primitive, &state);
+            followed = &workspace.primitive;
+            noslip_start(followed, &state);
         }
-        noslip_step(primitive, &state, cycle);
+        noslip_step(followed, &state, cycle);
         print(&state);
     }
     fprintf(stderr, "plan: outcome %d after %d Newton steps; it ends %.3g m and %.3g rad from its goal\n",
