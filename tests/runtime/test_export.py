@@ -225,26 +225,121 @@ def test_the_header_tells_the_instructions_of_a_step(tmp_path: Path) -> None:
     assert f"At most {exported.instructions} instructions" in (tmp_path / "noslip.h").read_text()
 
 
+@pytest.mark.parametrize("what", ["name", "prefix"])
 @pytest.mark.parametrize(
     "name",
     [
-        "",
-        "2cut",
-        "my-cut",
-        "double",
-        "a b",
-        "main",
-        "noslip",
-        "plan",
-        "controller",
-        "test",
-        "example",
+        *("", "2cut", "my-cut", "double", "a b", "class", "NULL", "exp", "sinf", "main", "read"),
+        *("_cut", "new", "malloc", "I", "nan", "time", "schnörkel", "a\nb"),
     ],
 )
-def test_a_name_that_c_does_not_allow_is_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ns.errors.InputError, match="identifier of C"):
+def test_a_name_that_c_or_its_libraries_have_is_refused(
+    what: str, name: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ns.errors.InputError, match=what):
+        primitive("blade").export_c(tmp_path / "out", **{what: name})
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("noslip", "plan", "replan", "controller", "inside", "test", "example", "example_replan"),
+        *("state", "weights", "goal", "memory", "STEPS", "R", "REAL", "centers", "print", "Test"),
+        *("cmakelists", "bound", "noslip_state"),
+    ],
+)
+def test_a_name_that_the_export_itself_has_is_refused(
+    name: str, tmp_path: Path, uncounted: None
+) -> None:
+    with pytest.raises(ns.errors.InputError, match="used by the exported code itself"):
         primitive("blade").export_c(tmp_path / "out", name=name)
     assert not (tmp_path / "out").exists()
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["cut", "primitive", "my_state", "class_", "Excision2"])
+def test_any_other_name_compiles_and_passes(name: str, tmp_path: Path, uncounted: None) -> None:
+    primitive("blade").export_c(tmp_path, name=name)
+    assert run(build(tmp_path, "test.c", name)).returncode == 0
+
+
+@needs_compiler
+def test_numbers_of_another_rule_do_not_link(tmp_path: Path, uncounted: None) -> None:
+    """Else they would run without their limits."""
+    with_limits, without = tmp_path / "with", tmp_path / "without"
+    primitive("limits").export_c(with_limits, name="cut")
+    primitive("blade").export_c(without, name="cut")
+    shutil.copy(with_limits / "cut.c", without / "cut.c")
+    link = [str(CC), "-std=c99", "noslip.c", "cut.c", "test.c", "-lm", "-o", "test"]
+    done = subprocess.run(link, cwd=without, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "noslip_rule_" in done.stderr
+    # Another primitive under the same rule does.
+    ns.learn(demonstration(), [ns.Blade()], basis_functions=50).export_c(with_limits, name="cut")
+    shutil.copy(with_limits / "cut.c", without / "cut.c")
+    subprocess.run(link, cwd=without, check=True)
+
+
+RUN = r"""
+#include "cut_@.h"
+double run_@(void);
+double run_@(void) {
+    @_state s;
+    int failed = 0;
+    @_start(&cut_@, &s);
+    while (!@_done(&s)) failed += @_step(&cut_@, &s, cut_@.duration / 1e3);
+    return failed + s.position[0];
+}
+"""
+
+
+@needs_compiler
+def test_two_exports_with_prefixes_make_one_program(tmp_path: Path, uncounted: None) -> None:
+    objects = []
+    for side, name in (("a", "blade"), ("b", "limits")):
+        folder = tmp_path / name
+        primitive(name).export_c(folder, name=f"cut_{side}", prefix=side)
+        (folder / "run.c").write_text(RUN.replace("@", side))
+        sources = ["noslip.c", "plan.c", "replan.c", "controller.c", f"cut_{side}.c", "run.c"]
+        subprocess.run([str(CC), *STRICT, "-c", *sources], cwd=folder, check=True)
+        objects += [str((folder / source).with_suffix(".o")) for source in sources]
+    (tmp_path / "main.c").write_text(
+        "#include <stdio.h>\ndouble run_a(void); double run_b(void);\n"
+        'int main(void) { printf("%.17g %.17g", run_a(), run_b()); return 0; }\n'
+    )
+    link = [str(CC), *STRICT, "main.c", *objects, "-lm", "-o", "main"]
+    subprocess.run(link, cwd=tmp_path, check=True)
+    found = [float(each) for each in run(tmp_path / "main").stdout.split()]
+    for name, end in zip(("blade", "limits"), found, strict=True):
+        step = primitive(name).duration / 1e3
+        expected = primitive(name).rollout(time_step=step).positions[-1, 0]
+        assert end == pytest.approx(expected, abs=1e-12)
+
+
+@needs_compiler
+@pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+def test_mathematics_that_ignores_nan_is_refused(
+    flag: str, tmp_path: Path, uncounted: None
+) -> None:
+    primitive("blade").export_c(tmp_path, name="cut")
+    for source in ("noslip.c", "replan.c", "controller.c"):
+        command = [str(CC), "-std=c99", flag, "-c", source]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode != 0
+        assert "would not be noticed" in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("clang") is None, reason="no clang on this machine")
+@pytest.mark.parametrize("name", ["blade", "limits", "breathing"])
+def test_clang_has_nothing_to_say_either(name: str, tmp_path: Path, uncounted: None) -> None:
+    primitive(name).export_c(tmp_path, name="cut")
+    sources = ["noslip.c", "plan.c", "replan.c", "controller.c", "cut.c"]
+    for file in (*sources, "test.c", "example.c", "example_replan.c"):
+        command = ["clang", *STRICT, "-c", file]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr == ""
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:

@@ -28,6 +28,10 @@ def run(
         str | None,
         options.optional("NAME", "Of the primitive in C; by default the file's."),
     ] = None,
+    prefix: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Of all other names, so that two exports can be linked."),
+    ] = "noslip",
     as_json: options.AsJson = False,
 ) -> None:
     """Write a primitive as C99: no heap, nothing but libm, one state struct, numbers as data.
@@ -38,7 +42,7 @@ def run(
     """
     dmp = load_primitive(primitive)
     chosen = name if name is not None else re.sub(r"\W", "_", primitive.stem)
-    exported = dmp.export_c(out, name=chosen)
+    exported = dmp.export_c(out, name=chosen, prefix=prefix)
     if as_json:
         output.print_json(
             {

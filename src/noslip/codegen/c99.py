@@ -25,6 +25,9 @@ from noslip.law.layout import (
 from noslip.law.step import step_function
 
 _CONSTANT = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[-+]?\d+)?)")
+_CONDITION = re.compile(r"\((\w+)\?")
+_NEGATED = re.compile(r"\(!(\w+)\)")
+_BOTH = re.compile(r"\((\w+)(&&|\|\|)(\w+)\)")
 _INPUT = re.compile(r"arg\[(\d)\]\? arg\[\d\]\[(\d+)\] : 0")
 _OUTPUT = re.compile(r"if \(res\[(\d)\]!=0\) res\[\d\]\[(\d+)\]=")
 _CALL = re.compile(r"if \(casadi_f(\d+)\(([^,]*), ([^,]*), iw, ([^,]*), 0\)\) return 1;")
@@ -165,6 +168,14 @@ def plain(functions: dict[str, ca.Function], inputs: Sequence[str], outputs: Seq
     return "\n".join([helpers, *_plain(functions, inputs, outputs)]).replace("casadi_", "noslip_")
 
 
+def _with_types(code: str) -> str:
+    """Statements whose constants are of the type of all numbers, and whose conditions are told."""
+    code = _CONSTANT.sub(r"REAL(\1)", code)
+    code = _CONDITION.sub(r"(NOT_ZERO(\1)?", code)
+    code = _NEGATED.sub(r"(!NOT_ZERO(\1))", code)
+    return _BOTH.sub(r"(NOT_ZERO(\1)\2NOT_ZERO(\3))", code).rstrip()
+
+
 def _plain(
     functions: dict[str, ca.Function], inputs: Sequence[str], outputs: Sequence[str]
 ) -> Iterator[str]:
@@ -180,7 +191,7 @@ def _plain(
         unused = [n for n in (*inputs[: function.n_in()], *outputs) if f"{n}[" not in code]
         yield head
         yield from (f"  (void){name};" for name in unused)
-        yield from (_CONSTANT.sub(r"REAL(\1)", code).rstrip(), "}", "")
+        yield from (_with_types(code), "}", "")
 
 
 def _screened(text: str, short: ca.Function, whole: ca.Function) -> str:
@@ -202,7 +213,7 @@ def _screened(text: str, short: ca.Function, whole: ca.Function) -> str:
             f"static void noslip_{name}(const noslip_real **arg, noslip_real **res,",
             "    noslip_real *w) {",
             "  (void)w;",
-            _CONSTANT.sub(r"REAL(\1)", code).rstrip(),
+            _with_types(code),
             "}",
             "",
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ from noslip.adapting.sources import sources
 from noslip.codegen import c99
 from noslip.control.sources import sources as controller_sources
 from noslip.errors import InputError
+from noslip.exporting.names import checked, named, prefixed
 from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
 from noslip.rule import Rule
@@ -27,12 +29,8 @@ _COMPARED = 100
 """Samples of the motion that the generated test compares, about."""
 _NO_PLAN = 1
 """Status of an example whose plan does not arrive: another goal than the example's might."""
-_KEYWORDS = """
-auto break case char const continue default do double else enum extern float for goto if inline int
-long main register restrict return short signed sizeof static struct switch typedef union unsigned
-void volatile while R REAL
-main noslip plan replan controller inside test example example_replan example_controller
-"""
+_PLACEHOLDER = "primitive_of_this_export"
+"""Where the name goes, until it is known not to be taken."""
 """And names that the files have."""
 
 
@@ -55,7 +53,9 @@ class Exported:
     planning_instructions: int | None
 
 
-def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive") -> Exported:
+def export_c(
+    law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive", prefix: str = "noslip"
+) -> Exported:
     """Write a primitive as C99.
 
     Parameters
@@ -66,6 +66,8 @@ def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive
         Made if it is missing.
     name : str
         Of the primitive in C, and of its files.
+    prefix : str
+        Of all other names: two exports with different ones can be linked into one program.
 
     Returns
     -------
@@ -79,17 +81,15 @@ def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive
     Raises
     ------
     InputError
-        If the name is no C identifier, or the folder is a file.
+        If a name is no C identifier or is taken, or the folder is a file.
     """
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in _KEYWORDS.split():
-        raise InputError(
-            f"name must be an identifier of C, and not that of another file, got {name!r}"
-        )
+    for what, given in (("name", name), ("prefix", prefix)):
+        checked(what, given)
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; give the name of a folder")
     rows = rule.system.equalities.size, rule.system.limits.size
-    texts = _texts(law, rule, name)
+    texts = named(_texts(law, rule, _PLACEHOLDER), _PLACEHOLDER, name)
     instructions = _instructions(texts, name, "example", "noslip_step")
     planning = _instructions(texts, name, "example_replan", "noslip_replan")
     more = (
@@ -104,6 +104,7 @@ def export_c(law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive
     )
     texts["noslip.h"] = c99.header(*rows, counted)
     texts["replan.h"] = texts["replan.h"].replace("@BOUND@", _planning_text(planning, name))
+    texts = prefixed(texts, prefix)
     folder.mkdir(parents=True, exist_ok=True)
     written = [write_beside(folder / file, text.encode()) for file, text in texts.items()]
     return Exported(tuple(written), instructions, planning)
@@ -160,6 +161,15 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         for key, value in values.items():
             text = text.replace(f"@{key}@", value)
         texts[file] = text
+    # Numbers of a primitive under other constraints do not link with this step.
+    rule_id = f"noslip_rule_{hashlib.sha256(texts['noslip.c'].encode()).hexdigest()[:16]}"
+    declared = "\n/* Of the constraints: what is for others does not link. */\n"
+    declared += f"extern const int {rule_id};\n"
+    texts["noslip.c"] += f"{declared}const int {rule_id} = 1;\n"
+    texts[f"{name}.c"] += (
+        f"{declared}extern const int *const {name}_rule;\n"
+        f"const int *const {name}_rule = &{rule_id};\n"
+    )
     return texts
 
 

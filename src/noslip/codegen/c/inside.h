@@ -4,9 +4,20 @@
 
 #include "noslip.h"
 
+/* Such code takes it for granted that nothing is NaN, and what must be noticed is not. */
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST)
+#error "-ffast-math and the like cannot be had: what is not finite would not be noticed"
+#endif
+#if defined(__FINITE_MATH_ONLY__)
+#if __FINITE_MATH_ONLY__
+#error "-ffinite-math-only cannot be had: what is not finite would not be noticed"
+#endif
+#endif
+
 #include <tgmath.h>
 
 #define REAL(x) ((noslip_real)(x))
+#define NOT_ZERO(x) ((x) < 0 || (x) > 0)
 
 /* Exponent below which a Gaussian is lost in the rounding of the sum. */
 #define NEGLIGIBLE REAL(-40)

@@ -16,6 +16,7 @@
 
 typedef double noslip_real;
 #define REAL(x) (x)
+#define NOT_ZERO(x) ((x) < 0 || (x) > 0)
 
 @GENERATED@
 
