@@ -83,10 +83,14 @@ DEAREST = 0.75
 One that takes longer is gone only if the tool stays there: most often it is let go before that."""
 FOLLOW_HASTE = 2.0
 """Over the bounds on rates, while it is: it goes where the tool is already."""
-FUNNEL = 0.02
-"""Of the way that remains: a goal that moved less is not planned for yet."""
-GOAL_TOLERANCE, GOAL_ANGLE_TOLERANCE = 2e-3, 0.01
+FUNNEL, DRIFT_FUNNEL = 0.02, 0.005
+"""Of the way that remains: a goal that moved less is not planned for yet, after a jump, when little
+is known of its noise, and else: the sooner it is planned for, the less a plan has to bend."""
+GOAL_TOLERANCE, GOAL_ANGLE_TOLERANCE = 5e-4, 2.5e-3
 """Of the path's length, and rad: a goal that moved less is never planned for."""
+LATE, LATE_WIDER = 0.25, 8.0
+"""Of the duration: when less is left, so many times as much is not planned for: a way back is long
+by then."""
 GOAL_JUMP, GOAL_ANGLE_JUMP = 0.01, 0.05
 """Of the path's length, and rad: what is no noise of a goal."""
 GOAL_SLOW = 0.02
@@ -784,8 +788,10 @@ class Controller:
         aim, rotation, deviation, turned = self._aim_at(left)
         if self._goal.is_jumping or self._goal_turn.is_jumping:
             return
-        wide = 1 if tracks and left >= 0.05 * self._duration else 2
-        funnel = FUNNEL * self._schedule.at("way", fraction) if tracks else 0.0
+        jumped = max(self._goal.since, self._goal_turn.since) >= self._time - PATIENCE
+        wide = 1.0 if tracks and left >= LATE * self._duration else LATE_WIDER
+        funnel = FUNNEL if jumped else DRIFT_FUNNEL
+        funnel *= self._schedule.at("way", fraction) if tracks else 0.0
         off = float(np.linalg.norm(aim - self._target))
         turn = (rotation * self._target_rotation.inv()).magnitude()
         near = off <= max(wide * GOAL_TOLERANCE * self._length, funnel) + 4 * deviation
@@ -794,8 +800,7 @@ class Controller:
             return
         if self._goal_since < 0:
             self._goal_since = self._time
-        moving = max(self._goal.since, self._goal_turn.since) < self._time - PATIENCE
-        if not moving or self._time - self._goal_since >= PATIENCE:
+        if jumped or self._time - self._goal_since >= PATIENCE:
             self._goal_since = -1.0
             self._plan("goal", aim, rotation)
 
