@@ -450,3 +450,12 @@ def test_a_goal_that_drifts_is_met_where_it_is_then() -> None:
             assert found.broken == ()
             ends.append(found.figures.end)
     assert np.median(ends) <= scenarios.MEDIAN_END
+
+
+def test_a_plan_that_bends_too_sharply_is_not_handed_over_at_speed() -> None:
+    # A beveled needle, whose goal steps aside in the middle of its way, must draw back.
+    [found] = trial.tried(trial.Trial("goal step", "beveled needle", 200.0, 9, (trial.OURS,)))
+    bounds = Bounds()
+    for name in ("turning", "speed", "turning_gain", "gain", "slip"):
+        assert getattr(found.figures, name) <= getattr(bounds, name)
+    assert found.figures.arrived

@@ -99,7 +99,7 @@ BETWEEN_PLANS, AFTER_FAILURE = 0.05, 0.1
 """Of the duration; after each failure in a row twice as long."""
 HASTY, MOST_SLOWED = 1.05, 2
 """Times the speed that a new plan allows at its start, up to which it is handed over; and how often
-it is made anew from where the clock is slower instead."""
+it is made anew from where the clock is slower instead, before it is given up for now."""
 _DETOUR = 3.0
 """Way for which time is allotted to a displacement, over its length: it may lie sideways."""
 _MORE = 1.3
@@ -895,10 +895,15 @@ class Controller:
             self._failed(task.reason, made.failure)
             return False
         cap = made.schedule.cap(0.0)
-        if self._speed > HASTY * cap and not task.resting and self._slowed < MOST_SLOWED:
+        if self._speed > HASTY * cap and not task.resting:
             # It bends too sharply for this speed: a like one is made from where it is slower.
             self._slowed += 1
-            self._plan(task.reason, task.goal_position, task.goal_rotation, 0.9 * cap)
+            if self._slowed <= MOST_SLOWED:
+                self._plan(task.reason, task.goal_position, task.goal_rotation, 0.9 * cap)
+            else:
+                self._slowed = 0
+                self._failed(task.reason, "every plan bends too sharply for the speed")
+                self._next_plan = self._time + BETWEEN_PLANS * self._duration
             return False
         self._slowed = self._failures = 0
         data = self.memory.data
