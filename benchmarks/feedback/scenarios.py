@@ -25,7 +25,7 @@ USUAL = Conditions(
 """On which disturbances happen: an arm under its maker's position control and encoders."""
 
 MEDIAN_END = 5e-4
-"""Of all runs' distances from the goal over the path's length."""
+"""Of a scenario's distances from the goal over the path's length."""
 UNDISTURBED = Bounds(time=1.03, plans=0, beyond_lag=1e-4, end=4e-3, drift=1e-9)
 WORST = replace(UNDISTURBED, time=1.7, plans=2)
 WAITING = Bounds(time=1.25, plans=2, end=4e-3)

@@ -426,7 +426,7 @@ def test_the_program_prints_its_table_and_fails_where_a_bound_is_broken(
     assert program.run(plain) == 0
     monkeypatch.setattr(program, "MEDIAN_END", 0.0)
     assert program.run(plain) == 1
-    assert "undisturbed: median end" in capsys.readouterr().err
+    assert "lag and delay: median end" in capsys.readouterr().err
     monkeypatch.undo()
     monkeypatch.setattr(program, "OURS", "without feedback")
     strict = replace(trial.NAMED["lag and delay"], bounds=Bounds(time=0.5))
@@ -440,3 +440,22 @@ def test_the_controller_keeps_every_bound_in_a_quick_run(scenario: str) -> None:
     [outcome] = trial.tried(trial.Trial(scenario, "s-cut", 200.0, 0, (trial.OURS,)))
     assert outcome.broken == ()
     assert outcome.figures.finished
+
+
+def test_a_goal_that_drifts_is_met_where_it_is_then() -> None:
+    ends = []
+    for seed in range(3):
+        for task in ("needle", "wheel"):
+            [found] = trial.tried(trial.Trial("drifting goal", task, 200.0, seed, (trial.OURS,)))
+            assert found.broken == ()
+            ends.append(found.figures.end)
+    assert np.median(ends) <= scenarios.MEDIAN_END
+
+
+def test_a_plan_that_bends_too_sharply_is_not_handed_over_at_speed() -> None:
+    # A beveled needle, whose goal steps aside in the middle of its way, must draw back.
+    [found] = trial.tried(trial.Trial("goal step", "beveled needle", 200.0, 9, (trial.OURS,)))
+    bounds = Bounds()
+    for name in ("turning", "speed", "turning_gain", "gain", "slip"):
+        assert getattr(found.figures, name) <= getattr(bounds, name)
+    assert found.figures.arrived

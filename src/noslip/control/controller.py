@@ -88,10 +88,14 @@ _SMALLEST = 1e-12
 """Squared length of a quaternion that still is one; the largest is as large."""
 FOLLOW_HASTE = 2.0
 """Over the bounds on rates, while it is: it goes where the tool is already."""
-FUNNEL = 0.02
-"""Of the way that remains: a goal that moved less is not planned for yet."""
-GOAL_TOLERANCE, GOAL_ANGLE_TOLERANCE = 2e-3, 0.01
+FUNNEL, DRIFT_FUNNEL = 0.02, 0.005
+"""Of the way that remains: a goal that moved less is not planned for yet, after a jump, when little
+is known of its noise, and else: the sooner it is planned for, the less a plan has to bend."""
+GOAL_TOLERANCE, GOAL_ANGLE_TOLERANCE = 5e-4, 2.5e-3
 """Of the path's length, and rad: a goal that moved less is never planned for."""
+LATE, LATE_WIDER = 0.25, 8.0
+"""Of the duration: when less is left, so many times as much is not planned for: a way back is long
+by then."""
 GOAL_JUMP, GOAL_ANGLE_JUMP = 0.01, 0.05
 """Of the path's length, and rad: what is no noise of a goal."""
 GOAL_SLOW = 0.02
@@ -100,7 +104,7 @@ BETWEEN_PLANS, AFTER_FAILURE = 0.05, 0.1
 """Of the duration; after each failure in a row twice as long."""
 HASTY, MOST_SLOWED = 1.05, 2
 """Times the speed that a new plan allows at its start, up to which it is handed over; and how often
-it is made anew from where the clock is slower instead."""
+it is made anew from where the clock is slower instead, before it is given up for now."""
 _DETOUR = 3.0
 """Way for which time is allotted to a displacement, over its length: it may lie sideways."""
 _MORE = 1.3
@@ -802,8 +806,10 @@ class Controller:
         aim, rotation, deviation, turned = self._aim_at(left)
         if self._goal.is_jumping or self._goal_turn.is_jumping:
             return
-        wide = 1 if tracks and left >= 0.05 * self._duration else 2
-        funnel = FUNNEL * self._schedule.at("way", fraction) if tracks else 0.0
+        jumped = max(self._goal.since, self._goal_turn.since) >= self._time - PATIENCE
+        wide = 1.0 if tracks and left >= LATE * self._duration else LATE_WIDER
+        funnel = FUNNEL if jumped else DRIFT_FUNNEL
+        funnel *= self._schedule.at("way", fraction) if tracks else 0.0
         off = float(np.linalg.norm(aim - self._target))
         turn = (rotation * self._target_rotation.inv()).magnitude()
         near = off <= max(wide * GOAL_TOLERANCE * self._length, funnel) + 4 * deviation
@@ -812,8 +818,7 @@ class Controller:
             return
         if self._goal_since < 0:
             self._goal_since = self._time
-        moving = max(self._goal.since, self._goal_turn.since) < self._time - PATIENCE
-        if not moving or self._time - self._goal_since >= PATIENCE:
+        if jumped or self._time - self._goal_since >= PATIENCE:
             self._goal_since = -1.0
             self._plan("goal", aim, rotation)
 
@@ -908,10 +913,15 @@ class Controller:
             self._failed(task.reason, made.failure)
             return False
         cap = made.schedule.cap(0.0)
-        if self._speed > HASTY * cap and not task.resting and self._slowed < MOST_SLOWED:
+        if self._speed > HASTY * cap and not task.resting:
             # It bends too sharply for this speed: a like one is made from where it is slower.
             self._slowed += 1
-            self._plan(task.reason, task.goal_position, task.goal_rotation, 0.9 * cap)
+            if self._slowed <= MOST_SLOWED:
+                self._plan(task.reason, task.goal_position, task.goal_rotation, 0.9 * cap)
+            else:
+                self._slowed = 0
+                self._failed(task.reason, "every plan bends too sharply for the speed")
+                self._next_plan = self._time + BETWEEN_PLANS * self._duration
             return False
         self._slowed = self._failures = 0
         data = self.memory.data

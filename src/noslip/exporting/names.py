@@ -37,8 +37,8 @@ setjmp setlocale setvbuf shutdown sigaction signal sleep snprintf socket sprintf
 sscanf stat stderr stdin stdout strcat strchr strcmp strcoll strcpy strcspn strerror strftime strlen
 strncat strncmp strncpy strpbrk strrchr strspn strstr strtod strtof strtok strtol strtold strtoll
 strtoul strtoull strxfrm swab symlink sync system tempnam time tmpfile tmpnam tolower toupper
-truncate tzname umask ungetc unlink usleep utime vfork vfprintf vprintf vsnprintf vsprintf wait write
-EOF FILE NULL INFINITY NAN HUGE_VAL BUFSIZ RAND_MAX CLOCKS_PER_SEC EXIT_FAILURE EXIT_SUCCESS
+truncate tzname umask ungetc unlink usleep utime vfork vfprintf vprintf vsnprintf vsprintf wait
+write EOF FILE NULL INFINITY NAN HUGE_VAL BUFSIZ RAND_MAX CLOCKS_PER_SEC EXIT_FAILURE EXIT_SUCCESS
 ptrdiff_t size_t time_t va_list I
 """
 _RESERVED = frozenset(" ".join([_C, _CPP, _MATH, _LIBRARY]).split())

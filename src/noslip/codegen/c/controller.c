@@ -471,10 +471,15 @@ static int adopt(noslip_controller *c) {
     }
     c->work = NOTHING;
     most = cap(s, 0);
-    if (c->speed > HASTY * most && !c->resting && c->slowed < MOST_SLOWED) {
+    if (c->speed > HASTY * most && !c->resting) {
         /* It bends too sharply for this speed: a like one is made from where it is slower. */
         double aim[7];
-        ++c->slowed;
+        if (++c->slowed > MOST_SLOWED) {
+            c->slowed = 0;
+            not_found(c, c->pending_cause, NOSLIP_CONTROLLER_TOO_SHARP);
+            c->next_plan = c->time + BETWEEN_PLANS * c->duration;
+            return 0;
+        }
         copy(c->to.position, aim, 3);
         copy(c->to.quaternion, aim + 3, 4);
         begin_plan(c, c->pending_cause, aim, 0.9 * most, 0);
@@ -878,7 +883,7 @@ static void look_at_goal(noslip_controller *c) {
     const double fraction = c->state.fraction;
     const int tracks = c->mode == NOSLIP_MODE_TRACK;
     double left, aim[7], deviations[2], turn[3], funnel;
-    int wide, moving, near;
+    int jumped, wide, near;
     /* What was told holds until it is told otherwise. */
     if (c->goal.is_told) take_goal(&c->goal, c->time, c->goal.last);
     if (c->goal_turn.is_told) take_goal(&c->goal_turn, c->time, c->goal_turn.last);
@@ -886,8 +891,10 @@ static void look_at_goal(noslip_controller *c) {
     left = tracks ? between(now(c)->left, fraction) : 0;
     aim_at(c, left, aim, deviations);
     if (c->goal.far >= 0 || c->goal_turn.far >= 0) return;
-    wide = tracks && left >= 0.05 * c->duration ? 1 : 2;
-    funnel = tracks ? FUNNEL * between(now(c)->way, fraction) : 0;
+    jumped = larger(c->goal.since, c->goal_turn.since) >= c->time - PATIENCE;
+    wide = tracks && left >= LATE * c->duration ? 1 : (int)LATE_WIDER;
+    funnel = jumped ? FUNNEL : DRIFT_FUNNEL;
+    funnel *= tracks ? between(now(c)->way, fraction) : 0;
     turn_between(c->target + 3, aim + 3, turn);
     near = apart(aim, c->target) <= larger(wide * GOAL_TOLERANCE * c->length, funnel) + 4 * deviations[0];
     if (near && norm(turn) <= wide * GOAL_ANGLE_TOLERANCE + 4 * deviations[1]) {
@@ -895,8 +902,7 @@ static void look_at_goal(noslip_controller *c) {
         return;
     }
     if (c->goal_since < 0) c->goal_since = c->time;
-    moving = larger(c->goal.since, c->goal_turn.since) < c->time - PATIENCE;
-    if (!moving || c->time - c->goal_since >= PATIENCE) {
+    if (jumped || c->time - c->goal_since >= PATIENCE) {
         c->goal_since = -1;
         begin_plan(c, NOSLIP_CAUSE_GOAL, aim, 1, 0);
     }

@@ -56,8 +56,10 @@ typedef enum noslip_reason {
 /* Why there is a new plan. */
 typedef enum noslip_cause { NOSLIP_CAUSE_NONE, NOSLIP_CAUSE_PUSH, NOSLIP_CAUSE_GOAL } noslip_cause;
 
-/* Besides those of a plan, an outcome: the goal is so far away that none is sought. */
+/* Besides those of a plan, outcomes: the goal is so far away that none is sought; every one found bends
+ * too sharply for the speed. */
 #define NOSLIP_CONTROLLER_TOO_FAR (NOSLIP_REPLAN_WRONG + 1)
+#define NOSLIP_CONTROLLER_TOO_SHARP (NOSLIP_REPLAN_WRONG + 2)
 
 /* What a plan allows its clock, at even places of its duration: the largest squared speed of the clock
  * and change of that speed (1/s); what is left, s and m; its own motion. */
