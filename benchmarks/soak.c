@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static unsigned long long state_of_random;
 
@@ -31,7 +32,7 @@ int main(int count, char **argument) {
     const double push = count > 3 ? atof(argument[3]) : 1.0;
     const noslip_primitive *p = primitives[0];
     double residual = 0, violation = 0, off = 0, scale = 1;
-    long long k, motions = 0, pushes = 0, lost = 0;
+    long long k, motions = 0, pushes = 0, late = 0, lost = 0;
     noslip_state s;
     int i;
     state_of_random = count > 2 ? (unsigned long long)atoll(argument[2]) * 2 + 1 : 1;
@@ -59,6 +60,19 @@ int main(int count, char **argument) {
             turn(s.quaternion, 0.2);
             ++pushes;
         }
+        if (uniform(0, 1) < 1e-4) {
+            /* What cannot be is refused, and leaves everything as it was. */
+            noslip_state hostile = s, kept;
+            hostile.linear_velocity[1] = 1e308;
+            hostile.angular_velocity[(int)uniform(0, 3)] = 1e200;
+            kept = hostile;
+            if (!noslip_step(p, &hostile, 1e-3 * s.duration) || memcmp(&hostile, &kept, sizeof kept)) ++lost;
+            if (!noslip_step(p, &hostile, NAN) || !noslip_step(p, &hostile, 200 * s.duration)) ++lost;
+        }
+        if (uniform(0, 1) < 1e-4) {
+            noslip_step(p, &s, uniform(0.02, 2.0) * s.duration);
+            ++late;
+        }
         noslip_step(p, &s, uniform(0.2e-3, 2e-3) * s.duration);
         for (i = 0; i < 4; ++i) norm += s.quaternion[i] * s.quaternion[i];
         for (i = 0; i < 3; ++i) sum += s.position[i] + s.linear_velocity[i] + s.angular_velocity[i];
@@ -67,8 +81,8 @@ int main(int count, char **argument) {
         for (i = 0; i < NOSLIP_EQUALITIES; ++i) residual = fmax(residual, fabs(s.values[i]));
         for (; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) violation = fmax(violation, -s.values[i]);
     }
-    printf("{\"steps\": %lld, \"motions\": %lld, \"pushes\": %lld, \"not finite\": %lld, ", steps,
-           motions, pushes, lost);
+    printf("{\"steps\": %lld, \"motions\": %lld, \"pushes\": %lld, \"late\": %lld, \"not finite\": %lld, ", steps,
+           motions, pushes, late, lost);
     printf("\"residual\": %.3g, \"violation\": %.3g, \"off SO(3)\": %.3g}\n", residual, violation,
            off);
     return lost > 0 || !(residual <= 1e-10) || !(off <= 1e-12);

@@ -1,8 +1,9 @@
 """Steps the exported C code for hours' worth of control, and looks for what must never happen.
 
 ``python -m benchmarks.soak --steps 100000000`` (or ``make soak``): random primitives, goals,
-durations, step lengths and pushes; no number that is not finite, no residual above 1e-10, no
-orientation off SO(3) by more than 1e-12.
+durations, step lengths, late cycles, pushes and hostile states; no number that is not finite, no
+residual above 1e-10, no orientation off SO(3) by more than 1e-12, nothing refused that changes
+anything.  Controllers, on robots that err in every way: no fault, no command beyond its bounds.
 """
 
 from __future__ import annotations
@@ -22,6 +23,10 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from noslip.runtime import numbers
 
+HERE = Path(__file__).parent
+CONTROLLER = ("noslip.c", "plan.c", "replan.c", "controller.c")
+CYCLES = 0.005
+"""Of the steps: those of a controller, which plans all the time, take so much longer."""
 PRIMITIVES = 8
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror", "-D_XOPEN_SOURCE=600")
 
@@ -87,13 +92,20 @@ def soak(chosen: Set, steps: int, seed: int, folder: Path) -> dict[str, Any]:
         f'#include "noslip.h"\n#define PRIMITIVES {PRIMITIVES}\n{declared}'
         f"static const noslip_primitive *const primitives[] = {{{listed}}};\n"
     )
-    source = Path(__file__).with_suffix(".c")
-    sources = ["noslip.c", *(f"{name}.c" for name in names), str(source)]
-    build = ["cc", *FLAGS, "-I.", *sources, "-lm", "-o", "soak"]
-    subprocess.run(build, cwd=folder, check=True)
-    run = ["./soak", str(steps), str(seed), str(chosen.push)]
-    done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
-    return {"set": chosen.name, **json.loads(done.stdout), "passed": done.returncode == 0}
+    found: dict[str, Any] = {"set": chosen.name}
+    passed = True
+    for program, parts, arguments in (
+        ("soak", ("noslip.c",), (steps, chosen.push)),
+        ("soak_controller", CONTROLLER, (max(1, round(CYCLES * steps)),)),
+    ):
+        sources = [*parts, *(f"{name}.c" for name in names)]
+        build = ["cc", *FLAGS, "-I.", *sources, str(HERE / f"{program}.c"), "-lm", "-o", program]
+        subprocess.run(build, cwd=folder, check=True)
+        run = [f"./{program}", str(arguments[0]), str(seed), *map(str, arguments[1:])]
+        done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
+        found[program] = json.loads(done.stdout)
+        passed &= done.returncode == 0
+    return {**found, "passed": passed}
 
 
 def main(arguments: list[str] | None = None) -> int:
