@@ -504,8 +504,9 @@ def test_a_plan_that_comes_late_is_made_anew(monkeypatch: pytest.MonkeyPatch) ->
     keeps_its_bounds(run)
 
 
-def test_pose_and_twist_are_handed_over_as_they_are() -> None:
-    dmp = s_cut()
+@pytest.mark.parametrize("rule", [ns.Blade(), ns.constraints.InMovingFrame(ns.Blade())])
+def test_pose_and_twist_are_handed_over_as_they_are(rule: Any) -> None:
+    dmp = under(s_cut(), [rule])
     goal = dmp.goal_position + 0.2 * way() * np.array([-0.5, 0.87, 0])
     controller = ns.Controller(dmp, H)
     controller.reset()

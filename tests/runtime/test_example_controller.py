@@ -36,7 +36,7 @@ def run(folder: Path, text: str, where: Path) -> subprocess.CompletedProcess[str
 
 
 @needs_cpp
-@pytest.mark.parametrize("name", ["blade", "wheel", "few basis functions", "contact"])
+@pytest.mark.parametrize("name", ["blade", "wheel", "few basis functions", "breathing"])
 def test_it_ends_at_its_goal(name: str, tmp_path: Path, exported: Callable[[str], Path]) -> None:
     dmp, folder = of(name), exported(name)
     done = run(folder, (folder / EXAMPLE).read_text(), tmp_path)

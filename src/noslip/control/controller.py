@@ -568,8 +568,14 @@ class Controller:
             else:
                 velocity = self._schedule.velocity(data.item(engine.FRACTION))
                 data[_TWIST] += (speed - self._speed) * velocity
-            data[engine.DURATION] = self._plan_duration * (1 / speed if speed > 0 else _STANDING)
+            self._speed = speed
+            self._stretch()
         self._speed = speed
+
+    def _stretch(self) -> None:
+        """In true time: stretch the plan's duration."""
+        stretch = 1 / self._speed if self._speed > 0 else _STANDING
+        self.memory.data[engine.DURATION] = self._plan_duration * stretch
 
     def _hold(self, h: float) -> None:
         """Hold the pose after the end; come to rest, move along with what moves."""
@@ -948,8 +954,7 @@ class Controller:
         if task.resting:
             self._speed = 0.0
         elif not self._in_plan_time:
-            speed, self._speed = self._speed, -1.0
-            self._set_speed(speed)
+            self._stretch()
         self.mode = "track"
         return True
 

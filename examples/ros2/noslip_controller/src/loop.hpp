@@ -228,7 +228,7 @@ private:
   }
 
   const double usual_step_;
-  // Of half a megabyte or more.
+  // Of a megabyte or so.
   const std::unique_ptr<noslip_controller> c_ = std::make_unique<noslip_controller>();
   double start_within_ = 0, start_angle_within_ = 0;
   std::string frame_;

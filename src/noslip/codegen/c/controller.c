@@ -436,7 +436,10 @@ static void begin_plan(noslip_controller *c, noslip_cause cause, const double *a
     c->units_now = c->units > 0 ? c->units : (int)ceil(UNITS / larger(1, floor(c->ahead / h)));
 }
 
-static void set_speed(noslip_controller *c, double speed);
+/* In true time: stretch the plan's duration. */
+static void stretch(noslip_controller *c) {
+    c->state.duration = c->plan_duration * (c->speed > 0 ? 1 / c->speed : STANDING);
+}
 
 static void follow(noslip_controller *c, const noslip_primitive *plan, const noslip_state *begun) {
     c->plan = plan;
@@ -510,9 +513,7 @@ static int adopt(noslip_controller *c) {
     if (c->resting) {
         c->speed = 0;
     } else if (!RUNS_IN_PLAN_TIME) {
-        const double speed = c->speed;
-        c->speed = -1;
-        set_speed(c, speed);
+        stretch(c);
     }
     c->mode = NOSLIP_MODE_TRACK;
     return 1;
@@ -531,7 +532,8 @@ static void set_speed(noslip_controller *c, double speed) {
             zero(s->linear_velocity, 3);
             zero(s->angular_velocity, 3);
         }
-        s->duration = c->plan_duration * (speed > 0 ? 1 / speed : STANDING);
+        c->speed = speed;
+        stretch(c);
     }
     c->speed = speed;
 }

@@ -80,7 +80,7 @@ static double apart(const Pose &pose, const std::array<double, 3> &point) {
     return std::sqrt(sum);
 }
 
-static noslip_controller controller;  // half a megabyte or more: not on the stack
+static noslip_controller controller;  // a megabyte or so: not on the stack
 
 static int run() {
     noslip_controller_init(&controller, &::@NAME@, cycle);
