@@ -17,12 +17,15 @@ def test_a_short_soak_passes(capsys: pytest.CaptureFixture[str]) -> None:
     assert soak.main(["--steps", "200000", "--seed", "3"]) == 0
     told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [found["set"] for found in told] == [chosen.name for chosen in soak.SETS]
-    for found in told:
+    steps = [found["soak"] for found in told]
+    for found in steps:
         assert found["not finite"] == 0
         assert found["residual"] <= 1e-10
         assert found["off SO(3)"] <= 1e-12
-    assert sum(found["steps"] for found in told) == pytest.approx(200_000, rel=1e-2)
-    assert sum(found["pushes"] for found in told) > 50
+    for found in told:
+        assert found["soak_controller"]["faults"] == found["soak_controller"]["not finite"] == 0
+    assert sum(found["steps"] for found in steps) == pytest.approx(200_000, rel=1e-2)
+    assert sum(found["pushes"] for found in steps) > 50
 
 
 def test_it_notices_what_slips(tmp_path: Path) -> None:

@@ -252,8 +252,13 @@ class Library:
         return cls(
             path=path,
             run=function(code, "noslip_run", *[pointer] * 4, count),
+            # It is over before another thread could have taken its turn.
             step=function(
-                code, "noslip_step", *[pointer] * 2, ctypes.c_double, result=ctypes.c_int
+                ctypes.PyDLL(str(path)),
+                "noslip_step",
+                *[pointer] * 2,
+                ctypes.c_double,
+                result=ctypes.c_int,
             ),
             drives=function(code, "noslip_drives", pointer, count, *[pointer] * 2),
             rollouts=function(code, "noslip_rollouts", *[pointer] * 4, *[count] * 2, pointer),

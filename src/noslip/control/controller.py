@@ -38,7 +38,7 @@ from noslip._values import LONGEST_REPR, is_same, shortened
 from noslip.adapting import REPLANNED_SAMPLES, compiled
 from noslip.control.clock import AT_REST, CELLS, Bounds, Schedule, runs_in_plan_time
 from noslip.control.goal_filter import GoalFilter
-from noslip.control.observer import SEEN, Observer
+from noslip.control.observer import SEEN, Observer, compile_now
 from noslip.control.planning import Made, Planner, Reason, Task, engine_of, reachable
 from noslip.errors import InputError, NoslipError
 from noslip.law.clock import DONE
@@ -122,7 +122,7 @@ _STANDING = 1e15
 """Over the plan's duration: that of a motion which stands still."""
 _POSE = slice(engine.MOVING.start, engine.MOVING.start + 7)
 _TWIST = engine.VELOCITIES
-_BUILT = ("_library", "_planner", "_engine", "_job")
+_BUILT = ("_library", "_planner", "_engine", "_job", "_now")
 """What a copy builds anew."""
 
 
@@ -261,6 +261,8 @@ class Controller:
     def _build(self) -> None:
         """Build what is made of graphs, or shared."""
         self._library = stepper_of(self.rule).native.wait()
+        compile_now()
+        self._now = self.memory.data[_POSE]
         if self.replans:
             compiled.compile_for(self.rule)
         self._planner = Planner(
@@ -284,6 +286,7 @@ class Controller:
         vars(self).update(state)
         self._build()
         self._engine = engine_of(self.plan, self.rule, self.memory, self.time_step)
+        self._observer.bind(self._now, self._before, self._pose)
         if self._task is not None:
             self._job = self._planner.begin(self._task)
 
@@ -320,6 +323,7 @@ class Controller:
             self.lag,
             self.time_step,
         )
+        self._observer.bind(self._now, self._before, self._pose)
         self._target, self._target_rotation = np.array(begun.goal_position), begun.goal_rotation
         self._goal_rotation = begun.goal_rotation
         slow = GOAL_SLOW / self._duration
@@ -461,7 +465,7 @@ class Controller:
             self._look_at_goal()
         observes = seen.item(_SAMPLES) > 0
         if observes:
-            self._before[:] = data[_POSE]
+            self._before[:] = self._now
             silent = max(SILENT, SILENT_GAPS * seen.item(_GAP))
             self._silent = seen.item(_SAMPLES) > 3 and seen.item(_AGE) > silent
         before = data.item(engine.TIME)
@@ -472,11 +476,14 @@ class Controller:
             self._yield(passed)
         else:
             self._hold(passed)
-        # Rules that know the time know the true one, however much of a late cycle is made good.
-        data[engine.TIME] = before + h - lost
+        if self._in_plan_time:
+            data[engine.TIME] = before + h - lost
+        else:
+            # Rules that know the time know the true one, however much of it is made good.
+            data[engine.TIME] += h - passed
         if observes:
             # Of a late cycle the robot made what it makes of any.
-            self._observer.moved(self._before, data[_POSE], h if passed == h else self.time_step)
+            self._observer.moved(h if passed == h else self.time_step)
 
     def pause(self, within: float | None = None) -> None:
         """Come to a halt on the path.
@@ -633,7 +640,7 @@ class Controller:
     def _measure(self) -> None:
         observer, seen = self._observer, self._observer.seen
         learns = self.mode != "yield" and seen.item(_PACE) == 1.0
-        observer.measured(self.memory.data[_POSE], self._pose, learns)
+        observer.measured(learns)
         if self.mode == "yield":
             return
         self._accept()

@@ -1005,7 +1005,7 @@ static int cycle(noslip_controller *c, double h, double passed, const double *me
         return 1;
     }
     /* Rules that know the time know the true one, however much of a late cycle is made good. */
-    s->time = before + h - lost;
+    s->time = RUNS_IN_PLAN_TIME ? before + h - lost : s->time + (h - passed);
     /* Of a late cycle the robot made what it makes of any. */
     if (observes) observe_move(c, pose, passed < h ? c->time_step : h);
     return 0;
