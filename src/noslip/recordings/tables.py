@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from noslip._extras import need
 from noslip._files import read_bytes, write_beside
-from noslip._pose_checks import Source
+from noslip._pose_checks import Source, require_few
 from noslip._pose_csv import POSE, QUATERNION, TIME, pose_layout, poses_of_columns
 from noslip._typing import Floats
 from noslip.errors import RecordingError
@@ -20,6 +20,11 @@ from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.trajectory import PoseTrajectory
+
+FEATHER = b"ARROW1\0\0"
+"""How a Feather file begins, before its stream of messages; older ones are not compressed."""
+MOST_BYTES = 2**30
+"""Of a table's columns when decompressed."""
 
 
 def read_table(
@@ -67,7 +72,15 @@ def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
     feather = path.suffix.lower() == ".feather"
     reader = need(path, "pyarrow.feather" if feather else "pyarrow.parquet", "tables")
     with reading(path, "a table"):
-        table = reader.read_table(content, columns=wanted)
+        if feather and content.getbuffer()[:8] == FEATHER:
+            stream = io.BytesIO(content.getbuffer()[len(FEATHER) :])
+            _require_size(path, *feather_size(stream))
+            table = need(path, "pyarrow.ipc", "tables").open_stream(stream).read_all()
+            table = table if wanted is None else table.select(set(wanted) & set(table.column_names))
+        else:
+            if not feather:
+                _require_size(path, *_parquet_size(reader.ParquetFile(content), wanted))
+            table = reader.read_table(content, columns=wanted)
         # Feather and Parquet may hold lengths that lead out of the file.
         table.validate(full=True)
         names = table.column_names
@@ -76,6 +89,80 @@ def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
         if missing:
             raise RecordingError(f"{path}: {plural('column', missing)} missing")
     return table
+
+
+def _require_size(path: Path, rows: int, size: int) -> None:
+    require_few(path, rows)
+    if size > MOST_BYTES:
+        raise RecordingError(
+            f"{path}: {size:,} bytes when decompressed, at most {MOST_BYTES:,} are read; leave out "
+            "columns, or split it"
+        )
+
+
+def _parquet_size(file: Any, columns: Collection[str] | None) -> tuple[int, int]:
+    """Rows, and bytes when decompressed, that a file says it has in some columns, or in all."""
+    groups = map(file.metadata.row_group, range(file.metadata.num_row_groups))
+    chunks = [group.column(k) for group in groups for k in range(group.num_columns)]
+    read = [c for c in chunks if columns is None or c.path_in_schema.split(".")[0] in columns]
+    values = max((chunk.num_values for chunk in read), default=0)
+    # A number takes eight bytes, however well it is encoded.
+    size = sum(max(chunk.total_uncompressed_size, 8 * chunk.num_values) for chunk in read)
+    return file.metadata.num_rows, max(size, values)
+
+
+def feather_size(stream: io.BytesIO) -> tuple[int, int]:
+    """Rows, and bytes when decompressed, of the batches in an Arrow stream."""
+    ipc = need("a table", "pyarrow.ipc", "tables")
+    messages = ipc.MessageReader.open_stream(stream)
+    rows = size = 0
+    while True:
+        try:
+            message = messages.read_next_message()
+        except StopIteration:
+            stream.seek(0)
+            return rows, size
+        if message.type in ("record batch", "dictionary"):
+            body = message.body
+            count, buffers = _batch(bytes(message.metadata), message.type)
+            rows += count
+            for offset, length, compressed in buffers:
+                # Compressed ones say first how long they were, or -1.
+                said = body[offset : offset + 8] if compressed and length >= 8 else b""
+                size += max(length, int.from_bytes(bytes(said), "little", signed=True))
+
+
+def _batch(metadata: bytes, kind: str) -> tuple[int, list[tuple[int, int, bool]]]:
+    """Length and buffers (offset, length, whether compressed) of a batch, from its flatbuffer.
+
+    ``Message.header`` is the table's third field; ``DictionaryBatch.data`` its second;
+    ``RecordBatch.length``, ``.buffers`` and ``.compression`` the first, third and fourth (Arrow's
+    Message.fbs).
+    """
+
+    def number(at: int, size: int, *, signed: bool = False) -> int:
+        return int.from_bytes(metadata[at : at + size], "little", signed=signed)
+
+    def field(table: int, index: int) -> int | None:
+        vtable = table - number(table, 4, signed=True)
+        place = number(vtable + 4 + 2 * index, 2) if 4 + 2 * index < number(vtable, 2) else 0
+        return table + place if place else None
+
+    def follow(at: int | None) -> int:
+        if at is None:
+            raise ValueError("a batch without its parts")
+        return at + number(at, 4)
+
+    table = follow(field(follow(0), 2))
+    if kind == "dictionary":
+        table = follow(field(table, 1))
+    length, start = field(table, 0), follow(field(table, 2))
+    starts = range(start + 4, start + 4 + 16 * number(start, 4), 16)
+    compressed = field(table, 3) is not None
+    buffers = [
+        (number(at, 8, signed=True), number(at + 8, 8, signed=True), compressed) for at in starts
+    ]
+    return 0 if length is None else number(length, 8, signed=True), buffers
 
 
 def column_shapes(table: Any) -> dict[str, Column]:
