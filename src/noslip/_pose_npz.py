@@ -86,7 +86,7 @@ def _arrays(path: str | Path) -> dict[str, Floats]:
         raise
     except (OSError, EOFError, RuntimeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise RecordingError(
-            f"{path}: {part} cannot be read ({' '.join(str(error).split())}); "
+            f"{path}: {part} cannot be read ({' '.join(str(error).split())[:200]}); "
             "write plain arrays of numbers with numpy.savez"
         ) from error
 
