@@ -79,7 +79,7 @@ def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
             table = table if wanted is None else table.select(set(wanted) & set(table.column_names))
         else:
             if not feather:
-                _require_size(path, *_parquet_size(reader.ParquetFile(content), wanted))
+                _require_size(path, *_parquet_size(content.getvalue(), wanted))
             table = reader.read_table(content, columns=wanted)
         # Feather and Parquet may hold lengths that lead out of the file.
         table.validate(full=True)
@@ -100,15 +100,85 @@ def _require_size(path: Path, rows: int, size: int) -> None:
         )
 
 
-def _parquet_size(file: Any, columns: Collection[str] | None) -> tuple[int, int]:
-    """Rows, and bytes when decompressed, that a file says it has in some columns, or in all."""
-    groups = map(file.metadata.row_group, range(file.metadata.num_row_groups))
-    chunks = [group.column(k) for group in groups for k in range(group.num_columns)]
-    read = [c for c in chunks if columns is None or c.path_in_schema.split(".")[0] in columns]
-    values = max((chunk.num_values for chunk in read), default=0)
-    # A number takes eight bytes, however well it is encoded.
-    size = sum(max(chunk.total_uncompressed_size, 8 * chunk.num_values) for chunk in read)
-    return file.metadata.num_rows, max(size, values)
+def _parquet_size(content: bytes, columns: Collection[str] | None) -> tuple[int, int]:
+    """Rows, and bytes when decompressed, that a file says it has in some columns, or in all.
+
+    Read from the footer itself, ``FileMetaData`` of parquet.thrift: asked for a damaged column's
+    metadata, pyarrow ends the process.
+    """
+    if content[-4:] != b"PAR1":
+        return 0, 0
+    end = len(content) - 8
+    footer = _thrift(content[max(0, end - int.from_bytes(content[end : end + 4], "little")) : end])
+    size = 0
+    for group in footer.get(4, ()):
+        for chunk in group.get(1, ()):
+            held = chunk.get(3, {})
+            if columns is None or held[3][0].decode() in columns:
+                # A number takes eight bytes, however well it is encoded.
+                size += max(held.get(6, 0), 8 * held.get(5, 0))
+    return footer.get(3, 0), size
+
+
+def _thrift(data: bytes) -> Any:
+    """Return a struct in Thrift's compact protocol: values by the number of their field."""
+    at = 0
+
+    def varint() -> int:
+        nonlocal at
+        found = shift = 0
+        while True:
+            byte = data[at]
+            at += 1
+            found |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return found
+
+    def whole() -> int:
+        found = varint()
+        return (found >> 1) ^ -(found & 1)
+
+    def taken(length: int) -> bytes:
+        nonlocal at
+        at += length
+        if at > len(data):
+            raise ValueError("its footer ends early")
+        return data[at - length : at]
+
+    def value(kind: int) -> Any:
+        match kind:
+            case 1 | 2 | 3:
+                return taken(1)[0]
+            case 4 | 5 | 6:
+                return whole()
+            case 7:
+                return taken(8)
+            case 8:
+                return taken(varint())
+            case 9 | 10:
+                head = taken(1)[0]
+                count = head >> 4 if head < 240 else varint()
+                return [value(head & 15) for _ in range(count)]
+            case 11:
+                count = varint()
+                kinds = taken(1)[0] if count else 0
+                return [(value(kinds >> 4), value(kinds & 15)) for _ in range(count)]
+            case 12:
+                return struct()
+        raise ValueError(f"its footer holds a value of kind {kind}")
+
+    def struct() -> dict[int, Any]:
+        found: dict[int, Any] = {}
+        number = 0
+        while head := taken(1)[0]:
+            number = number + (head >> 4) if head >> 4 else whole()
+            kind = head & 15
+            # Of a truth value the kind is the value.
+            found[number] = kind if kind in (1, 2) else value(kind)
+        return found
+
+    return struct()
 
 
 def feather_size(stream: io.BytesIO) -> tuple[int, int]:
