@@ -22,6 +22,16 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     return found
 
 
+def between(name: str, value: Any, least: float, most: float) -> float:
+    """Return a number within bounds."""
+    found = number(value)
+    if not least <= found <= most:
+        raise InputError(
+            f"{name} must be a positive number from {least:g} to {most:g}, got {short(value)}"
+        )
+    return found
+
+
 def not_negative(name: str, value: Any) -> float:
     """Return a finite number, 0 or more."""
     found = number(value)
@@ -40,8 +50,9 @@ def finite(name: str, value: Any) -> float:
 
 LARGEST = 1e12
 """Beyond any length or weight that means something, and far from where doubles overflow."""
-MOST_SAMPLES = 10_000_000
-"""More samples than any recording or motion needs, and about as many as memory holds."""
+MOST_SAMPLES = 2_000_000
+"""Of a recording or a motion: half an hour at 1 kHz, and about a gigabyte while it is read or
+made."""
 
 
 def samples(name: str, number: float) -> int:
@@ -55,7 +66,7 @@ def count(name: str, value: Any, most: int | None = None) -> int:
     """Return a whole number, 1 or more."""
     found = number(value)
     if not (np.isfinite(found) and found >= 1 and found == int(found)):
-        raise InputError(f"{name} must be a whole number, 1 or more, got {value!r}")
+        raise InputError(f"{name} must be a whole number, 1 or more, got {short(value)}")
     if most is not None and found > most:
         raise InputError(f"{name} must be {most} or less, got {short(value)}")
     return int(found)
@@ -84,9 +95,11 @@ def rotation(name: str, value: Any) -> Rotation:
 def inverse_metric(value: Sequence[float]) -> tuple[float, ...]:
     """Return the diagonal of M^-1: 6 numbers, none negative, not all 0."""
     weights = _each(value)
-    fits = len(weights) == 6 and all(np.isfinite(x) and x >= 0 for x in weights)
+    fits = len(weights) == 6 and all(0 <= x <= LARGEST for x in weights)
     if not fits or not any(weights):
-        raise InputError(f"inverse_metric must be 6 numbers >= 0, not all 0; got {short(value)}")
+        raise InputError(
+            f"inverse_metric must be 6 numbers from 0 to {LARGEST:g}, not all 0; got {short(value)}"
+        )
     return weights
 
 

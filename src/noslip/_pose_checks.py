@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from noslip._arguments import MOST_SAMPLES
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 
@@ -27,6 +28,14 @@ more it invents motion."""
 SAME_POSE = 1e-9
 """Poses that agree to this (m, and in each number of a unit quaternion) count as equal: no tracker
 resolves it, and files that are rounded to ten digits keep it."""
+
+
+def require_few(where: str | Path, samples: int) -> None:
+    """Refuse more samples than are read; of compressed files, before they are decompressed."""
+    if samples > MOST_SAMPLES:
+        raise RecordingError(
+            f"{where}: {samples:,} samples, at most {MOST_SAMPLES:,} are read; split or resample it"
+        )
 
 
 @dataclass(frozen=True)
@@ -114,6 +123,7 @@ class Source:
         InputError
             Of what :func:`noslip.load_demonstrations` refuses, at the first sample of its kind.
         """
+        require_few(self.path, len(times))
         if not isinstance(rotations, Rotation):
             parts = {self.times: times, "position": positions, self.quaternions: rotations}
             self.check_finite(parts)

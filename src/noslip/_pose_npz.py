@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noslip._files import read_bytes
-from noslip._pose_checks import Source
+from noslip._pose_checks import Source, require_few
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import listed, plural
@@ -46,44 +46,60 @@ def npz_bytes(*arrays: Floats) -> bytes:
 
 
 def _arrays(path: str | Path) -> dict[str, Floats]:
-    """Return the arrays of a trajectory by name, in the right shapes."""
-    stored, found = _stored(path)
-    missing = [name for name in REQUIRED if name not in stored]
-    if missing:
-        raise RecordingError(
-            f"{path}: {plural('array', missing)} missing, found {listed(found)}; "
-            "needed are times (N,), positions (N, 3) and quaternions (N, 4)"
-        )
-    samples = stored["times"].size
-    for name, values in stored.items():
-        expected = (samples, *WIDTHS[name])
-        if values.shape != expected:
-            raise RecordingError(
-                f"{path}: array {name} has shape {values.shape}, expected {expected}"
-            )
-        if values.dtype.kind not in "iuf":
-            raise RecordingError(
-                f"{path}: array {name} holds {values.dtype}, not real numbers; store it as float64"
-            )
-    return {name: values.astype(np.float64) for name, values in stored.items()}
+    """Return the arrays of a trajectory by name, in the right shapes; nothing is ever unpickled.
 
-
-def _stored(path: str | Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Return the arrays we know and the names of all; nothing is ever unpickled."""
+    What they are is checked before anything is decompressed.
+    """
     content = io.BytesIO(read_bytes(path))
     if not zipfile.is_zipfile(content):
         raise RecordingError(f"{path}: not an npz file; write it with numpy.savez")
     content.seek(0)
-    stored: dict[str, NDArray[Any]] = {}
     part = "the archive"
     try:
         with np.load(content, allow_pickle=False) as archive:
-            for name in filter(archive.files.__contains__, WIDTHS):
+            found = archive.files
+            missing = [name for name in REQUIRED if name not in found]
+            if missing:
+                raise RecordingError(
+                    f"{path}: {plural('array', missing)} missing, found {listed(found)}; "
+                    "needed are times (N,), positions (N, 3) and quaternions (N, 4)"
+                )
+            samples, arrays = 0, {}
+            for name in filter(found.__contains__, WIDTHS):
                 part = f"array {name}"
-                stored[name] = np.asarray(archive[name])
-            return stored, archive.files
+                shape, kind = _header(archive.zip, name)
+                if name == "times":
+                    samples = math.prod(shape)
+                    require_few(path, samples)
+                if kind.kind not in "iuf":
+                    raise RecordingError(
+                        f"{path}: array {name} holds {kind}, not real numbers; store it as float64"
+                    )
+                expected = (samples, *WIDTHS[name])
+                if shape != expected:
+                    raise RecordingError(
+                        f"{path}: array {name} has shape {shape}, expected {expected}"
+                    )
+                arrays[name] = np.asarray(archive[name], dtype=np.float64)
+            return arrays
+    except RecordingError:
+        raise
     except (OSError, EOFError, RuntimeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise RecordingError(
-            f"{path}: {part} cannot be read ({' '.join(str(error).split())}); "
+            f"{path}: {part} cannot be read ({' '.join(str(error).split())[:200]}); "
             "write plain arrays of numbers with numpy.savez"
         ) from error
+
+
+def _header(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Return the shape and kind of a stored array."""
+    member = archive.getinfo(f"{name}.npy" if f"{name}.npy" in archive.namelist() else name)
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError("it is compressed otherwise than NumPy does")
+    with archive.open(member) as file:
+        version = np.lib.format.read_magic(file)
+        read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
+            version, np.lib.format.read_array_header_2_0
+        )
+        shape, _, kind = read(file)
+    return shape, kind

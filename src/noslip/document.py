@@ -11,12 +11,13 @@ from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, cast, get_args
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
 from noslip import _arguments
 from noslip._files import write_beside
+from noslip._pose_checks import MAX_NORM_ERROR
 from noslip._typing import Floats
 from noslip._version import __version__
 from noslip.constraints.catalog import restore, specification
@@ -27,6 +28,7 @@ from noslip.law.basis import Basis
 from noslip.law.clock import Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
+from noslip.law.layout import STATE
 from noslip.law.space import POINT_SIZE, VELOCITY_SIZE, Goal
 from noslip.law.winding import Winding
 from noslip.projection.pointwise import Push
@@ -39,6 +41,13 @@ FORMAT = "noslip-primitive"
 """What a document says it is, so that any other JSON is refused by name."""
 VERSION = 2
 """Grows whenever a document would be read wrongly by the version before."""
+
+MOST_BYTES = 2**25
+"""Of a JSON file: ten times what the largest primitive takes, and read in a gigabyte."""
+MOST_DEEP = 8
+"""Lists in lists, of options: twice as many as any takes."""
+SHORTEST = 1e-9
+"""Of a duration (s): below, velocities overflow."""
 
 
 def write_document(path: str | Path, content: dict[str, Any]) -> Path:
@@ -56,7 +65,13 @@ def write_document(path: str | Path, content: dict[str, Any]) -> Path:
 def read_json(path: Path, kind: str) -> Any:
     """Read what a file of some kind holds, or say why that cannot be."""
     try:
-        return json.loads(path.read_bytes())
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise InputError(f"{path}: not {kind} (more than {MOST_BYTES:,} bytes)")
+        return json.loads(content)
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
@@ -135,7 +150,10 @@ def _checksum(content: dict[str, Any]) -> str:
 
 
 class Reader:
-    """Takes fields out of a document; an error names the file and the field."""
+    """Takes fields out of a document, each by what it must be; an error names file and field.
+
+    All that a file may say is read through here: kinds, finite numbers, bounds, sizes.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -149,13 +167,10 @@ class Reader:
             raise InputError(f"{self.path}: field {name} is wrong: {error}") from error
 
     def part(self, data: dict[str, Any], name: str) -> dict[str, Any]:
-        return self.field(data, name, dict)
+        return self.field(data, name, partial(_instance, dict, "an object"))
 
     def parts(self, data: dict[str, Any], name: str) -> list[dict[str, Any]]:
-        found = self.field(data, name, lambda value: value)
-        if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
-            raise InputError(f"{self.path}: field {name} is wrong: expected a list of objects")
-        return found
+        return self.field(data, name, partial(_each, partial(_instance, dict, "objects")))
 
     def number(
         self,
@@ -165,17 +180,45 @@ class Reader:
     ) -> float:
         return self.field(data, name, partial(check, name))
 
+    def values(self, kind: type[T], data: dict[str, Any]) -> T:
+        """Read a dataclass of texts, whole and other numbers that are not negative."""
+        kinds: dict[Any, Callable[[str, Any], Any]] = {
+            str: lambda _, value: text(value),
+            int: lambda _, value: _whole(value),
+            float: _arguments.not_negative,
+            tuple[str, ...]: lambda _, value: tuple(_each(text, value)),
+        }
+        hints = get_type_hints(kind)
+        return kind(**{name: self.number(data, name, kinds[hint]) for name, hint in hints.items()})
+
     def count(self, data: dict[str, Any], name: str) -> int:
-        return self.field(data, name, partial(_arguments.count, name))
+        most = _arguments.MOST_SAMPLES
+        return self.field(data, name, partial(_arguments.count, name, most=most))
 
     def array(self, data: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> Floats:
         value = self.field(data, name, lambda x: _arguments.numbers(name, x))
         matches = len(shape) == value.ndim and all(
             want in (None, have) for want, have in zip(shape, value.shape, strict=True)
         )
-        if not matches or not np.all(np.isfinite(value)):
+        if not matches or not np.all(np.abs(value) <= _arguments.LARGEST):
             raise InputError(
-                f"{self.path}: field {name} has shape {value.shape}, expected finite {shape}"
+                f"{self.path}: field {name} has shape {value.shape} and numbers up to "
+                f"{np.abs(value).max(initial=0.0):.3g}, expected {shape} and finite ones up to "
+                f"{_arguments.LARGEST:g}"
+            )
+        return value
+
+    def unit_quaternions(
+        self, data: dict[str, Any], name: str, shape: tuple[int | None, ...], first: int = 0
+    ) -> Floats:
+        """Read an array whose last axis holds a unit quaternion from a place on."""
+        value = self.array(data, name, shape)
+        norms = np.linalg.norm(value[..., first : first + 4], axis=-1)
+        if not (value.size and np.all(np.abs(norms - 1) <= MAX_NORM_ERROR)):
+            farthest = norms.flat[np.argmax(np.abs(norms - 1))] if value.size else 0.0
+            raise InputError(
+                f"{self.path}: field {name} holds a quaternion of norm {farthest:.6g}; norms must "
+                f"be 1 to within {MAX_NORM_ERROR:g}"
             )
         return value
 
@@ -188,31 +231,33 @@ class Reader:
         return Law(
             attractor,
             ForcingTerm(basis, self.array(data, "weights", (count, VELOCITY_SIZE))),
-            self.array(data, "start", (POINT_SIZE,)),
+            self.unit_quaternions(data, "start", (POINT_SIZE,), STATE["quaternion"].start),
             self.array(data, "start_velocity", (VELOCITY_SIZE,)),
             Goal(
                 self.array(data, "goal_position", (3,)),
-                Winding(self.array(data, "winding", (None, 4))),
+                Winding(self.unit_quaternions(data, "winding", (None, 4))),
             ),
-            self.number(data, "duration"),
+            self.number(data, "duration", _duration),
             self.count(data, "steps"),
-            self.number(data, "begin", _arguments.finite),
+            float(self.array(data, "begin", ())),
         )
 
     def system(self, data: dict[str, Any]) -> ConstraintSystem:
+        entries = self.parts(data, "constraints")
         try:
-            return ConstraintSystem(restore(entry) for entry in data["constraints"])
+            return ConstraintSystem(map(restore, entries))
         except NoslipError as error:
             raise InputError(f"{self.path}: field constraints: {error}") from error
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"{self.path}: field constraints is incomplete: {error}") from error
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError(f"{self.path}: field constraints is wrong: {reason}") from error
 
     def rule(self, content: dict[str, Any]) -> Rule:
         data = self.part(content, "rule")
         return Rule(
             self.system(data),
             self.field(data, "inverse_metric", _arguments.inverse_metric),
-            self.field(data, "push", _push),
+            self.field(data, "push", partial(one_of, Push)),
             self.number(data, "stabilization", _arguments.not_negative),
             self.number(data, "barrier_rate"),
         )
@@ -232,7 +277,48 @@ class Reader:
         )
 
 
-def _push(value: Any) -> Push:
-    if value not in get_args(Push):
-        raise ValueError(f"one of {', '.join(get_args(Push))} was expected, got {value!r}")
-    return cast("Push", value)
+def one_of(words: Any, value: Any) -> Any:
+    """Return a value that is one of a Literal's words."""
+    if not isinstance(value, str) or value not in get_args(words):
+        raise ValueError(
+            f"one of {', '.join(get_args(words))} was expected, got {_arguments.short(value)}"
+        )
+    return value
+
+
+def text(value: Any) -> str:
+    """Return a text that can be printed on a line."""
+    if not isinstance(value, str) or not value.isprintable():
+        raise ValueError(f"a text that can be printed was expected, got {_arguments.short(value)}")
+    return value
+
+
+def plain(value: Any, deep: int = 0) -> Any:
+    """Return what options are made of: texts, numbers, truth values, none, lists and objects."""
+    if deep > MOST_DEEP:
+        raise ValueError(f"it is nested more than {MOST_DEEP} deep")
+    if isinstance(value, dict):
+        return {text(name): plain(part, deep + 1) for name, part in value.items()}
+    if isinstance(value, list):
+        return [plain(part, deep + 1) for part in value]
+    return text(value) if isinstance(value, str) else value
+
+
+def _each(kind: Callable[[Any], T], value: Any) -> list[T]:
+    return list(map(kind, _instance(list, "a list", value)))
+
+
+def _instance(kind: type[T], wanted: str, value: Any) -> T:
+    if not isinstance(value, kind):
+        raise ValueError(f"expected {wanted}, got {_arguments.short(value)}")
+    return value
+
+
+def _whole(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= _arguments.MOST_SAMPLES:
+        raise ValueError(f"expected a whole number, 0 or more, got {_arguments.short(value)}")
+    return value
+
+
+def _duration(name: str, value: Any) -> float:
+    return _arguments.between(name, value, SHORTEST, _arguments.LARGEST)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Callable
+from functools import partial
+from inspect import signature
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from noslip.document import Reader, read_document
+from noslip import _arguments
+from noslip.adapting import adapt, replan
+from noslip.document import Reader, one_of, plain, read_document
+from noslip.learning import learn
 from noslip.primitive import ConstrainedDMP
 from noslip.provenance import LearningRecord, Origin, Verb
 
@@ -25,23 +30,36 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         law=read.law(content, "law"),
         rule=read.rule(content),
         demonstrated=read.law(content, "demonstrated"),
-        record=tuple(_record(read, entry) for entry in read.parts(content, "record")),
+        record=tuple(read.values(LearningRecord, entry) for entry in read.parts(content, "record")),
         spread=read.spread(content),
         history=tuple(_origin(read, entry) for entry in read.parts(content, "history")),
     )
 
 
-def _record(read: Reader, entry: dict[str, Any]) -> LearningRecord:
-    values = {f.name: read.field(entry, f.name, lambda x: x) for f in fields(LearningRecord)}
-    return LearningRecord(**values | {"left_out": read.field(entry, "left_out", tuple)})
+_CALLS: dict[Verb, Callable[..., Any]] = {"learn": learn, "adapt": adapt, "replan": replan}
 
 
 def _origin(read: Reader, entry: dict[str, Any]) -> Origin:
-    verb = read.field(entry, "verb", _verb)
-    return Origin(verb, read.part(entry, "options"))
+    verb: Verb = read.field(entry, "verb", partial(one_of, Verb))
+    read.part(entry, "options")
+    return Origin(verb, read.field(entry, "options", partial(_options, verb)))
 
 
-def _verb(value: Any) -> Verb:
-    if value not in get_args(Verb):
-        raise ValueError(f"one of {', '.join(get_args(Verb))} was expected, got {value!r}")
-    return value  # type: ignore[no-any-return]
+def _options(verb: Verb, given: Any) -> dict[str, Any]:
+    """Return options that a call of this verb can have had."""
+    options: dict[str, Any] = plain(given)
+    known = signature(_CALLS[verb]).parameters
+    if unknown := [name for name in options if name not in known]:
+        raise ValueError(f"{verb} has no option {unknown[0]!r}")
+    vias = options.get("via") or []
+    complete = {"at", "position", "rotation"}
+    if not isinstance(vias, list) or not all(
+        (isinstance(via, dict) and complete <= set(via)) or (isinstance(via, list) and len(via) > 1)
+        for via in vias
+    ):
+        raise ValueError(f"via must be a list of poses to pass, got {_arguments.short(vias)}")
+    if verb == "replan":
+        state = options.get("state")
+        time = state.get("time") if isinstance(state, dict) else None
+        _arguments.finite("the state's time", time)
+    return options

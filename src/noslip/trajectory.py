@@ -21,7 +21,7 @@ from noslip._pose_npz import npz_bytes, read_npz
 from noslip._supplied import Supplied
 from noslip._typing import Floats
 from noslip._values import Value, html_table, shortened
-from noslip.errors import InputError, one_line
+from noslip.errors import InputError
 from noslip.quaternions import inverse, product, turns_between, without_flips
 
 UNIFORM_TOLERANCE = 1e-6
@@ -60,8 +60,6 @@ class PoseTrajectory(Value):
     name: str = "trajectory"
 
     def __post_init__(self) -> None:
-        # A file's name may hold any byte.
-        object.__setattr__(self, "name", one_line(self.name))
         times = self._freeze("times", self.times, ())
         if len(times) < 2:
             raise InputError(

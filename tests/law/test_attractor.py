@@ -214,4 +214,4 @@ def test_the_time_scale_is_the_duration() -> None:
 @pytest.mark.parametrize("name", ["alpha", "beta"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_constants_must_be_positive(name: str, value: float) -> None:
-    assert f"{name} must be positive" in refusal(InputError, Attractor, **{name: value})
+    assert f"{name} must be a positive number" in refusal(InputError, Attractor, **{name: value})

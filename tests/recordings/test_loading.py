@@ -565,7 +565,7 @@ def test_a_sample_dropped_takes_its_velocities_with_it(store: Write) -> None:
         ({"angular_velocities": np.ones(20)}, "array angular_velocities has shape (20,)"),
         ({"positions": np.full((20, 3), "a")}, "array positions holds <U1, not real numbers"),
         ({"positions": np.full((20, 3), 1j)}, "array positions holds complex128, not real"),
-        ({"positions": np.full((20, 3), None)}, "array positions cannot be read (Object arrays"),
+        ({"positions": np.full((20, 3), None)}, "array positions holds object"),
         ({"positions": array_with(17, np.nan)}, "sample 17, array positions: found [nan nan nan]"),
         ({"times": array_with(17, np.inf, "times")}, "sample 17, array times: found inf, not a"),
         (
@@ -619,7 +619,7 @@ def test_an_object_array_beside_the_recording_is_never_opened(store: Write) -> N
 
     trap = np.array([Trap()], dtype=object)
     assert len(load(store(note=trap))) == 20
-    assert "array linear_velocities cannot be read" in refusal(store(linear_velocities=trap))
+    assert "array linear_velocities holds object" in refusal(store(linear_velocities=trap))
 
 
 def test_what_is_not_an_npz(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from noslip.cli import each as one_each
 from noslip.cli import options, output
 from noslip.constraints.check import checked, margin_text, quantity_text, residual_text
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.errors import InputError
+from noslip.errors import InputError, one_line
 from noslip.learning import learn
 from noslip.merit import figures_of_merit
 from noslip.projection.request import LEARNING
@@ -247,7 +247,7 @@ def run(
         return
     for demonstration, figures in zip(demonstrations, result["demonstrations"], strict=True):
         typer.echo(
-            f"{demonstration.name}: {len(demonstration)} samples, "
+            f"{one_line(demonstration.name)}: {len(demonstration)} samples, "
             f"{demonstration.duration:.3g} s; the primitive stays within "
             f"{figures['position_rms'] * 1e3:.3g} mm and "
             f"{np.degrees(figures['rotation_rms']):.3g} degrees of it (rms)"
@@ -255,8 +255,8 @@ def run(
     for record in primitive.record:
         if record.backing:
             typer.echo(
-                f"{record.demonstration}: moves backwards in {record.backing} stretch(es); there "
-                "the edge trails, as recorded"
+                f"{one_line(record.demonstration)}: moves backwards in {record.backing} "
+                "stretch(es); there the edge trails, as recorded"
             )
     if system.equalities.size:
         typer.echo(f"residual of its motion: {residual_text(result['residual_peak'], '1')} (peak)")

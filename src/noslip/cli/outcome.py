@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 
 from noslip.constraints.check import residual_text
+from noslip.errors import one_line
 from noslip.named_columns import records_text
 
 
@@ -69,7 +70,7 @@ def sentences_together(outcomes: list[Outcome]) -> list[str]:
     lines = [f"adapted to {len(done)} of {len(outcomes)} goals"]
     lines += _achieved(done) if done else []
     return lines + [
-        f"{outcome.name}: {'FAILED, ' if outcome.failed else ''}{outcome.message}"
+        one_line(f"{outcome.name}: {'FAILED, ' if outcome.failed else ''}{outcome.message}")
         for outcome in outcomes
         if outcome.message
     ]

@@ -29,7 +29,7 @@ from noslip.cli.plot import FORMATS
 from noslip.demonstrations.outliers import FEWEST, Outliers, outliers
 from noslip.demonstrations.preparation import relative_to_start
 from noslip.demonstrations.segmentation import MINIMUM_REST, Segments, segment
-from noslip.errors import InputError
+from noslip.errors import InputError, one_line
 from noslip.figures.segments import BETWEEN, recording_cuts
 from noslip.figures.style import save_figure
 from noslip.recordings import read_column
@@ -158,7 +158,7 @@ def run(
         fate = "dropped" if drop_outliers else "kept, see --drop-outliers"
         piece = segments.pieces[index]
         when = f"{piece.times[0]:.2f} to {piece.times[-1]:.2f} s"
-        typer.echo(f"noslip: {piece.name} ({when}): {reason}; {fate}", err=True)
+        typer.echo(one_line(f"noslip: {piece.name} ({when}): {reason}; {fate}"), err=True)
     if drop_outliers and judged is None:
         typer.echo(
             f"noslip: --drop-outliers: {_count(segments)} only; outliers show among {FEWEST} and "
@@ -269,7 +269,7 @@ def _result(
 
 def _table(segments: Segments, files: list[Path]) -> Table:
     # As text: brackets in a file's name are no markup.
-    title = Text(f"{segments.recording.name}: {_count(segments)}")
+    title = Text(one_line(f"{segments.recording.name}: {_count(segments)}"))
     table = Table(title=title, title_justify="left", title_style="bold")
     for heading in ("", "from (s)", "to (s)", "lasts (s)", "path (mm)"):
         table.add_column(heading, justify="right")
@@ -279,7 +279,9 @@ def _table(segments: Segments, files: list[Path]) -> Table:
         span = f"{interval.start:.2f}", f"{interval.end:.2f}", f"{interval.duration:.2f}"
         if interval.reason is None:
             count, (piece, file) = next(numbered)
-            table.add_row(str(count), *span, f"{piece.path_length * 1e3:.1f}", Text(file.name))
+            table.add_row(
+                str(count), *span, f"{piece.path_length * 1e3:.1f}", Text(one_line(file.name))
+            )
         elif interval.reason not in BETWEEN:
             table.add_row("", *span, "", interval.reason, style="dim")
     return table

@@ -15,7 +15,7 @@ from noslip._values import html_table
 from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, row_units
 from noslip.constraints.edge_motion import edge_steps
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.errors import InputError
+from noslip.errors import InputError, one_line
 from noslip.scale import require_motion
 from noslip.trajectory import PoseTrajectory
 
@@ -203,7 +203,9 @@ class CheckReport:
 
     @property
     def _heading(self) -> str:
-        return f"{self.motion}: {self.duration:.3g} s, path {self.path_length * 1e3:.4g} mm"
+        # A file's name may hold any byte.
+        motion = one_line(self.motion)
+        return f"{motion}: {self.duration:.3g} s, path {self.path_length * 1e3:.4g} mm"
 
     def _repr_html_(self) -> str:
         rows = [(check.name, check.verdict, check.finding) for check in self.constraints]

@@ -356,7 +356,7 @@ def _built(constraint: Constraint) -> Any:
     name, motion = constraint.name, motion_symbols()
     column = _column(constraint, motion)
     function = ca.Function("constraint", [*vars(motion).values()], [column])
-    require_size(f"constraint {name!r}", column.shape[0], function.n_instructions())
+    require_size(f"constraint {name!r} has", column.shape[0], function.n_instructions())
     levels = _levels(motion)
     if not any(ca.depends_on(column, quantity) for quantity in levels.values()):
         raise ConstraintError(
@@ -390,7 +390,7 @@ def require_size(what: str, rows: int, operations: int) -> None:
     for noun, (count, most) in found.items():
         if count > most:
             raise ConstraintError(
-                f"{what} has {count} {noun}, at most {most} are held; write it with fewer, or "
+                f"{what} {count} {noun}, at most {most} are held; write it with fewer, or "
                 "leave out what cannot matter"
             )
 

@@ -72,27 +72,26 @@ class ConstraintSystem:
 
     def __init__(self, constraints: Constraint | Iterable[Constraint] = ()) -> None:
         several = isinstance(constraints, Iterable) and not isinstance(constraints, (type, str))
-        self.constraints: tuple[Constraint, ...] = (
-            tuple(constraints) if several else (constraints,)  # type: ignore[arg-type, assignment]
-        )
-        for constraint in self.constraints:
+        kept, rows, operations = [], 0, 0
+        # One after the other, so that of too many the last are never even read.
+        for constraint in constraints if several else (constraints,):  # type: ignore[union-attr]
             if not isinstance(constraint, Constraint):
                 hint = "; call it: Blade()" if isinstance(constraint, type) else ""
                 raise ConstraintError(
                     f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
                 )
-            constraint_function(constraint)
+            function = constraint_function(constraint)
+            rows, operations = rows + function.size1_out(0), operations + function.n_instructions()
+            kept.append(constraint)
+            require_size(f"together, {len(kept)} constraints have", rows, operations)
+        self.constraints: tuple[Constraint, ...] = tuple(kept)
         self.names = _numbered([c.name for c in self.constraints])
         self._own()
 
     def _own(self) -> None:
-        functions, operations = [], 0
-        for c in self.constraints:
-            functions.append(constraint_function(c))
-            operations += functions[-1].n_instructions()
-            require_size("all constraints together", len(functions), operations)
-        self.rows: tuple[int, ...] = tuple(function.size1_out(0) for function in functions)
-        require_size("all constraints together", sum(self.rows), operations)
+        self.rows: tuple[int, ...] = tuple(
+            constraint_function(c).size1_out(0) for c in self.constraints
+        )
         self._identity = tuple(map(declared, self.constraints)), self.names
         self._hash = hash(self._identity)
         self._graphs = _graphs(self._identity)

@@ -10,6 +10,8 @@ import numpy as np
 from noslip import _arguments
 from noslip._typing import Floats
 
+MOST_RATE = 1e6
+"""Of alpha and beta; the least is its inverse.  Beyond, the factors of a step lose all digits."""
 LEAST_STEP = 1e-5
 """Of the duration: of shorter steps, what a moving target adds is that of such a step; a thousandth
 of it would be the rounding of its terms."""
@@ -34,8 +36,9 @@ class Attractor:
     beta: float = 6.25
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "alpha", _arguments.positive("alpha", self.alpha))
-        object.__setattr__(self, "beta", _arguments.positive("beta", self.beta))
+        for name in ("alpha", "beta"):
+            value = _arguments.between(name, getattr(self, name), 1 / MOST_RATE, MOST_RATE)
+            object.__setattr__(self, name, value)
 
     @property
     def stiffness(self) -> float:

@@ -8,9 +8,13 @@ from math import ceil, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
+from noslip import _arguments
 from noslip._typing import Floats
 from noslip.errors import InputError
 
+MOST_RATE = 100.0
+"""Of alpha_s; the least is its inverse.  Faster, basis functions end where doubles do; slower,
+their centers are apart by rounding alone."""
 DONE = 1 - 1e-9
 """Fraction of the duration from which on a motion has come to its end: steps add up to 1 only to
 rounding."""
@@ -28,6 +32,10 @@ class Phase:
     """
 
     alpha_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        value = _arguments.between("alpha_s", self.alpha_s, 1 / MOST_RATE, MOST_RATE)
+        object.__setattr__(self, "alpha_s", value)
 
     def at(self, fraction: ArrayLike) -> Floats:
         """Phase at a fraction ``t / duration`` of the motion."""

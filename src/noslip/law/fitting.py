@@ -61,7 +61,7 @@ def fit(
     recorded = as_demonstrations(demonstrations)
     basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     ridge = _arguments.not_negative("ridge", ridge)
-    basis = Basis(basis_functions, Phase(_arguments.positive("alpha_s", alpha_s)))
+    basis = Basis(basis_functions, Phase(alpha_s))
     attractor = Attractor(alpha, beta)
     sampled = [POSE.points(evenly_sampled(d, basis_functions)) for d in recorded]
     goal = POSE.goal(sampled)

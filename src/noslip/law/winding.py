@@ -48,7 +48,8 @@ class Winding(Value):
 
     def __post_init__(self) -> None:
         quaternions = np.array(self.quaternions, dtype=np.float64)
-        if quaternions.ndim != 2 or quaternions.shape[1] != 4 or not np.isfinite(quaternions).all():
+        fits = quaternions.ndim == 2 and quaternions.shape[1] == 4 and len(quaternions)
+        if not fits or not np.isfinite(quaternions).all():
             raise InputError("winding: knots are finite quaternions, shape (K, 4)")
         quaternions.flags.writeable = False
         object.__setattr__(self, "quaternions", quaternions)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from noslip._extras import need
+from noslip._pose_checks import require_few
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import listed
 from noslip.recordings._format import Format
@@ -220,6 +221,7 @@ def _read(reader: Any, topic: str) -> dict[Key, Series]:
     for _, received, raw in messages:
         for key, stamp, position, orientation in _poses(reader.deserialize(raw, kind), kind):
             one = series.setdefault(key, Series())
+            require_few(topic, len(one.stamps) + 1)
             one.stamps.append(stamp)
             one.received.append(received)
             one.positions.append((position.x, position.y, position.z))

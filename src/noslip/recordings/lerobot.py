@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -14,14 +15,18 @@ from noslip._files import read_text
 from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError
+from noslip.named_columns import shown
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._format import Format
+from noslip.recordings._reading import reading
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.recordings.tables import arrow_table, numbers
 from noslip.trajectory import PoseTrajectory
 
 INFO = Path("meta") / "info.json"
 """What every data set has, and its folder is known by."""
+_TEMPLATE = re.compile(r"([^{}]|\{(episode|chunk|file)_(index|chunk)(:0?\dd)?\})*")
+"""Of data_path: what else a format may ask for would lead to other values, or fill the memory."""
 STAMP_TOLERANCE = 1e-4
 """How far a frame's stamp may lie from ``frame_index / fps`` (s): LeRobot's own tolerance."""
 
@@ -60,6 +65,13 @@ def read_lerobot(
     differ from that by more than 0.1 ms.
     """
     need(path, "pyarrow.parquet", "tables")
+    with reading(path, "a LeRobot data set"):
+        return _read(path, episode, columns)
+
+
+def _read(
+    path: Path, episode: int | Iterable[int] | None, columns: str | None
+) -> list[PoseTrajectory]:
     info = _info(path)
     fps = float(info["fps"])
     places = pose_columns(path / INFO, columns, _features(path, info))
@@ -141,6 +153,12 @@ def _features(path: Path, info: dict[str, Any]) -> dict[str, Column]:
 def _where_episodes_are(path: Path, info: dict[str, Any]) -> dict[int, Path]:
     """Return the file of each episode, in order."""
     template = info["data_path"]
+    inside = not Path(template).is_absolute() and ".." not in Path(template).parts
+    if not (inside and _TEMPLATE.fullmatch(template)):
+        raise RecordingError(
+            f"{path / INFO}: data_path {shown(template)} is not a template this version knows, of "
+            "a file in the data set"
+        )
     try:
         if info["codebase_version"].startswith("v3."):
             return {
@@ -156,7 +174,7 @@ def _where_episodes_are(path: Path, info: dict[str, Any]) -> dict[int, Path]:
         if isinstance(error, InputError):
             raise
         raise RecordingError(
-            f"{path / INFO}: data_path {template!r} is not a template this version knows"
+            f"{path / INFO}: data_path {shown(template)} is not a template this version knows"
         ) from None
 
 

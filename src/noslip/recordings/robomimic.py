@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from noslip._arguments import MOST_SAMPLES
 from noslip._extras import need
-from noslip._pose_checks import Source
+from noslip._pose_checks import Source, require_few
+from noslip._pose_csv import POSE
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import listed
@@ -52,7 +55,7 @@ def read_robomimic(
     """
     h5py = need(path, "h5py", "hdf5")
     with reading(path, "HDF5"), h5py.File(path, "r") as file:
-        data = file.get("data")
+        data = _inside(path, file, "data", h5py)
         demos = {} if not isinstance(data, h5py.Group) else _demos(data)
         if not demos:
             raise RecordingError(
@@ -63,7 +66,7 @@ def read_robomimic(
         if not (np.isfinite(frequency) and frequency > 0):
             raise RecordingError(f"{path}: rate must be positive, got {frequency:g}")
         return [
-            _read_demo(f"{path}/{demos[k]}", data[demos[k]], frequency, columns, h5py)
+            _read_demo(path, demos[k], data, frequency, columns, h5py)
             for k in chosen_episodes(path, episode, list(demos))
         ]
 
@@ -84,25 +87,56 @@ def _frequency(path: Path, data: Any) -> float:
         ) from None
 
 
-def _read_demo(name: str, demo: Any, rate: float, columns: str | None, h5py: Any) -> PoseTrajectory:
-    observations = demo.get("obs")
+def _inside(name: str | Path, group: Any, key: str, h5py: Any) -> Any:
+    """Return what a group holds itself; links may lead to files that are none of a stranger's."""
+    link = group.get(key, getlink=True)
+    if link is not None and not isinstance(link, h5py.HardLink):
+        raise RecordingError(
+            f"{name}: {key} is a link to elsewhere ({type(link).__name__}), which is not followed; "
+            "copy what it leads to into this file"
+        )
+    found = group.get(key)
+    if isinstance(found, h5py.Dataset) and (found.is_virtual or found.external):
+        raise RecordingError(
+            f"{name}: {key} keeps its numbers in another file, which is not read; copy them into "
+            "this file"
+        )
+    return found
+
+
+def _read_demo(
+    path: Path, number: str, data: Any, rate: float, columns: str | None, h5py: Any
+) -> PoseTrajectory:
+    name = f"{path}/{number}"
+    demo = _inside(path, data, number, h5py)
+    observations = _inside(name, demo, "obs", h5py) if isinstance(demo, h5py.Group) else None
     if not isinstance(observations, h5py.Group):
         raise RecordingError(
             f"{name}: no observations (obs); extract them with robomimic's dataset_states_to_obs.py"
         )
+    held = {key: _inside(name, observations, key, h5py) for key in observations}
     available = {
         key: Column(value.shape[1] if value.ndim == 2 else 1)
-        for key, value in observations.items()
+        for key, value in held.items()
         if isinstance(value, h5py.Dataset) and value.ndim in (1, 2) and value.dtype.kind in "iuf"
     }
     places = pose_columns(name, EEF_POSE if columns is None else columns, available)
-    lengths = {key: len(observations[key]) for key, _ in places}
+    lengths = {key: len(held[key]) for key, _ in places}
+    for length in lengths.values():
+        require_few(name, length)
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{key} {length}" for key, length in lengths.items())
         raise RecordingError(f"{name}: observations of different lengths: {found}")
 
     def read(key: str) -> Floats:
-        values = np.asarray(observations[key], dtype=np.float64)
+        # A chunk, which may be larger than what is in it, is decompressed as a whole.
+        for shape in (held[key].shape, held[key].chunks or ()):
+            if math.prod(shape) > MOST_SAMPLES * len(POSE):
+                raise RecordingError(
+                    f"{name}: {key} has shape or chunks {shape}, more numbers than "
+                    f"{MOST_SAMPLES:,} poses; store the pose in a data set of its own"
+                )
+        values = np.asarray(held[key], dtype=np.float64)
         return values.reshape(len(values), -1)
 
     pose = stacked(places, read)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from noslip._extras import need
 from noslip._files import read_bytes, write_beside
-from noslip._pose_checks import Source
+from noslip._pose_checks import Source, require_few
 from noslip._pose_csv import POSE, QUATERNION, TIME, pose_layout, poses_of_columns
 from noslip._typing import Floats
 from noslip.errors import RecordingError
@@ -20,6 +20,11 @@ from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.trajectory import PoseTrajectory
+
+FEATHER = b"ARROW1\0\0"
+"""How a Feather file begins, before its stream of messages; older ones are not compressed."""
+MOST_BYTES = 2**30
+"""Of a table's columns when decompressed."""
 
 
 def read_table(
@@ -67,7 +72,15 @@ def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
     feather = path.suffix.lower() == ".feather"
     reader = need(path, "pyarrow.feather" if feather else "pyarrow.parquet", "tables")
     with reading(path, "a table"):
-        table = reader.read_table(content, columns=wanted)
+        if feather and content.getbuffer()[:8] == FEATHER:
+            stream = io.BytesIO(content.getbuffer()[len(FEATHER) :])
+            _require_size(path, *feather_size(stream))
+            table = need(path, "pyarrow.ipc", "tables").open_stream(stream).read_all()
+            table = table if wanted is None else table.select(set(wanted) & set(table.column_names))
+        else:
+            if not feather:
+                _require_size(path, *_parquet_size(content.getvalue(), wanted))
+            table = reader.read_table(content, columns=wanted)
         # Feather and Parquet may hold lengths that lead out of the file.
         table.validate(full=True)
         names = table.column_names
@@ -76,6 +89,150 @@ def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
         if missing:
             raise RecordingError(f"{path}: {plural('column', missing)} missing")
     return table
+
+
+def _require_size(path: Path, rows: int, size: int) -> None:
+    require_few(path, rows)
+    if size > MOST_BYTES:
+        raise RecordingError(
+            f"{path}: {size:,} bytes when decompressed, at most {MOST_BYTES:,} are read; leave out "
+            "columns, or split it"
+        )
+
+
+def _parquet_size(content: bytes, columns: Collection[str] | None) -> tuple[int, int]:
+    """Rows, and bytes when decompressed, that a file says it has in some columns, or in all.
+
+    Read from the footer itself, ``FileMetaData`` of parquet.thrift: asked for a damaged column's
+    metadata, pyarrow ends the process.
+    """
+    if content[-4:] != b"PAR1":
+        return 0, 0
+    end = len(content) - 8
+    footer = _thrift(content[max(0, end - int.from_bytes(content[end : end + 4], "little")) : end])
+    size = 0
+    for group in footer.get(4, ()):
+        for chunk in group.get(1, ()):
+            held = chunk.get(3, {})
+            if columns is None or held[3][0].decode() in columns:
+                # A number takes eight bytes, however well it is encoded.
+                size += max(held.get(6, 0), 8 * held.get(5, 0))
+    return footer.get(3, 0), size
+
+
+def _thrift(data: bytes) -> Any:
+    """Return a struct in Thrift's compact protocol: values by the number of their field."""
+    at = 0
+
+    def varint() -> int:
+        nonlocal at
+        found = shift = 0
+        while True:
+            byte = data[at]
+            at += 1
+            found |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return found
+
+    def whole() -> int:
+        found = varint()
+        return (found >> 1) ^ -(found & 1)
+
+    def taken(length: int) -> bytes:
+        nonlocal at
+        at += length
+        if at > len(data):
+            raise ValueError("its footer ends early")
+        return data[at - length : at]
+
+    def value(kind: int) -> Any:
+        match kind:
+            case 1 | 2 | 3:
+                return taken(1)[0]
+            case 4 | 5 | 6:
+                return whole()
+            case 7:
+                return taken(8)
+            case 8:
+                return taken(varint())
+            case 9 | 10:
+                head = taken(1)[0]
+                count = head >> 4 if head < 240 else varint()
+                return [value(head & 15) for _ in range(count)]
+            case 11:
+                count = varint()
+                kinds = taken(1)[0] if count else 0
+                return [(value(kinds >> 4), value(kinds & 15)) for _ in range(count)]
+            case 12:
+                return struct()
+        raise ValueError(f"its footer holds a value of kind {kind}")
+
+    def struct() -> dict[int, Any]:
+        found: dict[int, Any] = {}
+        number = 0
+        while head := taken(1)[0]:
+            number = number + (head >> 4) if head >> 4 else whole()
+            kind = head & 15
+            # Of a truth value the kind is the value.
+            found[number] = kind if kind in (1, 2) else value(kind)
+        return found
+
+    return struct()
+
+
+def feather_size(stream: io.BytesIO) -> tuple[int, int]:
+    """Rows, and bytes when decompressed, of the batches in an Arrow stream."""
+    ipc = need("a table", "pyarrow.ipc", "tables")
+    messages = ipc.MessageReader.open_stream(stream)
+    rows = size = 0
+    while True:
+        try:
+            message = messages.read_next_message()
+        except StopIteration:
+            stream.seek(0)
+            return rows, size
+        if message.type in ("record batch", "dictionary"):
+            body = message.body
+            count, buffers = _batch(bytes(message.metadata), message.type)
+            rows += count
+            for offset, length, compressed in buffers:
+                # Compressed ones say first how long they were, or -1.
+                said = body[offset : offset + 8] if compressed and length >= 8 else b""
+                size += max(length, int.from_bytes(bytes(said), "little", signed=True))
+
+
+def _batch(metadata: bytes, kind: str) -> tuple[int, list[tuple[int, int, bool]]]:
+    """Length and buffers (offset, length, whether compressed) of a batch, from its flatbuffer.
+
+    ``Message.header`` is the table's third field; ``DictionaryBatch.data`` its second;
+    ``RecordBatch.length``, ``.buffers`` and ``.compression`` the first, third and fourth (Arrow's
+    Message.fbs).
+    """
+
+    def number(at: int, size: int, *, signed: bool = False) -> int:
+        return int.from_bytes(metadata[at : at + size], "little", signed=signed)
+
+    def field(table: int, index: int) -> int | None:
+        vtable = table - number(table, 4, signed=True)
+        place = number(vtable + 4 + 2 * index, 2) if 4 + 2 * index < number(vtable, 2) else 0
+        return table + place if place else None
+
+    def follow(at: int | None) -> int:
+        if at is None:
+            raise ValueError("a batch without its parts")
+        return at + number(at, 4)
+
+    table = follow(field(follow(0), 2))
+    if kind == "dictionary":
+        table = follow(field(table, 1))
+    length, start = field(table, 0), follow(field(table, 2))
+    starts = range(start + 4, start + 4 + 16 * number(start, 4), 16)
+    compressed = field(table, 3) is not None
+    buffers = [
+        (number(at, 8, signed=True), number(at + 8, 8, signed=True), compressed) for at in starts
+    ]
+    return 0 if length is None else number(length, 8, signed=True), buffers
 
 
 def column_shapes(table: Any) -> dict[str, Column]:
