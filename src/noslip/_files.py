@@ -3,39 +3,126 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import os
+import stat
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from noslip.errors import InputError, RecordingError
+
+try:
+    import fcntl
+except ImportError:
+    fcntl = None  # type: ignore[assignment]
 
 
 def write_beside(path: str | Path, content: bytes) -> Path:
     """Write a file beside its place, then rename it there; return its path.
 
-    Missing folders are made.  An interrupted write leaves what was there before.
+    Missing folders are made.  An interrupted write leaves what was there before.  A link stays, and
+    what it leads to is replaced; a file keeps its mode; devices and pipes are written to.
     """
-    target = Path(path)
+    given = Path(path)
     try:
+        target = Path(os.path.realpath(given)) if given.is_symlink() else given
+        if target.is_symlink():
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+        mode = target.stat().st_mode if target.exists() else None
+        if mode is not None and not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            target.write_bytes(content)
+            return given
+        # Root may write what is read-only; who made it so did not mean that.
+        if mode is not None and not (mode & 0o222 and os.access(target, os.W_OK)):
+            raise InputError(f"{given}: is read-only; make it writable or give another name")
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from error
+        raise InputError(f"{given}: cannot be written: {error.strerror or error}") from error
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
-        # mkstemp makes the file private; a result gets what a new file gets here.
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(beside).chmod(0o666 & ~mask)
+        if mode is None:
+            # mkstemp makes the file private; a result gets what a new file gets here.
+            mask = os.umask(0)
+            os.umask(mask)
+            mode = 0o666 & ~mask
+        Path(beside).chmod(stat.S_IMODE(mode))
         Path(beside).replace(target)
     except OSError as error:
         Path(beside).unlink(missing_ok=True)
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from error
+        raise InputError(f"{given}: cannot be written: {error.strerror}") from error
     except BaseException:
         Path(beside).unlink(missing_ok=True)
         raise
-    return target
+    return given
+
+
+@contextmanager
+def locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
+    """Be the only process that writes into a folder.
+
+    The lock is the system's, on the folder itself: a process that was killed holds none, and no
+    file is left.  Where the system has none for folders (Windows, some network drives), there is
+    none.
+
+    Raises
+    ------
+    InputError
+        If there can be no such folder, or another process holds it and this is not to wait.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = -1 if fcntl is None else os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+    if fcntl is None:
+        yield
+        return
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            raise InputError(
+                f"{folder}: another noslip is writing there; wait for it or give another folder"
+            ) from None
+        except OSError:
+            pass
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def renewing(last: Path) -> Iterator[Path]:
+    """Write a folder's files anew: what tells of them goes first, and comes last.
+
+    So it never stands beside files that it does not tell of, wherever the writing stops.
+    """
+    with locked(last.parent, wait=False):
+        try:
+            last.unlink(missing_ok=True)
+        except OSError as error:
+            raise InputError(f"{last}: cannot be replaced: {error.strerror}") from error
+        yield last
+
+
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """Make a temporary folder; that it is full is said of it, not of what is made there."""
+    made = ""
+    try:
+        with tempfile.TemporaryDirectory(prefix="noslip-") as made:
+            yield Path(made)
+    except OSError as error:
+        if made and error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise InputError(
+            f"TMPDIR: the temporary folder cannot be written to ({error.strerror}); free some "
+            "space there or name another"
+        ) from error
 
 
 def read_bytes(path: str | Path) -> bytes:

@@ -63,6 +63,8 @@ class RecordingResult:
         Spent on this recording, reading and writing included.
     content, settings : str
         Hashes of the file and of all that it was learned with.
+    checksum : str
+        Hash of the primitive as it was written: what no longer matches is learned again.
     """
 
     name: str
@@ -100,6 +102,7 @@ class RecordingResult:
     seconds: float | None = None
     content: str = ""
     settings: str = ""
+    checksum: str = ""
 
 
 _KINDS = {f.name: str(f.type).removesuffix(" | None") for f in fields(RecordingResult)}

@@ -21,7 +21,7 @@ import numpy as np
 import typer
 
 from noslip import _arguments
-from noslip._files import write_beside
+from noslip._files import renewing, write_beside
 from noslip._pose_checks import Source
 from noslip._pose_csv import POSITION, QUATERNION
 from noslip._typing import Floats
@@ -167,11 +167,11 @@ def run(
         for name, target in targets.items():
             if target.resolve() == primitive.resolve():
                 raise InputError(f"--out: goal {name!r} would replace {primitive}; rename either")
-        with output.progress("adapting", len(rows)) as progress:
+        with renewing(out / SUMMARY) as last, output.progress("adapting", len(rows)) as progress:
             for done, (name, row) in enumerate(rows.items(), start=1):
                 family.try_to_add(name, asked | row, targets[name])
                 progress(done, len(rows))
-        summary = write_beside(out / SUMMARY, csv_text(family.outcomes).encode())
+            summary = write_beside(last, csv_text(family.outcomes).encode())
         failed = sum(outcome.failed for outcome in family.outcomes)
         result = {
             "folder": str(out),

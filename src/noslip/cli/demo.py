@@ -17,7 +17,7 @@ import typer
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from noslip._files import write_beside
+from noslip._files import renewing, write_beside
 from noslip._version import __version__
 from noslip.cli import options, output
 from noslip.constraints.check import residual_text
@@ -59,10 +59,11 @@ def run(
         example = NumericalExample.run()
         progress(1, STAGES)
         excisions = run_excisions(seed=seed, progress=lambda done, _: progress(1 + done, STAGES))
-        _write_motions(out, example, excisions)
-        figures = _write_figures(out, example, excisions, progress)
-    summary = _summary(example, excisions, seed)
-    write_beside(out / "summary.json", (json.dumps(summary, indent=2) + "\n").encode())
+        summary = _summary(example, excisions, seed)
+        with renewing(out / "summary.json") as last:
+            _write_motions(out, example, excisions)
+            figures = _write_figures(out, example, excisions, progress)
+            write_beside(last, (json.dumps(summary, indent=2) + "\n").encode())
     if as_json:
         output.print_json(summary)
         return

@@ -64,7 +64,7 @@ def _survey() -> dict[str, Any]:
         "packages": packages,
         "steps run as": _steps(),
         "C compiler": _compiler(),
-        "cache": f"{library.cache_folder()} ({_cached()})",
+        "cache": _cache(),
         "valgrind": shutil.which("valgrind")
         or "not found; noslip export does not count instructions",
     }
@@ -91,12 +91,17 @@ def _compiler() -> str:
     return f"{' '.join(compiler.command)} ({compiler.version})"
 
 
-def _cached() -> str:
+def _cache() -> str:
     try:
-        sizes = [file.stat().st_size for file in library.cache_folder().glob("*.so")]
+        folder = library.cache_folder()
+        sizes = [file.stat().st_size for file in folder.glob("*.so")]
     except OSError as error:
-        return f"not readable: {error.strerror}"
-    return f"{len(sizes)} files, {sum(sizes) / 1e6:.1f} MB" if sizes else "empty"
+        return f"not readable: {error.strerror or error}"
+    return (
+        f"{folder} ({len(sizes)} files, {sum(sizes) / 1e6:.1f} MB)"
+        if sizes
+        else f"{folder} (empty)"
+    )
 
 
 def _extra(*names: str) -> str:

@@ -23,7 +23,7 @@ import numpy as np
 import typer
 
 from noslip import robots
-from noslip._files import write_beside
+from noslip._files import renewing, write_beside
 from noslip.cli import options, output
 from noslip.constraints.catalog import specification
 from noslip.constraints.check import residual_text
@@ -149,7 +149,7 @@ def run(
     if recording is not None:
         [person] = load_demonstrations(str(recording))
         found["recording_slip_distance"] = robots.slip_distance(person, dmp.system).tolist()
-    with output.progress("writing", 1):
+    with renewing(out / "summary.json"), output.progress("writing", 1):
         written = _write(tracked, execution, out, video, bag, found)
     if as_json:
         output.print_json(found | {"written": [str(path) for path in written]})
@@ -177,9 +177,6 @@ def _write(
         done.executed.to_csv(out / "tool.csv"),
         *save_figure(joint_limits(tracked), out / "joints.png"),
         *save_figure(executed_slip(tracked, execution), out / "slip.png"),
-        write_beside(
-            out / "summary.json", f"{json.dumps(found, indent=2, allow_nan=False)}\n".encode()
-        ),
     ]
     if bag is not None:
         written.append(
@@ -197,7 +194,8 @@ def _write(
         written.append(
             robots.render(tracked.robot, tracked.times, done.joint_positions, out / "arm.mp4")
         )
-    return written
+    summary = f"{json.dumps(found, indent=2, allow_nan=False)}\n".encode()
+    return [*written, write_beside(out / "summary.json", summary)]
 
 
 def _refuse(bag: Path) -> None:

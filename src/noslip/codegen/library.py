@@ -16,7 +16,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from typing import Any, Generic, TypeVar
 
 import casadi as ca
 
-from noslip._files import write_beside
+from noslip._files import scratch, write_beside
 from noslip.codegen import c99
 from noslip.errors import NoslipError
 
@@ -92,9 +91,13 @@ def cache_folder() -> Path:
     """Where what is compiled is kept."""
     if named := os.environ.get("NOSLIP_CACHE"):
         return Path(named)
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "noslip"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip"
+    try:
+        if sys.platform == "darwin":
+            return Path.home() / "Library" / "Caches" / "noslip"
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip"
+    except RuntimeError:
+        # A shared temporary folder would let others give us machine code to run.
+        raise OSError("no home folder; name one for the cache in NOSLIP_CACHE") from None
 
 
 class Native(Generic[T]):
@@ -190,13 +193,13 @@ def _whole(library: Path) -> bool:
 
 
 def _compiled(texts: dict[str, str], found: Compiler, flags: Sequence[str]) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="noslip-") as scratch:
+    with scratch() as folder:
         for name, text in texts.items():
-            (Path(scratch) / name).write_text(text, encoding="utf-8")
+            (folder / name).write_text(text, encoding="utf-8")
         sources = [name for name in texts if name.endswith(".c")]
         done = subprocess.run(
             [*found.command, *flags, *sources, "-lm", "-o", "built.so"],
-            cwd=scratch,
+            cwd=folder,
             capture_output=True,
             text=True,
             timeout=_LONGEST,
@@ -205,7 +208,7 @@ def _compiled(texts: dict[str, str], found: Compiler, flags: Sequence[str]) -> b
         if done.returncode != 0:
             lines = [line for line in done.stderr.splitlines() if "error" in line]
             raise OSError(f"{found.command[0]}: {lines[0] if lines else 'failed'}")
-        return (Path(scratch) / "built.so").read_bytes()
+        return (folder / "built.so").read_bytes()
 
 
 def function(

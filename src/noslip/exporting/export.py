@@ -6,13 +6,12 @@ import hashlib
 import re
 import shutil
 import subprocess
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from noslip._files import write_beside
+from noslip._files import scratch, write_beside
 from noslip.adapting.sources import sources
 from noslip.codegen import c99
 from noslip.control.sources import sources as controller_sources
@@ -178,9 +177,9 @@ def _instructions(texts: dict[str, str], name: str, example: str, function: str)
     compiler, valgrind = shutil.which("cc"), shutil.which("valgrind")
     if compiler is None or valgrind is None:
         return None
-    with tempfile.TemporaryDirectory() as scratch:
+    with scratch() as at:
         for file, text in texts.items():
-            (Path(scratch) / file).write_text(text, encoding="utf-8")
+            (at / file).write_text(text, encoding="utf-8")
         sources = ["noslip.c", "plan.c", "replan.c", f"{name}.c", f"{example}.c"]
         build = [compiler, "-std=c99", "-O2", *sources, "-lm", "-o", "example"]
         count = [
@@ -188,12 +187,12 @@ def _instructions(texts: dict[str, str], name: str, example: str, function: str)
             *(f"--dump-after={function}", "./example"),
         ]
         for command in (build, count):
-            done = subprocess.run(command, cwd=scratch, capture_output=True, check=False)
+            done = subprocess.run(command, cwd=at, capture_output=True, check=False)
             if done.returncode not in (0, _NO_PLAN):
                 return None
         counts = [
             int(found[1])
-            for dump in Path(scratch).glob("callgrind.out.*.*")
+            for dump in at.glob("callgrind.out.*.*")
             if (found := re.search(r"^(?:summary|totals): (\d+)", dump.read_text(), re.M))
         ]
     return max(counts, default=None)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
 from noslip import _arguments
+from noslip._files import locked
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import CompromiseWarning, InputError, warn
+from noslip.errors import CompromiseWarning, InputError, one_line, warn
 from noslip.many.executors import Task, replies
 from noslip.many.recordings import Recordings, content_hash, find_recordings
 from noslip.many.settings import settings_text
@@ -116,22 +117,23 @@ def learn_each(
     primitives = {name: None if folder is None else folder / f"{name}.json" for name in files}
     book = _Table(target, list(files))
     tasks: dict[str, Task] = {}
-    for name, file in files.items():
-        primitive = primitives[name]
-        if name in book.rows and _is_done(book.rows[name], file, primitive, key):
-            continue
-        if executor is not None:
-            # Its workers may run in another folder.
-            file, primitive = file.absolute(), primitive and primitive.absolute()
-        tasks[name] = (name, str(file), None if primitive is None else str(primitive))
+    with book.turn():
+        book.rows = book.stored()
+        for name, file in files.items():
+            primitive = primitives[name]
+            if name in book.rows and _is_done(book.rows[name], file, primitive, key):
+                continue
+            if executor is not None:
+                # Its workers may run in another folder.
+                file, primitive = file.absolute(), primitive and primitive.absolute()
+            tasks[name] = (name, str(file), None if primitive is None else str(primitive))
+        # What is about to be replaced is no longer what the table says.
+        book.rows = {name: row for name, row in book.rows.items() if name not in tasks}
+        book.store(book.rows)
     kept = len(files) - len(tasks)
-
-    # What is about to be replaced is no longer what the table says.
-    book.rows = {name: row for name, row in book.rows.items() if name not in tasks}
     if progress is not None:
         progress(kept, len(files))
     try:
-        book.write()
         with closing(replies(settings, tasks, executor, jobs)) as coming:
             for done, (name, reply) in enumerate(coming, start=kept + 1):
                 if isinstance(reply, str):
@@ -140,8 +142,10 @@ def learn_each(
                     # What an earlier run wrote there is no primitive of this recording.
                     primitive.unlink(missing_ok=True)
                     primitive = None
-                recording, written = str(files[name]), str(primitive or "")
-                book.add(replace(reply, recording=recording, primitive=written, settings=key))
+                recording, written = one_line(files[name]), one_line(primitive or "")
+                message = one_line(reply.message)
+                reply = replace(reply, recording=recording, primitive=written, message=message)
+                book.add(replace(reply, settings=key))
                 if progress is not None:
                     progress(done, len(files))
     finally:
@@ -153,31 +157,45 @@ def learn_each(
 
 
 class _Table:
-    """The table while it grows."""
+    """The table while it grows; others may write their rows to it meanwhile."""
 
     def __init__(self, path: Path | None, order: list[str]) -> None:
         self.path, self.order = path, order
         self.rows: dict[str, RecordingResult] = {}
+        self.added: dict[str, RecordingResult] = {}
         if path is not None:
             require_format(path)
-            if path.exists():
-                self.rows = {row.name: row for row in read_results(path)}
         self.next = 0.0
 
+    def turn(self) -> AbstractContextManager[None]:
+        """Let no other process write the table between reading and writing it."""
+        return nullcontext() if self.path is None else locked(self.path.parent)
+
+    def stored(self) -> dict[str, RecordingResult]:
+        """Rows as they stand in the table now."""
+        if self.path is None or not self.path.exists():
+            return {}
+        return {row.name: row for row in read_results(self.path)}
+
     def add(self, row: RecordingResult) -> None:
-        self.rows[row.name] = row
+        self.rows[row.name] = self.added[row.name] = row
         if monotonic() > self.next:
             self.write()
 
     def write(self) -> None:
+        """Put the rows learned here into what others may have written meanwhile."""
+        begin = monotonic()
+        with self.turn():
+            self.store(self.stored() | self.added)
+        self.next = monotonic() + max(FLUSH, (monotonic() - begin) / _FLUSH_SHARE)
+
+    def store(self, rows: Mapping[str, RecordingResult]) -> None:
         """Write the rows of other recordings, then ours as they were given."""
         if self.path is None:
             return
-        begin = monotonic()
-        ours = {name: self.rows[name] for name in self.order if name in self.rows}
-        others = [row for name, row in self.rows.items() if name not in ours]
+        ours = {name: rows[name] for name in self.order if name in rows}
+        others = [row for name, row in rows.items() if name not in ours]
         write_results([*others, *ours.values()], self.path)
-        self.next = monotonic() + max(FLUSH, (monotonic() - begin) / _FLUSH_SHARE)
 
 
 def _is_done(row: RecordingResult, file: Path, primitive: Path | None, settings: str) -> bool:
@@ -193,5 +211,5 @@ def _is_done(row: RecordingResult, file: Path, primitive: Path | None, settings:
         row.status == "learned"
         and row.settings == settings
         and row.content == content
-        and (primitive is None or primitive.is_file())
+        and (primitive is None or content_hash(primitive) == row.checksum != "")
     )

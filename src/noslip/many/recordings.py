@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from noslip.errors import InputError
+from noslip.errors import InputError, one_line
 from noslip.recordings.formats import SUFFIXES, expand, folder_format
 
 Recordings = str | Path | Iterable[str | Path]
@@ -26,7 +27,7 @@ def find_recordings(recordings: Recordings, *, leave_out: Iterable[Path] = ()) -
     passed_over = {path.resolve() for path in leave_out}
     found: dict[Path, tuple[str, Path]] = {}
     for path in [recordings] if isinstance(recordings, (str, Path)) else recordings:
-        folder = Path(path).expanduser()
+        folder = Path(os.path.expanduser(path))  # noqa: PTH111 - pathlib's raises without a home
         if folder.is_dir() and folder_format(folder) is None:
             inside = [
                 (file.relative_to(folder), file)
@@ -51,7 +52,9 @@ def find_recordings(recordings: Recordings, *, leave_out: Iterable[Path] = ()) -
         raise InputError("no recordings given; give files, globs or folders")
     files: dict[str, Path] = {}
     taken: dict[str, Path] = {}
-    for name, file in found.values():
+    for given, file in found.values():
+        # The table is UTF-8, which a file's name need not be.
+        name = one_line(given)
         # Some file systems take upper and lower case for the same.
         other = taken.setdefault(name.casefold(), file)
         if other is not file:

@@ -56,6 +56,7 @@ class Worker:
             message=failure or known,
             recording=str(file),
             content=content,
+            checksum="" if failure or primitive is None else content_hash(primitive),
             seconds=perf_counter() - begin,
             **figures,
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -175,7 +176,7 @@ def load_demonstrations(
 def expand(path: str | Path) -> list[Path]:
     """Return the recordings that a path or glob stands for."""
     try:
-        literal = Path(path).expanduser()
+        literal = Path(os.path.expanduser(path))  # noqa: PTH111 - pathlib's raises without a home
     except RuntimeError as error:
         raise RecordingError(f"{path}: the home folder is unknown; give the path itself") from error
     if literal.is_dir() and folder_format(literal) is None:

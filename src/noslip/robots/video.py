@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from noslip._extras import need
-from noslip._files import write_beside
+from noslip._files import scratch, write_beside
 from noslip._typing import Floats
 from noslip.errors import InputError, MissingDependencyError
 from noslip.robots.model import Robot, mujoco_warnings, required
@@ -53,8 +52,8 @@ def render(
     instants = np.arange(times[0], min(times[-1], times[0] + seconds), 1 / FRAMES_PER_SECOND)
     shown = joint_positions[np.searchsorted(times, instants)]
     beads, _ = robot.forward(joint_positions[:: max(1, len(times) // 120)])
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / path.name
+    with scratch() as folder:
+        file = folder / path.name
         with (
             _stage(robot, beads) as draw,
             writer.get_writer(

@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from noslip.constraints.declaration import Constraint
-from noslip.errors import InputError, NoslipError
+from noslip.errors import InputError, NoslipError, one_line
 from noslip.viewer import serving
 from noslip.viewer.actions import Actions
 from noslip.viewer.changes import Wish
@@ -256,8 +256,12 @@ class Page:
             found = read_upload(name, content)
             others = [c for e in self.entries.values() for c in e.track.system.constraints]
             (entry,) = entries({name: found}, unique([*self.constraints, *others])).values()
-        except NoslipError as error:
-            self._upload_note.content = note(str(error), "vermillion")
+        except Exception as error:
+            # Whatever a stranger's file does, the page answers it and goes on.
+            told = (
+                str(error) if isinstance(error, NoslipError) else f"{name}: cannot be read: {error}"
+            )
+            self._upload_note.content = note(one_line(told), "vermillion")
             return
         node = node_name(name, self.entries)
         self.entries[node] = entry

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
+from noslip._files import scratch
 from noslip.errors import InputError, NoslipError
 from noslip.primitive import ConstrainedDMP
 from noslip.recordings import load_demonstrations
@@ -24,8 +23,8 @@ def read_upload(name: str, content: bytes) -> PoseTrajectory | ConstrainedDMP:
     """
     # What the browser calls the file must not lead out of the folder.
     plain = re.sub(r"[^\w.+ -]", "_", re.split(r"[/\\]", name)[-1]).lstrip(".")[-100:] or "upload"
-    with tempfile.TemporaryDirectory(prefix="noslip-") as folder:
-        path = Path(folder) / plain
+    with scratch() as folder:
+        path = folder / plain
         path.write_bytes(content)
         try:
             if path.suffix.lower() == ".json":
