@@ -21,6 +21,7 @@ from learned import cutting, numerical
 from measures import assert_same_poses, degrees, end_velocities, slip
 from motions import along, arc, cut
 from noslip._typing import Floats
+from noslip.adapting.replanning import replan as plan_on
 from refusals import refusal
 from strategies import seeds, unit
 
@@ -242,6 +243,24 @@ def test_undisturbed_it_begins_with_the_states_angular_velocity(of: Any) -> None
 @pytest.mark.parametrize("of", PRIMITIVES)
 def test_disturbed_it_begins_with_the_states_angular_velocity(of: Any) -> None:
     assert max(angular_start(of, shaken=True)) <= 0.2
+
+
+@pytest.mark.parametrize("of", PRIMITIVES)
+@pytest.mark.parametrize("done", [0.2, 0.35, 0.6, 0.8])
+def test_a_plan_begins_with_the_velocities_between_two_steps(of: Any, done: float) -> None:
+    dmp, state = of(), state_at(of, done)
+    first = plan_on(dmp.law, dmp.rule, state).request.boundaries[0]
+    assert first.linear_velocity is not None and first.angular_velocity is not None
+    # Central differences about the state; a state's own velocities are half a step older.
+    h, k = state.previous_step, round(done * dmp.steps)
+    before, after = (_states(of)[k + way] for way in (-1, 1))
+    linear = (after.position - before.position) / (2 * h)
+    angular = (after.rotation * before.rotation.inv()).as_rotvec() / (2 * h)
+    for found, old, now in (
+        (first.linear_velocity, state.linear_velocity, linear),
+        (first.angular_velocity, state.angular_velocity, angular),
+    ):
+        assert np.linalg.norm(found - now) <= 0.1 * np.linalg.norm(now - old)
 
 
 # Leads back onto the path as it was, the longer before the end the better.

@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import noslip as ns
 from noslip import Constraint, DepthLimit, KeepOutSphere, NoslipError, SpeedLimit
 from noslip._typing import Floats
 from noslip.constraints import (
@@ -266,6 +267,24 @@ def test_acceleration_limit_has_a_row_for_each_kind(
     if angular is not None:
         expected.append(angular - math.hypot(*m.angular_acceleration))
     np.testing.assert_allclose(margins(AccelerationLimit(linear, angular), m), expected, **CLOSE)
+
+
+@given(moments, vectors())
+def test_the_acceleration_of_a_point_is_the_second_difference_of_its_places(
+    m: Moment, r: Vector
+) -> None:
+    @ns.keep_nonnegative(level="acceleration")
+    def point(motion: Any) -> Any:
+        return motion.at(r).linear_acceleration
+
+    def place(t: float) -> Floats:
+        turned = t * np.array(m.angular_velocity) + t**2 / 2 * np.array(m.angular_acceleration)
+        moved = t * np.array(m.linear_velocity) + t**2 / 2 * np.array(m.linear_acceleration)
+        return moved + (Rotation.from_rotvec(turned) * m.rotation).apply(r)
+
+    t = 1e-4
+    expected = (place(t) - 2 * place(0) + place(-t)) / t**2
+    np.testing.assert_allclose(margins(point, m), expected, rtol=0, atol=1e-4)
 
 
 @given(moments, axes, st.floats(0, 1), vectors())

@@ -370,6 +370,33 @@ def test_a_start_outside_of_a_velocity_limit_is_projected_onto_it() -> None:
     np.testing.assert_allclose(motion.margins[1:, 0][active][:20], expected[1:21], atol=1e-9)
 
 
+@pytest.mark.parametrize("rate", [None, 20.0])
+@pytest.mark.parametrize("share", [0.9, 0.5, 0.1, 0.0, -0.5])
+def test_a_velocity_limit_lets_the_tool_stop_at_once_unless_a_rate_is_named(
+    share: float, rate: float | None
+) -> None:
+    limit = ns.keep_nonnegative(lambda m: m.linear_velocity[0], barrier_rate=rate)
+    dmp, h = constrained([limit]), 1 / STEPS
+    state = dmp.initial_state()
+    for _ in range(40):
+        state = dmp.step(state, h)
+    now = float(state.linear_velocity[0])
+    assert now > 0.1
+
+    def pushed(ahead: float) -> ns.State:
+        return replace(state, position=state.position + [ahead, 0, 0])
+
+    # The law pulls back in proportion: as far ahead as leaves this share of the velocity.
+    here, there = (dmp.regular.step(pushed(x), h).linear_velocity[0] for x in (0.0, 1.0))
+    at = pushed((share * now - here) / (there - here))
+    free = dmp.regular.step(at, h).linear_velocity
+    np.testing.assert_allclose(free[0], share * now, rtol=0, atol=1e-9)
+    least = 0.0 if rate is None else np.exp(-rate * h) * now
+    np.testing.assert_allclose(
+        dmp.step(at, h).linear_velocity, [max(free[0], least), *free[1:]], rtol=0, atol=1e-9
+    )
+
+
 def test_a_limit_that_is_met_and_left_again_leaves_no_jump() -> None:
     obstacle = ns.KeepOutSphere(
         center=triple(free_motion().positions[100] + [0, 0.03, 0.01]), radius=0.06
