@@ -158,8 +158,11 @@ class Schedule(Value):
         still = np.where(rests_there[[0, -1]], 1.0, np.minimum(stops, 1.0)) ** 2
         if rests:
             caps[-1] = min(caps[-1], still[1])
+            if still[1] < 1.0:
+                # The last cycle may be cut short: it slows down and stops, both at once.
+                ramps[-2 - int(time_step / step) :] /= 2
         for k in range(CELLS - 1, -1, -1):
-            caps[k] = min(caps[k], caps[k + 1] + 2 * ramps[k] * step)
+            caps[k] = min(caps[k], caps[k + 1] + 2 * min(ramps[k], ramps[k + 1]) * step)
         speeds = np.maximum(np.sqrt(caps), _LEAST_SPEED)
         ways = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1)
         return cls(

@@ -135,11 +135,15 @@ static void schedule(const noslip_controller *c, noslip_schedule *s, double at_r
         still[k] *= still[k];
     }
     s->begins_at_speed = still[0] < 1;
-    if (!(c->braking > 0)) s->caps[N] = smaller(s->caps[N], still[1]);
+    if (!(c->braking > 0)) {
+        s->caps[N] = smaller(s->caps[N], still[1]);
+        /* The last cycle may be cut short: it slows down and stops, both at once. */
+        for (k = N - 1 - (int)smaller(c->time_step / step, N - 1); k <= N && still[1] < 1; ++k) s->ramps[k] /= 2;
+    }
     s->left[N] = 0;
     s->is_free = s->caps[N] >= 1;
     for (k = N - 1; k >= 0; --k) {
-        s->caps[k] = smaller(s->caps[k], s->caps[k + 1] + 2 * s->ramps[k] * step);
+        s->caps[k] = smaller(s->caps[k], s->caps[k + 1] + 2 * smaller(s->ramps[k], s->ramps[k + 1]) * step);
         if (s->caps[k] < 1) s->is_free = 0;
         s->left[k] = s->left[k + 1]
                      + 2 * step / (larger(sqrt(s->caps[k]), LEAST_SPEED)
