@@ -132,6 +132,32 @@ def test_bounds_leave_room_to_brake(seed: int, step: float, fast: float) -> None
         assert np.all(np.abs(x) <= arm.velocity_limits * (1 + 1e-9))
 
 
+@pytest.fixture(scope="module")
+def low(arm: robots.Robot) -> Floats:
+    """Joint positions with the blade's tip 0.2 m above the base, and nothing else so low."""
+    placement = robots.Placement(np.array([0.4, 0.0, 0.2]), Rotation.identity())
+    motion = line(np.array([0.1, 0.0, 0.0]))
+    return robots.track(arm, motion, BLADE, placement=placement).joint_positions[0]
+
+
+@pytest.mark.parametrize("gap", [0.005, 0.006, 0.01, 0.02])
+def test_a_step_toward_a_table_uses_its_share_of_the_room_and_one_away_is_free(
+    low: Floats, gap: float
+) -> None:
+    top, step = 0.2 - gap, 1e-3
+    arm = robots.panda(table=top).with_limits(acceleration=1e4)
+    position, rotation = arm.forward(low)
+    here = position, rotation.as_quat(scalar_first=True)
+    for way in (-1, 1):
+        target = position + [0.0, 0.0, way * 0.5 * step], here[1]
+        solved = InverseKinematics(arm).step(low, np.zeros(7), here, target, step, step)
+        assert solved is not None
+        reached = published_motion(np.array([0.0, step]), np.array([low, solved.positions]))
+        # 5 mm are kept; of what is above them a step of 1 ms may use 1 %.
+        expected = 0.005 + 0.99 * (gap - 0.005) if way < 0 else gap + 0.5 * step
+        assert reached.positions[1, 2] - top == pytest.approx(expected, abs=2e-6)
+
+
 def test_what_joints_cannot_do_falls_along_the_path(arm: robots.Robot) -> None:
     """Ten times too slow, the tool falls behind its target, by any amount but sideways."""
     slow = arm.with_limits(velocity=0.1 * arm.velocity_limits)
