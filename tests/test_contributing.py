@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from waiting import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -72,7 +73,7 @@ def test_a_constraint_in_one_new_file_is_known_drawn_saved_and_exported(newcomer
         env={**os.environ, "PYTHONPATH": str(newcomers), "MPLBACKEND": "agg"},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -15,6 +14,7 @@ import pytest
 import noslip as ns
 from motions import planar_cut
 from noslip.result_table import read_results
+from waiting import PATIENCE, heed_ctrl_c, until
 
 LEARN = ("learn", "--each", "--constraint", "blade", "--basis-functions", "15")
 
@@ -160,15 +160,21 @@ def test_bad_usage_is_one_line_and_writes_nothing(noslip, runs, tmp_path, argume
 def started(*arguments: object) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "noslip", *map(str, arguments)]
     return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=heed_ctrl_c,
     )
 
 
 def wait_for_primitives(process: subprocess.Popen[str], out: Path, count: int) -> None:
-    until = time.monotonic() + 60
-    while len(list(out.glob("*.json"))) < count:
-        assert process.poll() is None and time.monotonic() < until
-        time.sleep(0.01)
+    def written() -> bool:
+        assert process.poll() is None
+        return len(list(out.glob("*.json"))) >= count
+
+    until(written, f"{count} primitives")
 
 
 @pytest.mark.slow
@@ -178,7 +184,7 @@ def test_ctrl_c_leaves_a_whole_table_and_the_next_run_goes_on(noslip, tmp_path, 
     process = started(*LEARN, runs, "--out", out, "--jobs", jobs)
     wait_for_primitives(process, out, 10)
     os.killpg(process.pid, signal.SIGINT)  # As a terminal does: to all of its processes.
-    told, error = process.communicate(timeout=60)
+    told, error = process.communicate(timeout=PATIENCE)
     assert (process.returncode, told) == (130, "") and "Traceback" not in error
     rows = read_results(out / "results.csv")
     # What a worker had written and not yet told is learned again.
@@ -198,9 +204,9 @@ def test_killed_it_leaves_no_process_and_nothing_half_written(tmp_path):
     wait_for_primitives(process, out, 10)
     workers = psutil.Process(process.pid).children(recursive=True)
     process.kill()
-    process.communicate(timeout=60)
+    process.communicate(timeout=PATIENCE)
     assert len(workers) >= 2
-    assert not psutil.wait_procs(workers, timeout=20)[1]
+    assert not psutil.wait_procs(workers, timeout=PATIENCE)[1]
     read_results(out / "results.csv")
     for path in out.glob("*.json"):
         ns.load_primitive(path)

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from waiting import PATIENCE
+
 pytest.importorskip("mujoco", reason="the extra robots is not installed")
 pytest.importorskip("daqp", reason="the extra robots is not installed")
 
@@ -155,7 +157,7 @@ def test_a_video_is_drawn_where_that_can_be(folder: Path, tmp_path: Path) -> Non
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra video is not installed")
     arguments = ["simulate", folder / "cut.json", "--dynamics", "none", "--video", *PLACED]
     command = [sys.executable, "-m", "noslip", *map(str, arguments), "--out", str(tmp_path)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     if result.returncode:
         assert "no OpenGL without a window here: set MUJOCO_GL" in result.stderr
         pytest.skip(result.stderr)

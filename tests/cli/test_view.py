@@ -14,6 +14,7 @@ import pytest
 
 import noslip as ns
 from motions import planar_cut
+from waiting import PATIENCE, heed_ctrl_c
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
@@ -93,16 +94,15 @@ def test_it_serves_until_it_is_interrupted(recording):
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ,
-        # Where these tests run in the background, interrupts are ignored by whoever inherits that.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=heed_ctrl_c,
     ) as process:
         try:
             line = process.stdout.readline()
             assert line.startswith("http://127.0.0.1:") and "Ctrl-C" in line
-            with urllib.request.urlopen(line.split()[0], timeout=60) as answer:
+            with urllib.request.urlopen(line.split()[0], timeout=PATIENCE) as answer:
                 assert b"<html" in answer.read()
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=60)
+            out, err = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
     assert process.returncode == 130

@@ -20,6 +20,7 @@ from noslip.constraints import ConstraintSystem
 from noslip.experiments.numerical_example import demonstration
 from noslip.rule import Rule
 from noslip.runtime.stepper import stepper_of
+from waiting import PATIENCE
 
 
 def learned(**options: Any) -> ns.ConstrainedDMP:
@@ -93,7 +94,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler (cc) on this machine")
     folder = tmp_path_factory.mktemp("built")
-    printed = started(folder).communicate(timeout=120)[0]
+    printed = started(folder).communicate(timeout=PATIENCE)[0]
     # Its steps are the same to the bit; its plan, in machine code too, to rounding.
     end = learned().rollout().positions[-1]
     np.testing.assert_allclose(json.loads(printed), end, rtol=0, atol=1e-12)
@@ -114,7 +115,7 @@ def test_a_broken_cache_is_built_again(
     else:
         file.write_bytes({"cut": whole[: len(whole) // 2], "empty": b""}.get(how, whole[::-1]))
     process = started(cache)
-    assert process.communicate(timeout=120)[0] == printed
+    assert process.communicate(timeout=PATIENCE)[0] == printed
     assert process.returncode == 0
     assert file.read_bytes() == whole
 
@@ -122,7 +123,7 @@ def test_a_broken_cache_is_built_again(
 @pytest.mark.slow
 def test_several_processes_may_build_at_once(compiling: Path, tmp_path: Path) -> None:
     running = [started(tmp_path) for _ in range(4)]
-    told = {process.communicate(timeout=120)[0] for process in running}
+    told = {process.communicate(timeout=PATIENCE)[0] for process in running}
     assert [process.returncode for process in running] == [0] * 4
     assert len(told) == 1
     # A step and a projection; a whole plan is compiled in the background, if there is time.

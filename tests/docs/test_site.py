@@ -13,6 +13,7 @@ import pytest
 
 import noslip
 from noslip import figures
+from waiting import PATIENCE
 
 pytest.importorskip("myst_nb", reason="needs the extra docs")
 pytest.importorskip("sphinx_gallery", reason="needs the extra docs")
@@ -50,7 +51,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         env=os.environ | source,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -121,7 +122,7 @@ def test_notebooks_run(notebook: Path, tmp_path: Path, monkeypatch: pytest.Monke
     content = nbformat.read(notebook, as_version=4)
     resources = {"metadata": {"path": str(tmp_path)}}
     nbclient.NotebookClient(
-        content, timeout=60, kernel_name="python3", resources=resources
+        content, timeout=int(PATIENCE), kernel_name="python3", resources=resources
     ).execute()
     shown = [output for cell in content.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in shown)

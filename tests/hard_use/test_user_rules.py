@@ -22,6 +22,7 @@ from noslip.constraints.declaration import MOST_OPERATIONS, MOST_ROWS
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConstraintError
 from refusals import refusal
+from waiting import PATIENCE, heed_ctrl_c, until
 
 HEADER = "import os, sys\nimport casadi as ca\nimport noslip as ns\n"
 RULE = HEADER + "@ns.velocity_constraint\ndef rule(motion):\n    "
@@ -171,26 +172,25 @@ def test_a_rule_that_never_ends_is_interrupted(tmp_path: Path, recording: Path, 
     rule = rule_file(tmp_path, ENDLESS[where].format(f"open({str(started)!r}, 'w').close()\n"))
     out = tmp_path / "cut.json"
     source = Path(ns.__file__).parents[1]
-    code = (
-        # Where the parent ignores the signal, so would its children.
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
-        "from noslip.cli import main; main()"
-    )
     before = set(tmp_path.iterdir())
     running = subprocess.Popen(
-        [sys.executable, "-c", code, "learn", str(recording), "--constraint", rule]
+        [sys.executable, "-m", "noslip", "learn", str(recording), "--constraint", rule]
         + ["--out", str(out)],
         env={**os.environ, "PYTHONPATH": str(source)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=heed_ctrl_c,
     )
+
+    def runs() -> bool:
+        assert running.poll() is None, running.communicate()
+        return started.exists()
+
     try:
-        while not started.exists():
-            assert running.poll() is None, running.communicate()
-            time.sleep(0.01)
+        until(runs, "the rule to be called")
         running.send_signal(signal.SIGINT)
-        shown, said = running.communicate(timeout=120)
+        shown, said = running.communicate(timeout=PATIENCE)
     finally:
         running.kill()
     assert running.returncode == 130

@@ -31,6 +31,7 @@ from noslip.projection.trajectory import project
 from refusals import refusal
 from rules import needle, no_roll, table
 from strategies import seeds
+from waiting import PATIENCE
 
 BLADE = Blade()
 UNSMOOTHED = Weights(10.0, 0.0, 1e-4)
@@ -275,7 +276,7 @@ def compiled_to(folder: Path, stage: Stage, *options: str) -> Path:
         (folder / name).write_text(text, encoding="utf-8")
     result = folder / "plan.o"
     command = ["cc", *STRICT, *options, "-c", str(folder / "plan.c"), "-o", str(result)]
-    subprocess.run(command, check=True, timeout=120)
+    subprocess.run(command, check=True, timeout=PATIENCE)
     return result
 
 
@@ -359,7 +360,7 @@ def test_it_stays_within_what_it_is_given(name: str, tmp_path: Path) -> None:
     sanitize = "-fsanitize=address,undefined"
     compiled_to(tmp_path, plan.stage, sanitize, "-fno-sanitize-recover=all")
     build = ["cc", *STRICT, sanitize, "check.c", "plan.o", "-lm", "-o", "check"]
-    if subprocess.run(build, cwd=tmp_path, timeout=120).returncode:
+    if subprocess.run(build, cwd=tmp_path, timeout=PATIENCE).returncode:
         pytest.skip("no sanitizers for this C compiler")
     # What main() takes, it does not give back.
     done = subprocess.run(
@@ -368,7 +369,7 @@ def test_it_stays_within_what_it_is_given(name: str, tmp_path: Path) -> None:
         env={"ASAN_OPTIONS": "detect_leaks=0"},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     outcome, steps, *z = done.stdout.split()

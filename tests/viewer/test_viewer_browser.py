@@ -9,11 +9,13 @@ import io
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from waiting import PATIENCE, until
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 pytest.importorskip("playwright", reason="browser tests need playwright (extra: dev)")
@@ -89,7 +91,7 @@ class Tab:
         )
         self.sharpness = sharpness
         self.view = self.context.new_page()
-        self.view.set_default_timeout(15_000)
+        self.view.set_default_timeout(1e3 * PATIENCE)
         self.errors: list[str] = []
         self.asked: list[str] = []
         self.view.on("pageerror", lambda error: self.errors.append(str(error)))
@@ -113,14 +115,6 @@ def tab(chromium, page) -> Iterator[Tab]:
     tab.view.get_by_text("slip angle").wait_for()
     yield tab
     tab.context.close()
-
-
-def until(holds: Callable[[], bool], what: str, seconds: float = 15.0) -> None:
-    """Wait for something to become true."""
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end, f"waited {seconds} s for: {what}"
-        time.sleep(0.05)
 
 
 def fill(tab: Tab, label: str, text: str, component: int = 0) -> None:
