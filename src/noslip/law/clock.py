@@ -18,8 +18,9 @@ their centers are apart by rounding alone."""
 DONE = 1 - 1e-9
 """Fraction of the duration from which on a motion has come to its end: steps add up to 1 only to
 rounding."""
-LONGEST_STEP = 0.02
-"""Of the duration: a longer step is a late cycle, and made good in shorter ones."""
+LONGEST_STEP = 0.1
+"""Of the duration: a longer step is a late cycle, and made good in shorter ones.  Of those the path
+bends, and what is sent slips; a slow loop takes twenty steps for a short plan, and none of it."""
 LATEST = 100.0
 """Durations: a step that is longer is refused, so that the work of making it good is bounded."""
 

@@ -212,7 +212,7 @@ def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
 
     Steps may differ in length; the last one ends where the motion does.  After its end it holds its
     pose, or comes to rest within ``state.braking`` seconds, straight on or as constraints lead it.
-    One longer than a fiftieth of the duration is made good in steps as long as the motion's own.
+    One longer than a tenth of the duration is made good in steps as long as the motion's own.
     """
     time_step = _arguments.positive("time_step", time_step, "seconds")
     fraction = law.clock.fraction(state.phase)

@@ -41,7 +41,7 @@ typedef struct noslip_state {
 void noslip_start(const noslip_primitive *primitive, noslip_state *state);
 
 /* Carry a state over a step of some seconds.  Steps may differ in length; the last one ends where the
- * motion does, and after it the pose is held (see braking).  One longer than a fiftieth of the duration
+ * motion does, and after it the pose is held (see braking).  One longer than a tenth of the duration
  * is made good in steps as long as those of its own motion.  Returns 0; or 1, the state as it was, if the
  * step is not positive, or longer than a hundred durations, or what comes of it is not finite (a
  * measurement is not).
