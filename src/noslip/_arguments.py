@@ -95,10 +95,12 @@ def rotation(name: str, value: Any) -> Rotation:
 def inverse_metric(value: Sequence[float]) -> tuple[float, ...]:
     """Return the diagonal of M^-1: 6 numbers, none negative, not all 0."""
     weights = _each(value)
-    fits = len(weights) == 6 and all(0 <= x <= LARGEST for x in weights)
+    # Over the square of a length.
+    largest = LARGEST**2
+    fits = len(weights) == 6 and all(0 <= x <= largest for x in weights)
     if not fits or not any(weights):
         raise InputError(
-            f"inverse_metric must be 6 numbers from 0 to {LARGEST:g}, not all 0; got {short(value)}"
+            f"inverse_metric must be 6 numbers from 0 to {largest:g}, not all 0; got {short(value)}"
         )
     return weights
 
