@@ -140,6 +140,8 @@ def test_a_copy_rolls_out_by_the_graph_and_machine_code_of_its_original(
     # Its graphs may be others than those of what was made long ago: another test forgets all.
     dmp = copy.deepcopy(values()["primitive"])
     stepper = stepper_of(dmp.rule)
+    # Nor need anything have been built for it in this process.
+    dmp.rollout()
     again = copied(dmp)
     assert stepper_of(again.rule) is stepper
     # Whatever is built is built through these.
