@@ -145,7 +145,7 @@ class Observer:
         """
         poses = self.seen, command, before, pose
         library = _native().library
-        self._observe = library or _virtual
+        self._observe = library or _virtual(self.seen)
         # Of machine code, addresses: the arrays are kept by those who have them.
         self._places: tuple[Any, ...] = poses
         if library is not None:
@@ -198,10 +198,22 @@ class Observer:
         return sqrt(x * x + y * y + z * z)
 
 
-def _virtual(seen: Floats, one: Floats, other: Floats, number: float, has_moved: bool) -> None:
-    """Observe by CasADi's virtual machine."""
-    graph = functions()[0 if has_moved else 1]
-    seen[:] = graph(seen, np.concatenate([one, other, [number]])).full()[:, 0]
+def _virtual(seen: Floats) -> Callable[..., None]:
+    """Observe in CasADi's virtual machine, from and into a row of numbers."""
+    given, found = np.empty(_MOVE.size), np.empty(SEEN.size)
+    buffers = [graph.buffer() for graph in functions()]
+    for buffer, _ in buffers:
+        buffer.set_arg(0, seen.data)
+        buffer.set_arg(1, given.data)
+        buffer.set_res(0, found.data)
+
+    def observe(_: Floats, one: Floats, other: Floats, number: float, has_moved: bool) -> None:
+        given[:7], given[7:14], given[14] = one, other, number
+        # The buffer lives as long as this does.
+        buffers[not has_moved][1]()
+        seen[:] = found
+
+    return observe
 
 
 @lru_cache(maxsize=1)
