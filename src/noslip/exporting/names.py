@@ -66,7 +66,6 @@ def named(texts: dict[str, str], placeholder: str, name: str) -> dict[str, str]:
     InputError
         If another file, or anything in the texts, has it already.
     """
-    checked("name", name)
     # Where it is not named it may well be the name of something within a function.
     naming = [text for text in texts.values() if placeholder in text]
     naming += [line for text in texts.values() for line in text.splitlines() if "#define" in line]
@@ -83,7 +82,6 @@ def named(texts: dict[str, str], placeholder: str, name: str) -> dict[str, str]:
 
 def prefixed(texts: dict[str, str], prefix: str) -> dict[str, str]:
     """Let all names that the linker sees begin with another prefix than ``noslip``."""
-    checked("prefix", prefix)
 
     def changed(text: str) -> str:
         text = re.sub(r"\bnoslip_", f"{prefix}_", text)

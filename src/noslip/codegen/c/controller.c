@@ -27,15 +27,6 @@ static void copy(const double *from, double *to, int count) {
 
 static void zero(double *numbers, int count) { memset(numbers, 0, (size_t)count * sizeof(double)); }
 
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static double norm(const double *a) { return sqrt(dot(a, a)); }
-
-static double apart(const double *a, const double *b) {
-    const double between[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-    return norm(between);
-}
-
 /* The part of a displacement that a motion can reach. */
 static void reach(const double *displacement, double *found) {
     int i;

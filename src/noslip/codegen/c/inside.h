@@ -149,6 +149,15 @@ static inline void led_by(const noslip_primitive *p, noslip_real before, noslip_
     found[1] = before > 0 ? bend / (h * h) : slope / h / 2;
 }
 
+static inline double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static inline double norm(const double *a) { return sqrt(dot(a, a)); }
+
+static inline double apart(const double *a, const double *b) {
+    const double between[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return norm(between);
+}
+
 /* One step, however long; freely, without the constraints.  What it keeps for the next one may change
  * even if it fails. */
 int noslip_step_once(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step,
