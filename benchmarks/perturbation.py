@@ -280,9 +280,6 @@ class _Motion:
         states, most = [state], round(LONGEST * self.steps) - before - held
         while not controller.done and len(states) <= most:
             states.append(controller.step(states[-1]))
-            if controller.mode == "yield":
-                # Where a hand led it, it goes as the hand does.
-                held, states = held + 1, states[-1:]
         motion = PoseTrajectory(
             self.time_step * np.arange(len(states)),
             np.array([s.position for s in states]),

@@ -1,23 +1,12 @@
 /* Steps random primitives from random states to random goals, pushes them about, and looks at what
  * must never happen.  Arguments: steps, seed, how far to push (0: not at all). */
 #include "primitives.h"
+#include "soak.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-static unsigned long long state_of_random;
-
-/* xorshift64*: the same on every machine. */
-static double uniform(double low, double high) {
-    unsigned long long x = state_of_random;
-    x ^= x >> 12;
-    x ^= x << 25;
-    x ^= x >> 27;
-    state_of_random = x;
-    return low + (high - low) * (double)((x * 2685821657736338717ULL) >> 11) / 9007199254740992.0;
-}
 
 static void turn(double *quaternion, double angle) {
     double size = 0;

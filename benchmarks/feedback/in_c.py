@@ -166,7 +166,7 @@ def _compiled(task: Task) -> Any:
     return compiled(task.dmp)
 
 
-class InC:
+class InC(Controlled):
     """The exported controller in the bench; ``follows`` says that the robot is compliant."""
 
     def __init__(self, task: Task, period: float, *, follows: bool = False) -> None:
@@ -174,18 +174,8 @@ class InC:
 
     @property
     def plans(self) -> int:
-        """See :class:`benchmarks.feedback.generators.Generator`."""
+        """Those that were found."""
         return self.controller.plans
-
-    @property
-    def done(self) -> bool:
-        """See :class:`benchmarks.feedback.generators.Generator`."""
-        return self.controller.done
-
-    @property
-    def is_led(self) -> bool:
-        """See :class:`benchmarks.feedback.generators.Generator`."""
-        return self.controller.mode == "yield"
 
     def step(self, elapsed: float, measured: Pose | None, goal: Floats | None) -> Pose:
         """See :class:`benchmarks.feedback.generators.Generator`."""

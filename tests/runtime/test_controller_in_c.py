@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_export import ARM, CC, EMULATOR, STRICT, needs_emulator, uncounted
+from test_export import ARM, CC, EMULATOR, build, needs_emulator, uncounted
 
 import noslip as ns
 from benchmarks.feedback import tasks
@@ -182,7 +182,7 @@ def test_it_is_python_s_whatever_comes(name: str, begin: int, follows: bool) -> 
 
 # ---------------------------------------------------------------- as a program
 
-SOURCES = ("noslip.c", "plan.c", "replan.c", "controller.c", "cut.c", "main.c")
+PARTS = ("noslip.c", "plan.c", "replan.c", "controller.c")
 MAIN = r"""
 #include "cut.h"
 #include "controller.h"
@@ -254,16 +254,7 @@ def program(
     aside = 0.04 * PRIMITIVES[name]().rollout().path_length
     given = f"#define H {H!r}\n#define ASIDE {aside!r}\n#define REAL_TIME {real_time}\n"
     (folder / "main.c").write_text(given + MAIN)
-    done = subprocess.run(
-        [str(compiler), *STRICT, *flags, *SOURCES, "-lm", "-o", "main"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return folder / "main"
+    return build(folder, "main.c", "cut", *flags, parts=PARTS, compiler=compiler)
 
 
 def ran(*command: str | Path) -> tuple[np.ndarray, list[float]]:
@@ -306,10 +297,10 @@ def peak_speed() -> float:
 def test_it_asks_for_no_heap(tmp_path: Path) -> None:
     PRIMITIVES["s-cut"]().export_c(tmp_path, name="cut")
     subprocess.run(
-        [str(CC), "-std=c99", "-c", *SOURCES[:-1]], cwd=tmp_path, check=True, capture_output=True
+        [str(CC), "-std=c99", "-c", *PARTS], cwd=tmp_path, check=True, capture_output=True
     )
     names = subprocess.run(
-        ["nm", "-u", *(name.replace(".c", ".o") for name in SOURCES[:-1])],
+        ["nm", "-u", *(name.replace(".c", ".o") for name in PARTS)],
         cwd=tmp_path,
         check=True,
         capture_output=True,

@@ -67,12 +67,19 @@ def primitive(name: str) -> ns.ConstrainedDMP:
     return CASES[name]()
 
 
-def build(folder: Path, main: str, name: str = "cut", *flags: str) -> Path:
-    """Compile the step, the numbers and a main."""
+def build(
+    folder: Path,
+    main: str,
+    name: str = "cut",
+    *flags: str,
+    parts: tuple[str, ...] = ("noslip.c",),
+    compiler: str | None = CC,
+) -> Path:
+    """Compile the step, or more, the numbers and a main."""
     program = folder / main.removesuffix(".c")
-    sources = ("noslip.c", f"{name}.c", main)
+    sources = (*parts, f"{name}.c", main)
     done = subprocess.run(
-        [str(CC), *STRICT, *flags, *sources, "-lm", "-o", program.name],
+        [str(compiler), *STRICT, *flags, *sources, "-lm", "-o", program.name],
         cwd=folder,
         capture_output=True,
         text=True,
