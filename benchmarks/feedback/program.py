@@ -84,7 +84,16 @@ def run(arguments: Sequence[str] | None = None) -> int:
     if options.tune:
         return _tune(options.processes)
     quick = options.quick
-    outcomes = [one for file in options.add for one in read(file)]
+    outcomes = []
+    for file in options.add:
+        try:
+            outcomes += read(file)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            print(
+                f"--add {file}: no runs as --json writes them ({error}); make them anew",
+                file=sys.stderr,
+            )
+            return 2
     # From files alone, if nothing says what to run.
     runs = quick or options.generator or not options.add
     names = options.task or (QUICK_TASKS if quick else TASKS)

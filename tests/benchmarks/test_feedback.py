@@ -459,3 +459,16 @@ def test_a_plan_that_bends_too_sharply_is_not_handed_over_at_speed() -> None:
     for name in ("turning", "speed", "turning_gain", "gain", "slip"):
         assert getattr(found.figures, name) <= getattr(bounds, name)
     assert found.figures.arrived
+
+
+@pytest.mark.parametrize("content", [None, "", "[]", '{"runs": 3}', '{"runs": [{"figures": {}}]}'])
+def test_a_file_that_holds_no_runs_is_named(
+    content: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "runs.json"
+    if content is not None:
+        file.write_text(content)
+    assert program.run(["--add", str(file)]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"--add {file}: no runs as --json writes them")
+    assert told.count("\n") == 1

@@ -780,7 +780,10 @@ class Controller:
             place = _arguments.vector("goal", position).tolist()
             away = dist(place, self.memory.data[engine.POSITION].tolist())
             if not away <= NO_TOOL * self._length:
-                raise InputError(f"goal: {away:.3g} m away, the whole path {self._length:.3g} m")
+                raise InputError(
+                    f"goal: {away:.3g} m away, the whole path {self._length:.3g} m; check its "
+                    "unit and frame"
+                )
             self._goal.take(self._time, place)
         if rotation is not None:
             turn = (rotation * self._goal_rotation.inv()).as_rotvec()

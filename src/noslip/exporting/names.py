@@ -54,7 +54,9 @@ def checked(what: str, name: str) -> str:
     # Those of math come with an f or an l, too; what begins with an underscore is the compiler's.
     own = name.removesuffix("f") in _MATH.split() or name.removesuffix("l") in _MATH.split()
     if name in _RESERVED or own or name.startswith("_"):
-        raise InputError(f"{what}: {name!r} is a name of C or C++ or their libraries; add to it")
+        raise InputError(
+            f"{what}: {name!r} is a name of C or C++ or their libraries; take my_{name}"
+        )
     return name
 
 
@@ -72,7 +74,7 @@ def named(texts: dict[str, str], placeholder: str, name: str) -> dict[str, str]:
     taken = set(_IDENTIFIER.findall(_ASIDE.sub("", "\n".join(naming))))
     files = {file.partition(".")[0].lower() for file in texts}
     if name in taken or name.lower() in files:
-        raise InputError(f"name: {name!r} is used by the exported code itself; add to it")
+        raise InputError(f"name: {name!r} is used by the exported code itself; take my_{name}")
     capitals = placeholder.upper(), name.upper()
     return {
         file.replace(placeholder, name): text.replace(placeholder, name).replace(*capitals)
