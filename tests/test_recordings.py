@@ -197,6 +197,7 @@ def first_of_each_stamp(file: Path, folder: Path) -> Path:
     return cleaned
 
 
+@pytest.mark.filterwarnings("ignore:.*stands still:noslip.errors.RecordingWarning")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["trolley_fast", "trolley_mid"])
 def test_trolleys_are_learned_as_recorded(recordings: Path, tmp_path: Path, name: str) -> None:
@@ -273,6 +274,7 @@ def test_robots_without_a_filter_do_not_slip_either(recordings: Path, name: str)
 # -------------------------------------------------------------------- from a shell
 
 
+@pytest.mark.filterwarnings("ignore:.*stands still:noslip.errors.RecordingWarning")
 @pytest.mark.parametrize(
     ("family", "name", "options"),
     [
@@ -297,7 +299,9 @@ def test_recordings_are_learned_from_a_shell(
 ) -> None:
     file, out = recordings / family.folder / f"{name}.csv", tmp_path / f"{name}.json"
     result = noslip("learn", file, *options, "--lowpass", LOWPASS, "--json", "--out", out)
-    assert result.code == 0 and "warning" not in result.err
+    assert result.code == 0
+    # The trolley's tracker lost it once, and held its pose.
+    assert ("warning" in result.err) == (name == "trolley_fast") == ("stands still" in result.err)
     figures = json.loads(result.out)
     assert figures["residual_peak"] <= RESIDUAL
     [recording] = load_demonstrations(file, **family.load)

@@ -109,6 +109,7 @@ def test_a_recording_is_asked_after_once_from_its_file_to_what_is_learned(tmp_pa
     assert prepared == recording == pickle.loads(pickle.dumps(recording)) == copy.copy(prepared)
 
 
+@pytest.mark.filterwarnings("ignore:.*stands still:noslip.errors.RecordingWarning")
 @pytest.mark.recordings
 def test_real_recordings_are_in_seconds_and_meters(recordings: Path) -> None:
     read = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -55,11 +55,23 @@ class Source:
     path: str | Path
     times: str
     quaternions: str
-    lines: Sequence[int] | None = None
+    lines: Sequence[int] | NDArray[np.intp] | None = None
+    numbers: NDArray[np.intp] | None = None
+    """Of the samples, where some were left out."""
+    advice: str = "fill in or remove the sample"
+    """Where one has no pose."""
+
+    def picked(self, kept: NDArray[np.intp]) -> Source:
+        """Return what to call some of the samples."""
+        lines = None if self.lines is None else np.asarray(self.lines)[kept]
+        numbers = kept if self.numbers is None else self.numbers[kept]
+        return replace(self, lines=lines, numbers=numbers)
 
     def sample(self, index: int) -> str:
         """Return what to call a sample."""
-        return f"sample {index}" if self.lines is None else f"line {self.lines[index]}"
+        if self.lines is not None:
+            return f"line {self.lines[index]}"
+        return f"sample {index if self.numbers is None else self.numbers[index]}"
 
     def error(self, index: int, part: str, problem: str) -> RecordingError:
         """Return what to raise about a sample."""
@@ -76,7 +88,7 @@ class Source:
             raise self.error(
                 index,
                 part,
-                f"found {parts[part][index]}, not a finite number; fill in or remove the sample",
+                f"found {parts[part][index]}, not a finite number; {self.advice}",
             )
 
     def rotations(self, quaternions: Floats) -> Rotation:
@@ -89,11 +101,11 @@ class Source:
             index = int(bad[0])
             norm = norms[index]
             found = f"has norm {norm:.6g}" if norm else "is zero, which is no rotation"
+            advice = "correct or remove the sample" if norm else self.advice
             raise self.error(
                 index,
                 self.quaternions,
-                f"the quaternion {found}; norms must be 1 to within {MAX_NORM_ERROR:g}, "
-                "correct or remove the sample",
+                f"the quaternion {found}; norms must be 1 to within {MAX_NORM_ERROR:g}, {advice}",
             )
         # As from_quat adds and divides, to the bit, in a tenth of its time.
         unit = np.column_stack([x, y, z, w]) / norms[:, None]
@@ -160,14 +172,14 @@ class Source:
             if periods[before] < 0:
                 problem = (
                     f"time runs backwards, from {times[before]} s ({self.sample(before)}) to "
-                    f"{times[index]} s; sort the samples or split the recording"
+                    f"{times[index]} s; unsorted='sort' or 'split' (--unsorted) goes on"
                 )
             else:
                 turned = (rotations[index] * rotations[before].inv()).magnitude()
                 problem = (
                     f"{times[index]} s is also the time of {self.sample(before)}, at another pose "
-                    f"({move:.2g} m and {turned:.2g} rad away); correct the time or "
-                    "remove one"
+                    f"({move:.2g} m and {turned:.2g} rad away); duplicates='first' or 'last' "
+                    "(--duplicates) keeps one"
                 )
             raise self.error(index, self.times, problem)
         return np.flatnonzero(np.concatenate([[True], periods > 0])[: len(times)])
@@ -187,5 +199,5 @@ class Source:
                 self.times,
                 f"no sample from {stamps[before]} s ({self.sample(int(kept[before]))}) to "
                 f"{stamps[before + 1]} s, over {MAX_GAP:g} times the median period of {usual:.3g} "
-                "s; split the recording there",
+                "s; gaps='split' or 'interpolate' (--gaps) goes on",
             )

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from noslip._arguments import number
 from noslip._pose_checks import Source
+from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import NamedColumns, listed, numbers_text, plural, shown
@@ -28,8 +27,8 @@ PLANAR = (("x", "y", "theta"), ("x", "y", "theta_deg"))
 """Of vehicles and planar robots, in radians or degrees."""
 
 
-def read_csv(path: str | Path, *, rate: float | None = None) -> dict[str, Any]:
-    """Return the fields of a PoseTrajectory read from a CSV."""
+def read_csv(path: str | Path, *, rate: float | None = None) -> Samples:
+    """Return the poses in a CSV."""
     table = NamedColumns.open(path)
     _check_header(table)
     time, layout = pose_layout(table.where, table.names, rate)
@@ -37,7 +36,7 @@ def read_csv(path: str | Path, *, rate: float | None = None) -> dict[str, Any]:
     if not lines:
         raise RecordingError(f"{table.where}: a header and no samples; record something first")
     source = Source(path, f"column {time}", f"columns {', '.join(QUATERNION)}", lines)
-    return poses_of_columns(source, of, rate)
+    return poses_of_columns(str(path), source, of, rate)
 
 
 def _check_header(table: NamedColumns) -> None:
@@ -123,10 +122,9 @@ def check_rate(where: str, rate: float | None) -> None:
 
 
 def poses_of_columns(
-    source: Source, of: Mapping[str, Floats], rate: float | None
-) -> dict[str, Any]:
-    """Return the fields of a trajectory from the columns that :func:`pose_layout` chose."""
-    source.check_finite({f"column {name}": values for name, values in of.items()})
+    name: str, source: Source, of: Mapping[str, Floats], rate: float | None
+) -> Samples:
+    """Return the poses in the columns that :func:`pose_layout` chose."""
     time = next(name for name in (*TIME, "i") if name in of)
     times = of[time] if rate is None or time != "i" else of[time] / rate
     if "theta_deg" in of:
@@ -135,12 +133,20 @@ def poses_of_columns(
         _check_planar_turns(source, of["theta"])
         height = np.zeros(len(times))
         positions = np.column_stack([of["x"], of["y"], height])
-        turns = np.column_stack([height, height, of["theta"]])
-        return source.fields(times, positions, Rotation.from_rotvec(turns))
-    positions, quaternions = (
-        np.column_stack(itemgetter(*names)(of)) for names in (POSITION, QUATERNION)
+        half = of["theta"] / 2
+        quaternions = np.column_stack([np.cos(half), height, height, np.sin(half)])
+    else:
+        positions, quaternions = (
+            np.column_stack(itemgetter(*names)(of)) for names in (POSITION, QUATERNION)
+        )
+    return Samples(
+        name=name,
+        source=source,
+        times=times,
+        positions=positions,
+        quaternions=quaternions,
+        columns={f"column {each}": values for each, values in of.items()},
     )
-    return source.fields(times, positions, source.rotations(quaternions))
 
 
 def _check_planar_turns(source: Source, theta: Floats) -> None:

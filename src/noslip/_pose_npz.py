@@ -13,6 +13,7 @@ import numpy as np
 
 from noslip._files import read_bytes
 from noslip._pose_checks import Source, require_few
+from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import listed, plural
@@ -29,13 +30,21 @@ WIDTHS: dict[str, tuple[int, ...]] = {
 """Of a sample in each array."""
 
 
-def read_npz(path: str | Path) -> dict[str, Any]:
-    """Return the fields of a PoseTrajectory read from an npz."""
+def read_npz(path: str | Path) -> Samples:
+    """Return the poses in an npz."""
     arrays = _arrays(path)
     source = Source(path, times="array times", quaternions="array quaternions")
-    source.check_finite({f"array {name}": values for name, values in arrays.items()})
+    columns = {f"array {name}": values for name, values in arrays.items()}
     times, positions, quaternions = map(arrays.pop, REQUIRED)
-    return source.fields(times, positions, source.rotations(quaternions), arrays)
+    return Samples(
+        name=str(path),
+        source=source,
+        times=times,
+        positions=positions,
+        quaternions=quaternions,
+        velocities=arrays,
+        columns=columns,
+    )
 
 
 def npz_bytes(*arrays: Floats) -> bytes:

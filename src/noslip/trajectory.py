@@ -292,7 +292,7 @@ class PoseTrajectory(Value):
     @classmethod
     def from_csv(cls, path: str | Path, *, rate: float | None = None) -> Self:
         """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
-        return cls(**read_csv(path, rate=rate), name=str(path))
+        return cls(**read_csv(path, rate=rate).checked(), name=str(path))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write the poses and velocities as NumPy's ``.npz``."""
@@ -303,7 +303,7 @@ class PoseTrajectory(Value):
     @classmethod
     def from_npz(cls, path: str | Path) -> Self:
         """Read an ``.npz`` with times, positions and quaternions (qw, qx, qy, qz)."""
-        return cls(**read_npz(path), name=str(path))
+        return cls(**read_npz(path).checked(), name=str(path))
 
 
 def continuous_quaternions(rotations: Rotation) -> Floats:

@@ -107,7 +107,8 @@ def test_bad_usage_is_one_line_and_exit_code_2(noslip, session, tmp_path, argume
     result = noslip("segment", session, "--out", tmp_path / "cuts", *arguments)
     assert result.code == 2
     assert message in result.err
-    assert result.err.count("\n") == 1
+    assert result.err.count("noslip: error") == 1
+    assert result.err.endswith("\n")
     assert not (tmp_path / "cuts").exists()
 
 

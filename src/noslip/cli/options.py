@@ -14,6 +14,7 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._samples import Duplicates, Gaps, Lost, Unsorted
 from noslip._typing import Floats
 from noslip.boundary import End
 from noslip.constraints.catalog import parse_constraint
@@ -95,6 +96,31 @@ Columns = Annotated[
         _WHERE,
     ),
 ]
+_FAULTS = "Faults of a recording"
+"""Heading of these options in the help."""
+GapsChoice = Annotated[
+    Gaps,
+    typer.Option(
+        help="A hole: make a recording of each piece, or fill it in.", rich_help_panel=_FAULTS
+    ),
+]
+DuplicatesChoice = Annotated[
+    Duplicates, typer.Option(help="Two poses at one time: which to keep.", rich_help_panel=_FAULTS)
+]
+UnsortedChoice = Annotated[
+    Unsorted,
+    typer.Option(
+        help="Time runs backwards: sort, or make a recording of each piece.",
+        rich_help_panel=_FAULTS,
+    ),
+]
+LostChoice = Annotated[
+    Lost,
+    typer.Option(
+        help="NaN, zero quaternions, poses that stand still and then jump: leave them out.",
+        rich_help_panel=_FAULTS,
+    ),
+]
 ToolFrame = Annotated[
     str | None,
     optional(
@@ -170,6 +196,10 @@ class Where:
     child_frame: ChildFrame = None
     episode: Episode = field(default_factory=list)
     columns: Columns = None
+    gaps: GapsChoice = "refuse"
+    duplicates: DuplicatesChoice = "refuse"
+    unsorted: UnsortedChoice = "refuse"
+    lost: LostChoice = "refuse"
 
     def loading(self) -> dict[str, Any]:
         """Return what they ask of :func:`noslip.load_demonstrations`."""
@@ -180,6 +210,10 @@ class Where:
             "child_frame": self.child_frame,
             "episode": self.episode or None,
             "columns": self.columns,
+            "gaps": self.gaps,
+            "duplicates": self.duplicates,
+            "unsorted": self.unsorted,
+            "lost": self.lost,
         }
 
 
@@ -194,6 +228,11 @@ class Loading(Where):
     lowpass: Lowpass = None
     relative: Relative = False
     order: FilterOrder = "filter"
+
+    def loading(self) -> dict[str, Any]:
+        """Return what they ask of :func:`noslip.load_demonstrations`: trimming goes first."""
+        within = None if self.trim_time is None else _interval(self.trim_time)
+        return {**super().loading(), "within": within}
 
     def preparation(self) -> dict[str, Any]:
         """Return what they ask of :func:`noslip.prepare`."""

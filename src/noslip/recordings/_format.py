@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from noslip.trajectory import PoseTrajectory
+from noslip._samples import Samples
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,8 +18,8 @@ class Format:
     name, folders : str
         With its article, for messages; what recordings that are folders are called, if any.
     read, options : callable, tuple of str
-        ``read(path, **options)`` returns a list of trajectories; those options of
-        :func:`noslip.load_demonstrations` that it takes.
+        ``read(path, **options)`` returns the samples of each recording, unchecked; those options
+        of :func:`noslip.load_demonstrations` that it takes.
     suffixes, named_only : tuple of str
         Of the files that are read, in lower case; those that are read of a file that is named, but
         not looked for in folders, where most files with them are something else.
@@ -35,7 +35,7 @@ class Format:
     """
 
     name: str
-    read: Callable[..., list[PoseTrajectory]]
+    read: Callable[..., list[Samples]]
     options: tuple[str, ...] = ()
     suffixes: tuple[str, ...] = ()
     named_only: tuple[str, ...] = ()

@@ -11,13 +11,13 @@ from typing import Any
 
 from noslip._extras import need
 from noslip._pose_checks import require_few
+from noslip._samples import Samples
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import listed
 from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
 from noslip.recordings.bag_writing import write_bag
 from noslip.recordings.transforms import Key, Link, Series, links_text, resolve
-from noslip.trajectory import PoseTrajectory
 
 METADATA = "metadata.yaml"
 """What the folder of every ROS 2 bag has, and is known by."""
@@ -98,7 +98,7 @@ def read_bag(
     topic: str | None = None,
     frame: str | None = None,
     child_frame: str | None = None,
-) -> list[PoseTrajectory]:
+) -> list[Samples]:
     """Read the poses of one topic of a bag.
 
     Parameters
@@ -138,13 +138,12 @@ def read_bag(
                 fixed = _read(reader, static)
                 links = {key: Link(f"{path}: {static}", one, True) for key, one in fixed.items()}
             links |= {key: Link(where, one, False) for key, one in series.items()}
-            moved = resolve(where, links, frame, child_frame)
-            return [PoseTrajectory(**moved, name=str(path))]
+            moved = resolve(str(path), where, links, frame, child_frame)
+            return [moved]
         one = _one(where, series, frame, child_frame)
         if _pose_type(reader, name) == PATH and not any(one.stamps):
             raise RecordingError(f"{where}: the poses of the path carry no stamps, so no times")
-        source, times, positions, quaternions = one.checked_arrays(where)
-        return [PoseTrajectory(**source.fields(times, positions, quaternions), name=str(path))]
+        return [one.samples(str(path), where)]
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip._files import write_beside
+from noslip._pose_csv import read_csv
+from noslip._pose_npz import read_npz
+from noslip._samples import Duplicates, Gaps, Interval, Lost, Mending, Samples, Unsorted
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import numbers_text
 from noslip.recordings._format import Format
@@ -27,7 +30,7 @@ from noslip.trajectory import PoseTrajectory
 
 CSV = Format(
     name="a CSV",
-    read=lambda path, rate: [PoseTrajectory.from_csv(path, rate=rate)],
+    read=lambda path, rate: [read_csv(path, rate=rate)],
     options=("rate",),
     suffixes=(".csv",),
     write=PoseTrajectory.to_csv,
@@ -36,7 +39,7 @@ CSV = Format(
 """Of named columns."""
 NPZ = Format(
     name="an npz",
-    read=lambda path: [PoseTrajectory.from_npz(path)],
+    read=lambda path: [read_npz(path)],
     suffixes=(".npz",),
     write=PoseTrajectory.to_npz,
     written=(".npz",),
@@ -68,6 +71,11 @@ def load_demonstrations(
     child_frame: str | None = None,
     episode: int | Iterable[int] | None = None,
     columns: str | None = None,
+    gaps: Gaps = "refuse",
+    duplicates: Duplicates = "refuse",
+    unsorted: Unsorted = "refuse",
+    lost: Lost = "refuse",
+    within: Interval | None = None,
 ) -> list[PoseTrajectory]:
     """Read recordings of a tool's motion, one trajectory a file, or one an episode.
 
@@ -88,18 +96,33 @@ def load_demonstrations(
     columns : str, optional
         Of data sets and tables: where the pose is, in the order x, y, z, qw, qx, qy, qz, such as
         ``"observation.state[0:3,6,3:6]"``; see :func:`noslip.recordings.columns.pose_columns`.
+    gaps : "refuse", "split" or "interpolate"
+        More than 10 median periods without a sample: make a recording of each piece, or fill it
+        with samples at the median period, on the straight line and the shortest turn.
+    duplicates : "refuse", "first" or "last"
+        Which of two poses at one time to keep.
+    unsorted : "refuse", "sort" or "split"
+        Time that runs backwards: sort the samples, or make a recording of each piece.
+    lost : "refuse" or "drop"
+        Leave out samples without a pose: numbers that are not finite, quaternions that are zero,
+        and poses that stand still for three samples or more and then jump, as trackers hold them
+        that have lost the tool (these draw a warning where they are not left out).
+    within : pair of float or None, optional
+        Start and end (s, on the recording's clock; None leaves one open) of the time that must be
+        whole: what lies outside is kept up to the first fault, for the filter of
+        :func:`noslip.prepare`, whose ``trim_time`` cuts it off.
 
     Returns
     -------
     list of PoseTrajectory
         In the order given.  ``name`` is the file's path as given or found, followed by the
-        episode where there are several.
+        episode, and the part, where there are several.
 
     Warns
     -----
     RecordingWarning
         If stamps, period, speed, turn rate or size are hardly those of a tool in seconds, meters
-        and radians.
+        and radians; of samples that were left out, sorted or filled in, and where to look first.
 
     Raises
     ------
@@ -146,14 +169,7 @@ def load_demonstrations(
     A quaternion and its negative are the same rotation.  Quaternions are normalized.  A sample
     that repeats the time and the pose of the one before (to 1e-9) is dropped.
     """
-    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
-    files: dict[Path, Path] = {}
-    for path in given:
-        for file in expand(path):
-            files.setdefault(file.resolve(), file)
-    if not files:
-        raise RecordingError("no demonstrations given; give at least one file, such as runs/*.csv")
-    formats = {file: _format(file) for file in files.values()}
+    mending = Mending(gaps=gaps, duplicates=duplicates, unsorted=unsorted, lost=lost, within=within)
     options = {
         "rate": rate,
         "topic": topic,
@@ -162,15 +178,31 @@ def load_demonstrations(
         "episode": list(episode) if isinstance(episode, Iterable) else episode,
         "columns": columns,
     }
-    _refuse_ignored(options, formats)
     loaded = [
-        trajectory
-        for file, each in formats.items()
-        for trajectory in each.read(file, **{name: options[name] for name in each.options})
+        PoseTrajectory(**piece.checked(), name=piece.name)
+        for samples in read_samples(paths, options)
+        for piece in samples.mended(mending)
     ]
     for trajectory in loaded:
         ask_after_units(trajectory)
     return loaded
+
+
+def read_samples(
+    paths: str | Path | Iterable[str | Path], options: dict[str, Any]
+) -> Iterator[Samples]:
+    """Yield what is in recordings, unchecked; the options are those of their formats."""
+    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    files: dict[Path, Path] = {}
+    for path in given:
+        for file in expand(path):
+            files.setdefault(file.resolve(), file)
+    if not files:
+        raise RecordingError("no demonstrations given; give at least one file, such as runs/*.csv")
+    formats = {file: _format(file) for file in files.values()}
+    _refuse_ignored(options, formats)
+    for file, each in formats.items():
+        yield from each.read(file, **{name: options[name] for name in each.options})
 
 
 def expand(path: str | Path) -> list[Path]:

@@ -13,6 +13,7 @@ import numpy as np
 from noslip._extras import need
 from noslip._files import read_text
 from noslip._pose_checks import Source
+from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import shown
@@ -21,7 +22,6 @@ from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
 from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.recordings.tables import arrow_table, numbers
-from noslip.trajectory import PoseTrajectory
 
 INFO = Path("meta") / "info.json"
 """What every data set has, and its folder is known by."""
@@ -38,7 +38,7 @@ def is_lerobot(folder: Path) -> bool:
 
 def read_lerobot(
     path: Path, *, episode: int | Iterable[int] | None = None, columns: str | None = None
-) -> list[PoseTrajectory]:
+) -> list[Samples]:
     """Read the episodes of a LeRobot data set, one trajectory each.
 
     Parameters
@@ -69,9 +69,7 @@ def read_lerobot(
         return _read(path, episode, columns)
 
 
-def _read(
-    path: Path, episode: int | Iterable[int] | None, columns: str | None
-) -> list[PoseTrajectory]:
+def _read(path: Path, episode: int | Iterable[int] | None, columns: str | None) -> list[Samples]:
     info = _info(path)
     fps = float(info["fps"])
     places = pose_columns(path / INFO, columns, _features(path, info))
@@ -94,7 +92,7 @@ def _read(
 
 def _episode(
     name: str, file: Path, of: dict[str, Floats], places: list[tuple[str, int]], fps: float
-) -> PoseTrajectory:
+) -> Samples:
     if not len(of["timestamp"]):
         raise RecordingError(f"{name}: no frames in {file}; is the data set complete?")
     for key, place in places:
@@ -105,8 +103,13 @@ def _episode(
     pose = stacked(places, of.__getitem__)
     stamps, even = of["timestamp"][:, 0], of["frame_index"][:, 0] / fps
     times = even if np.all(np.abs(stamps - even) <= STAMP_TOLERANCE) else stamps
-    fields = Source(name, "timestamp", "quaternion").fields(times, pose[:, :3], pose[:, 3:])
-    return PoseTrajectory(**fields, name=name)
+    return Samples(
+        name=name,
+        source=Source(name, "timestamp", "quaternion"),
+        times=times,
+        positions=pose[:, :3],
+        quaternions=pose[:, 3:],
+    )
 
 
 def _info(path: Path) -> dict[str, Any]:

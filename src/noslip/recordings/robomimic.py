@@ -14,6 +14,7 @@ from noslip._arguments import MOST_SAMPLES
 from noslip._extras import need
 from noslip._pose_checks import Source, require_few
 from noslip._pose_csv import POSE
+from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import listed
@@ -21,7 +22,6 @@ from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
 from noslip.recordings.columns import Column, pose_columns, stacked
-from noslip.trajectory import PoseTrajectory
 
 EEF_POSE = "robot0_eef_pos,robot0_eef_quat[3,0:3]"
 """The end effector's pose; robosuite's quaternions have the scalar last."""
@@ -33,7 +33,7 @@ def read_robomimic(
     rate: float | None = None,
     episode: int | Iterable[int] | None = None,
     columns: str | None = None,
-) -> list[PoseTrajectory]:
+) -> list[Samples]:
     """Read the demonstrations of a robomimic data set, one trajectory each.
 
     Parameters
@@ -106,7 +106,7 @@ def _inside(name: str | Path, group: Any, key: str, h5py: Any) -> Any:
 
 def _read_demo(
     path: Path, number: str, data: Any, rate: float, columns: str | None, h5py: Any
-) -> PoseTrajectory:
+) -> Samples:
     name = f"{path}/{number}"
     demo = _inside(path, data, number, h5py)
     observations = _inside(name, demo, "obs", h5py) if isinstance(demo, h5py.Group) else None
@@ -141,8 +141,13 @@ def _read_demo(
 
     pose = stacked(places, read)
     times = np.arange(len(pose)) / rate
-    fields = Source(name, "sample", "quaternion").fields(times, pose[:, :3], pose[:, 3:])
-    return PoseTrajectory(**fields, name=name)
+    return Samples(
+        name=name,
+        source=Source(name, "sample", "quaternion"),
+        times=times,
+        positions=pose[:, :3],
+        quaternions=pose[:, 3:],
+    )
 
 
 HDF5 = Format(

@@ -13,6 +13,7 @@ from noslip._extras import need
 from noslip._files import read_bytes, write_beside
 from noslip._pose_checks import Source, require_few
 from noslip._pose_csv import POSE, QUATERNION, TIME, pose_layout, poses_of_columns
+from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import plural
@@ -29,7 +30,7 @@ MOST_BYTES = 2**30
 
 def read_table(
     path: Path, *, rate: float | None = None, columns: str | None = None
-) -> list[PoseTrajectory]:
+) -> list[Samples]:
     """Read the one trajectory of a Parquet or Feather table.
 
     Parameters
@@ -61,7 +62,7 @@ def read_table(
         pose = stacked(places, lambda name: numbers(path, table, name))
         of = dict(zip(POSE, pose.T, strict=True)) | {time: numbers(path, table, time)[:, 0]}
     source = Source(path, f"column {time}", f"columns {', '.join(QUATERNION)}")
-    return [PoseTrajectory(**poses_of_columns(source, of, rate), name=str(path))]
+    return [poses_of_columns(str(path), source, of, rate)]
 
 
 def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from noslip._pose_checks import MINIMUM_SAMPLES, Source
+from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import listed
@@ -27,8 +27,8 @@ class Series:
     positions: list[tuple[float, float, float]] = field(default_factory=list)
     quaternions: list[tuple[float, float, float, float]] = field(default_factory=list)
 
-    def checked_arrays(self, where: str) -> tuple[Source, Floats, Floats, Floats]:
-        """Return times (s), positions and quaternions (scalar first), all finite."""
+    def samples(self, name: str, where: str) -> Samples:
+        """Return them as the samples of a recording, unchecked."""
         headers = any(self.stamps)
         source = Source(
             where, "stamp of the header" if headers else "time in the bag", "orientation"
@@ -37,8 +37,13 @@ class Series:
         stamps = [stamp / 10**9 for stamp in (self.stamps if headers else self.received)]
         positions = np.array(self.positions, dtype=np.float64).reshape(-1, 3)
         quaternions = np.array(self.quaternions, dtype=np.float64).reshape(-1, 4)
-        source.check_finite({"position": positions, "orientation": quaternions})
-        return source, np.array(stamps), positions, quaternions
+        return Samples(
+            name=name,
+            source=source,
+            times=np.array(stamps),
+            positions=positions,
+            quaternions=quaternions,
+        )
 
 
 @dataclass(frozen=True)
@@ -52,8 +57,10 @@ class Link:
     def poses(self, key: Key) -> tuple[Floats, Floats, Rotation]:
         """Return times, positions and rotations after the checks that recordings get."""
         where = f"{self.where}: {key[0]} -> {key[1]}"
-        source, times, positions, quaternions = self.series.checked_arrays(where)
-        rotations = source.rotations(quaternions)
+        samples = self.series.samples(where, where)
+        source, times, positions = samples.source, samples.times, samples.positions
+        source.check_finite({"position": positions, "orientation": samples.quaternions})
+        rotations = source.rotations(samples.quaternions)
         if self.static:
             return times[-1:], positions[-1:], rotations[-1:]
         kept = source.distinct(times, positions, rotations)
@@ -62,9 +69,9 @@ class Link:
 
 
 def resolve(
-    where: str, links: Mapping[Key, Link], frame: str | None, child_frame: str | None
-) -> dict[str, Any]:
-    """Return the motion of one frame in another as the fields of a trajectory.
+    name: str, where: str, links: Mapping[Key, Link], frame: str | None, child_frame: str | None
+) -> Samples:
+    """Return the motion of one frame in another.
 
     The links on the way are composed, inverted where they point the other way.  Samples lie at
     the stamps of the link that has most of them, in the time that all moving links cover; between
@@ -73,8 +80,8 @@ def resolve(
 
     Parameters
     ----------
-    where : str
-        File and topic, for messages.
+    name, where : str
+        Of the recording; file and topic, for messages.
     links : mapping
         By parent and child.
     frame : str or None
@@ -117,7 +124,13 @@ def resolve(
             step = -turn.apply(step)
         positions = positions + rotations.apply(step)
         rotations = rotations * turn
-    return Source(where, "stamp of the header", "rotation").fields(times, positions, rotations)
+    return Samples(
+        name=name,
+        source=Source(where, "stamp of the header", "rotation"),
+        times=times,
+        positions=positions,
+        quaternions=rotations.as_quat(scalar_first=True),
+    )
 
 
 def _parents(where: str, links: Mapping[Key, Link]) -> dict[str, str]:

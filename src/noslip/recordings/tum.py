@@ -9,6 +9,7 @@ import numpy as np
 from noslip._files import read_text, write_beside
 from noslip._pose_checks import Source
 from noslip._pose_csv import poses_of_columns
+from noslip._samples import Samples
 from noslip.errors import RecordingError
 from noslip.named_columns import NamedColumns, numbers_text
 from noslip.recordings._format import Format
@@ -18,7 +19,7 @@ COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 """As the RGB-D benchmark of TU Munich orders them: the scalar of the quaternion last."""
 
 
-def read_tum(path: Path) -> list[PoseTrajectory]:
+def read_tum(path: Path) -> list[Samples]:
     """Read the one trajectory of a file in TUM's format.
 
     Raises
@@ -32,7 +33,7 @@ def read_tum(path: Path) -> list[PoseTrajectory]:
     if not lines:
         raise RecordingError(f"{path}: the file holds no poses")
     source = Source(path, "column t", "columns qx, qy, qz, qw", lines)
-    return [PoseTrajectory(**poses_of_columns(source, of, None), name=str(path))]
+    return [poses_of_columns(str(path), source, of, None)]
 
 
 def write_tum(trajectory: PoseTrajectory, path: Path) -> Path:
