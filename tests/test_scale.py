@@ -99,7 +99,7 @@ def test_every_verb_that_takes_a_recording_asks_after_its_units_once(name: str) 
 
 
 def test_a_recording_is_asked_after_once_from_its_file_to_what_is_learned(tmp_path: Path) -> None:
-    file = scaled(moving(rate=100, seconds=1, length=0.1), times=1e3).to_csv(tmp_path / "ms.csv")
+    file = scaled(moving(rate=100, seconds=1, length=0.1), times=1e3).to_npz(tmp_path / "ms.npz")
     with pytest.warns(RecordingWarning) as told:
         [recording] = ns.load_demonstrations(file)
         prepared = ns.prepare(recording, relative=True)
@@ -130,8 +130,13 @@ def test_the_same_motion_in_milliseconds_is_no_silent_pass(recordings: Path) -> 
     [seconds] = ns.load_demonstrations(cases / "csv_same_in_seconds.csv")
     assert not ns.check(seconds, ns.Blade()).satisfied
     for name in ("csv_ms_false_pass.csv", "epoch_ms.csv", "tum_ns.tum"):
-        with pytest.warns(RecordingWarning, match="are its times in other units than seconds"):
-            ns.load_demonstrations(cases / name)
+        unit = "ns" if name == "tum_ns.tum" else "ms"
+        message = refusal(RecordingError, ns.load_demonstrations, cases / name)
+        assert (
+            f"other units than seconds?; say which, units='{unit}' (--time-unit {unit})" in message
+        )
+        [read] = ns.load_demonstrations(cases / name, units=unit)
+        assert read.period == pytest.approx(0.01, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", VERBS_OF_MOTION)

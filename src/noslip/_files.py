@@ -139,9 +139,14 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read_utf8(path: str | Path) -> bytes:
-    """Return what a file of UTF-8 text holds, a byte order mark apart, still encoded."""
+    """Return what a file of text holds, a byte order mark apart, encoded as UTF-8.
+
+    UTF-16 is known by its byte order mark.
+    """
     content = read_bytes(path).removeprefix(codecs.BOM_UTF8)
     try:
+        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            content = content.decode("utf-16").encode()
         if not content.isascii():
             content.decode()
     except UnicodeDecodeError as error:

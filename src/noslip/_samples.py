@@ -85,6 +85,9 @@ class Samples:
         What the file calls its columns, and what they hold: where one is not finite, it is named.
     understood : sequence of str
         What each column was taken for, a line each.
+    clock_said : bool or None
+        Whether the file or the user states the unit of the times; None where it is a matter of
+        the format.
     """
 
     name: str
@@ -95,6 +98,7 @@ class Samples:
     velocities: Mapping[str, Floats] = field(default_factory=dict)
     columns: Mapping[str, Floats] = field(default_factory=dict)
     understood: Sequence[str] = ()
+    clock_said: bool | None = None
 
     def __len__(self) -> int:
         return len(self.times)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 import reprlib
 from array import array
@@ -14,14 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from noslip._dialect import Dialect, filled, is_comment, sniff, split
 from noslip._extras import need
 from noslip._files import read_utf8
 from noslip._typing import Floats
 from noslip.errors import MissingDependencyError, RecordingError
 
-DELIMITERS = ",;\t"
-"""Of a CSV, of one where the comma is the decimal sign, of a copied spreadsheet; the header's most
-frequent one counts, the first where it has none."""
 LONG = 1_000_000
 """Characters (7000 rows of poses) that the loops over rows take while pyarrow is being loaded."""
 _CELL = 18
@@ -38,17 +37,17 @@ class NamedColumns:
     ----------
     path : path
     line : int
-        Of the header, from 1.
+        Of the header, or of the first row where there is none, from 1.
     names : sequence of str
-        Of the columns, in lower case.
+        Of the columns, in lower case; their numbers from 0 where there is no header.
     rows : iterator of (int, list of str)
         Line and cells of each row that is not blank; they pass once.
     content : bytes
         The file, as UTF-8; empty where it is not at hand.
     body : int
         Where in it the rows begin.
-    delimiter : str
-        Between its cells.
+    dialect : Dialect
+        What parts its cells, and what stands before the rows.
     after : int
         Line in which the body begins.
     """
@@ -57,35 +56,49 @@ class NamedColumns:
     line: int
     names: Sequence[str]
     rows: Iterator[tuple[int, list[str]]]
-    content: bytes = b""
-    body: int = 0
-    delimiter: str = DELIMITERS[0]
-    after: int = 0
+    content: bytes
+    body: int
+    dialect: Dialect
+    after: int
 
     @classmethod
-    def open(cls, path: str | Path) -> NamedColumns:
-        """Read a file up to its header.
+    def open(cls, path: str | Path, *, plain: bool = False) -> NamedColumns:
+        """Read a file up to its first row.
 
-        Cells are separated by one of ``DELIMITERS``, and may be quoted.
+        What parts the cells, which may be quoted, is found from the first lines, as are a header
+        behind other lines or a sign of comments, a row of units, and commas as decimal signs.
+        Of a plain table the first line is the header, and no line is a comment.
 
         Raises
         ------
         InputError
-            If it is no UTF-8 text or empty.
+            If it is no text in UTF-8 or UTF-16, or empty.
         """
         content = read_utf8(path)
-        first = next((text for text in _lines(content) if text.strip()), "")
-        delimiter = max(DELIMITERS, key=first.count)
-        lines = enumerate(_LINE.finditer(content), start=1)
-        texts = (match.group().decode() for _, match in lines)
-        line, header = next(_rows(path, texts, delimiter), (0, []))
-        if not header:
+        dialect = sniff(_lines(content), plain=plain)
+        if not dialect.line:
             raise RecordingError(f"{path}: the file is empty")
-        names = [" ".join(cell.split()).lower() for cell in header]
-        after, rest = next(lines, (0, None))
-        body = rest.start() if rest else len(content)
-        rows = _rows(path, _lines(content, body), delimiter, after)
-        return cls(path, line, names, rows, content, body, delimiter, after)
+        after, body = dialect.before + 1, 0
+        for match in itertools.islice(_LINE.finditer(content), dialect.before):
+            body = match.end()
+        rows = _rows(path, _lines(content, body), dialect.delimiter, after, plain=plain)
+        first = next(rows, (0, []))
+        rows = itertools.chain([first] if first[1] else [], rows)
+        header = dialect.header
+        names = (
+            [str(k) for k in range(len(first[1]))]
+            if header is None
+            else [" ".join(cell.split()).lower() for cell in header]
+        )
+        return cls(path, dialect.line, names, rows, content, body, dialect, after)
+
+    def peek(self) -> list[str]:
+        """Return the cells of the first row, which is read nevertheless."""
+        first = next(self.rows, None)
+        if first is None:
+            return []
+        object.__setattr__(self, "rows", itertools.chain([first], self.rows))
+        return first[1]
 
     @property
     def where(self) -> str:
@@ -93,9 +106,11 @@ class NamedColumns:
         return f"{self.path}: line {self.line}"
 
     def read(
-        self, numbers: Sequence[str], texts: Sequence[str] = ()
+        self, numbers: Sequence[str], texts: Sequence[str] = (), *, blank: bool = False
     ) -> tuple[Sequence[int], dict[str, Floats], dict[str, list[str]]]:
         """Return the line of every row, columns of numbers and columns of text.
+
+        A cell that is blank is not a number where ``blank`` is true, else it is refused.
 
         Raises
         ------
@@ -103,6 +118,7 @@ class NamedColumns:
             If a row is too short or too long, or a cell is no number (see :func:`number`).
         """
         pick = [self.names.index(name) for name in numbers]
+        decimal = self.dialect.decimal
         pick_text = [self.names.index(name) for name in texts]
         if not texts and (fast := self._simple_columns(pick)) is not None:
             lines = range(self.after, self.after + len(fast[0]))
@@ -114,9 +130,9 @@ class NamedColumns:
             try:
                 if len(cells) != len(self.names):
                     raise ValueError("perhaps only a separator at the end")
-                values.extend([number(cells[index]) for index in pick])
+                values.extend([number(cells[index], decimal) for index in pick])
             except ValueError:
-                values.extend(self._numbers(line, cells, numbers))
+                values.extend(self._numbers(line, cells, numbers, blank))
             if pick_text:
                 words.append([cells[index] for index in pick_text])
             read.append(line)
@@ -152,25 +168,32 @@ class NamedColumns:
                 arrow.py_buffer(content).slice(begin, end - begin),
                 csv.ReadOptions(use_threads=False, column_names=names),
                 csv.ParseOptions(
-                    delimiter=self.delimiter, quote_char=False, ignore_empty_lines=False
+                    delimiter=self.dialect.delimiter, quote_char=False, ignore_empty_lines=False
                 ),
-                csv.ConvertOptions(column_types=kinds, include_columns=list(kinds), null_values=[]),
+                csv.ConvertOptions(
+                    column_types=kinds,
+                    include_columns=list(kinds),
+                    null_values=[],
+                    decimal_point=self.dialect.decimal,
+                ),
             )
         except arrow.ArrowInvalid:
             return None
         columns = [table[names[place]].to_numpy() for place in places]
         return columns if all(np.isfinite(values).all() for values in columns) else None
 
-    def _numbers(self, line: int, cells: list[str], columns: Sequence[str]) -> list[float]:
+    def _numbers(
+        self, line: int, cells: list[str], columns: Sequence[str], blank: bool
+    ) -> list[float]:
         """Return the numbers of one row, or say what is wrong with it."""
         # Separators at the end of a row or of the header hold nothing.
-        width, found = _filled(self.names), len(cells)
+        width, found = filled(self.names), len(cells)
         if found < width:
             raise RecordingError(
                 f"{self.path}: line {line}, column {self.names[found] or found + 1}: the row ends "
                 f"after {found} of {width} cells; complete or remove it"
             )
-        if _filled(cells) > len(self.names):
+        if filled(cells) > len(self.names):
             raise RecordingError(
                 f"{self.path}: line {line}, column {self.names[-1] or len(self.names)}: the row "
                 f"goes on after it, {found} cells under {len(self.names)} names; write numbers "
@@ -180,7 +203,7 @@ class NamedColumns:
         for name in columns:
             cell = cells[self.names.index(name)].strip()
             try:
-                numbers.append(number(cell))
+                numbers.append(np.nan if blank and not cell else number(cell, self.dialect.decimal))
             except ValueError:
                 problem = f"found {shown(cell)}, not a number" if cell else "the cell is empty"
                 advice = "write a decimal point" if "," in cell else "fill in or remove the row"
@@ -190,7 +213,7 @@ class NamedColumns:
         return numbers
 
 
-def number(cell: str) -> float:
+def number(cell: str, decimal: str = ".") -> float:
     """Return the number that a cell holds: decimal, with or without exponent, nan or inf.
 
     Raises
@@ -200,6 +223,10 @@ def number(cell: str) -> float:
     """
     if "_" in cell:  # Python reads 1_5 as 15
         raise ValueError(f"found {shown(cell)}, not a number")
+    if decimal == ",":
+        if "." in cell:  # of thousands, or of another table
+            raise ValueError(f"found {shown(cell)}, not a number")
+        cell = cell.replace(",", ".")
     return float(cell)
 
 
@@ -250,26 +277,29 @@ def _lines(content: bytes, begin: int = 0) -> Iterator[str]:
 
 
 def _rows(
-    path: str | Path, lines: Iterable[str], delimiter: str, first: int = 1
+    path: str | Path, lines: Iterable[str], delimiter: str, first: int, *, plain: bool
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number, from that of the first, and the cells of every row but blank ones."""
     # Strict, because a quote left open would otherwise swallow the rest of the file in silence.
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=True)
+    bare = lines if plain else (_bare(line, delimiter) for line in lines)
+    reader = split(bare, delimiter)
     line = first
     try:
         for cells in reader:
             if cells and (len(cells) > 1 or cells[0].strip()):
                 yield line, cells
-            line = first + reader.line_num
+            line = first + reader.line_num  # type: ignore[attr-defined]
     except csv.Error as error:
         raise RecordingError(
             f"{path}: line {line}: cannot be split into cells ({error}); check its quotes"
         ) from error
 
 
-def _filled(cells: Sequence[str]) -> int:
-    """Count the cells up to the last that is not blank."""
-    return max((k for k, cell in enumerate(cells, start=1) if cell.strip()), default=0)
+def _bare(line: str, delimiter: str) -> str:
+    """Return a line without its comment; between cells that blanks part, one may end it."""
+    if is_comment(line):
+        return "\n"
+    return line.partition("#")[0] if delimiter == " " else line
 
 
 def plural(noun: str, names: list[str]) -> str:

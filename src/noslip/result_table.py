@@ -169,7 +169,7 @@ def read_results(path: str | Path) -> list[RecordingResult]:
 def _columns(path: Path) -> list[list[Any]]:
     """Return the cells of a table's columns, in the order of a row's fields."""
     if path.suffix.lower() == ".csv":
-        table = NamedColumns.open(path)
+        table = NamedColumns.open(path, plain=True)
         names, columns = table.names, None
     else:
         arrow = arrow_table(path)

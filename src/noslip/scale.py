@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from noslip._pose_columns import SECONDS, SPARSEST
 from noslip._typing import Floats
-from noslip.errors import InputError, RecordingWarning, warn
+from noslip.errors import InputError, RecordingError, RecordingWarning, warn
 from noslip.trajectory import PoseTrajectory
 
 LATEST = 1e11
@@ -18,9 +19,6 @@ FASTEST = 5.0
 """Nor at a faster mean speed (m/s): a hand throws at it, and holds it for a moment."""
 FASTEST_TURN = 20.0
 """Nor turns faster all the time (rad/s): three turns a second."""
-SPARSEST = 0.5
-"""Seconds between samples.  Slower recorders exist, of slow processes; but where a motion is also
-slower than a thousandth of the fastest, it is likely in milliseconds, at up to 2 kHz."""
 MOST_TURN = 2 * np.pi / 3
 """Radians from one sample to the next: with fewer than three samples a turn, nothing says which way
 round it went."""
@@ -28,12 +26,26 @@ STILL = 1e-9
 """Meters and radians below which nothing moves: no tracker resolves it."""
 
 
-def ask_after_units(recording: PoseTrajectory) -> None:
-    """Warn of a recording that is hardly in seconds, meters and radians; once of each."""
+def ask_after_units(recording: PoseTrajectory, *, clock_said: bool | None = None) -> None:
+    """Warn of a recording that is hardly in seconds, meters and radians; once of each.
+
+    Where the file could have stated the unit of its times and did not, they are refused instead;
+    where it did, they are believed.
+
+    Raises
+    ------
+    InputError
+        If ``clock_said`` is False, and the times are hardly seconds.
+    """
     # Not a field: what is derived from it is another recording, and is asked after anew.
     if not vars(recording).get("_asked"):
         object.__setattr__(recording, "_asked", True)
-        if doubt := _doubt(recording):
+        doubt = clock_doubt(recording)
+        if doubt and clock_said is False:
+            raise RecordingError(f"{recording.name}: {doubt}; {_remedy(recording)}")
+        if clock_said or not doubt:
+            doubt = _doubt(recording)
+        if doubt:
             warn(f"{recording.name}: {doubt}", RecordingWarning)
 
 
@@ -70,24 +82,39 @@ def _turns(recording: PoseTrajectory) -> Floats:
     return np.asarray(np.linalg.norm(angular, axis=1) * np.diff(recording.times))
 
 
-def _doubt(recording: PoseTrajectory) -> str:
-    """What speaks against seconds, meters and radians; empty if nothing does."""
-    latest, size = np.abs(recording.times).max(), np.ptp(recording.positions, axis=0).max()
+def clock_doubt(recording: PoseTrajectory) -> str:
+    """Return what speaks against seconds; empty if nothing does."""
+    latest, turning = np.abs(recording.times).max(), _turns(recording).sum() / recording.duration
     speed = recording.path_length / recording.duration
-    turning = _turns(recording).sum() / recording.duration
     slow = speed < FASTEST / 1000 and turning < FASTEST_TURN / 1000
-    units = "are its {} in other units than {}?"
-    times, positions = units.format("times", "seconds"), units.format("positions", "meters")
+    times = "are its times in other units than seconds?"
     if latest > LATEST:
         return f"has stamps of {latest:.3g} s; {times}"
     if recording.duration > LONGEST:
         return f"lasts {recording.duration:.3g} s; {times}"
     if recording.period >= SPARSEST and slow:
         return f"is sampled every {recording.period:.3g} s, at {speed * 1e3:.2g} mm/s; {times}"
+    return ""
+
+
+def _remedy(recording: PoseTrajectory) -> str:
+    """Return how to say in which unit the times are, with the one that is likely."""
+    likely = next((u for u in ("ms", "us") if recording.period / SECONDS[u] < SPARSEST), "ns")
+    return (
+        f"say which, units={likely!r} (--time-unit {likely}), or units='s' (--time-unit s) if they "
+        "are seconds"
+    )
+
+
+def _doubt(recording: PoseTrajectory) -> str:
+    """Return what speaks against meters and radians; empty if nothing does."""
+    size = np.ptp(recording.positions, axis=0).max()
+    speed = recording.path_length / recording.duration
+    turning = _turns(recording).sum() / recording.duration
     if speed > FASTEST:
-        return f"moves at {speed:.3g} m/s; {positions}"
+        return f"moves at {speed:.3g} m/s; are its positions in other units than meters?"
     if size > LARGEST:
-        return f"is {size:.3g} m across; {positions}"
+        return f"is {size:.3g} m across; are its positions in other units than meters?"
     if turning > FASTEST_TURN:
-        return f"turns at {turning:.3g} rad/s; {units.format('angles', 'radians')}"
+        return f"turns at {turning:.3g} rad/s; are its angles in other units than radians?"
     return ""

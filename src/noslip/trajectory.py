@@ -16,8 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._files import write_beside
-from noslip._pose_csv import csv_text, read_csv
+from noslip._pose_columns import Asked
 from noslip._pose_npz import npz_bytes, read_npz
+from noslip._pose_text import csv_text, read_text_table
 from noslip._supplied import Supplied
 from noslip._typing import Floats
 from noslip._values import Value, html_table, shortened
@@ -292,7 +293,7 @@ class PoseTrajectory(Value):
     @classmethod
     def from_csv(cls, path: str | Path, *, rate: float | None = None) -> Self:
         """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
-        return cls(**read_csv(path, rate=rate).checked(), name=str(path))
+        return cls(**read_text_table(path, Asked(rate=rate)).checked(), name=str(path))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write the poses and velocities as NumPy's ``.npz``."""

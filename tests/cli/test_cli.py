@@ -451,7 +451,7 @@ def test_odd_units_are_asked_after(
     motion = ns.PoseTrajectory(
         3 * time * s, length * np.column_stack([s, 0 * s, 0 * s]), Rotation.identity(50)
     )
-    file = motion.to_csv(tmp_path / "odd.csv")
+    file = motion.to_npz(tmp_path / "odd.npz")
     monkeypatch.setattr("sys.argv", ["noslip", "check", str(file), "--constraint", "blade"])
     with contextlib.suppress(SystemExit):
         main()

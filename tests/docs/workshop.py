@@ -95,6 +95,7 @@ def furnish(folder: Path, rules: str) -> None:
         ns.recordings.write_recording(make(), folder / f"{name}.csv")
     ns.recordings.write_recording(session(), folder / "session.csv")
     add_column(folder / "session.csv", "fz", session_force())
+    write_logs(folder)
     excision = folder / "noslip-demo" / "excision"
     for name, count in {"recordings": 4, "runs": 2, "cuts": 2}.items():
         (folder / name).mkdir()
@@ -106,6 +107,18 @@ def furnish(folder: Path, rules: str) -> None:
     write_bag(folder / "run.bag", cut())
     write_lerobot(folder / "my_set", [cut()] * 4)
     write_robomimic(folder / "can.hdf5", [cut()] * 8)
+
+
+def write_logs(folder: Path) -> None:
+    """Write what a tracker that lost the tool exports, and a log in milliseconds and degrees."""
+    header, *rows = cut().csv_text().splitlines()
+    rows[30] = rows[30].split(",")[0] + "," * 7
+    (folder / "tracker.csv").write_text("\n".join([header, *rows[:100], *rows[140:]]))
+    motion = cut()
+    angles = motion.rotations.as_euler("ZYX", degrees=True)
+    table = np.column_stack([1e3 * motion.times, 1e3 * motion.positions, angles])
+    lines = [",".join(map(repr, row)) for row in table.tolist()]
+    (folder / "log.csv").write_text("\n".join(["stamp,x,y,z,rz,ry,rx", *lines]))
 
 
 def add_column(path: Path, name: str, values: np.ndarray) -> None:

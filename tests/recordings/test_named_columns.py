@@ -31,7 +31,7 @@ def test_a_column_is_read_with_its_times(tmp_path):
     ("text", "message"),
     [
         ("t,x\n1,2\n", "no column 'fz', found t, x"),
-        ("x,fz\n1,2\n", "no column 't'"),
+        ("x,fz\n1,2\n", "column t missing"),
         ("t,fz\n1,2\n2,high\n", "line 3, column fz: found 'high', not a number"),
         ("t,fz\n1,nan\n", "line 2, column fz: found nan"),
         ("t,fz\n", "no samples"),

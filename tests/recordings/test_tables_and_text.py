@@ -108,11 +108,11 @@ def test_tum(tmp_path, motion, same, suffix) -> None:
     [
         ("4.1 0 0 0 0 0 0", "line 12, column qw: the row ends after 7 of 8 cells"),
         ("4.1 0 0 0 0 0 0 1 5", "line 12, column qw: the row goes on after it"),
-        ("4.1 0 a 0 0 0 0 1", "line 12, column y: found 'a', not a number"),
-        ("4.1 0 0 nan 0 0 0 1", "line 12, column z: found nan"),
-        ("4.1 0 0 0 0 0 0 0", "line 12, columns qx, qy, qz, qw: the quaternion is zero"),
-        ("0.1 0 0 0 0 0 0 1", "line 12, column t: time runs backwards"),
-        ("3.7 0 0 0 0 0 0 1", "line 12, column t: 3.7 s is also the time of line 11"),
+        ("4.1 0 a 0 0 0 0 1", "line 12, column ty: found 'a', not a number"),
+        ("4.1 0 0 nan 0 0 0 1", "line 12, column tz: found nan"),
+        ("4.1 0 0 0 0 0 0 0", "line 12, columns qw, qx, qy, qz: the quaternion is zero"),
+        ("0.1 0 0 0 0 0 0 1", "line 12, column timestamp: time runs backwards"),
+        ("3.7 0 0 0 0 0 0 1", "line 12, column timestamp: 3.7 s is also the time of line 11"),
     ],
 )
 def test_tum_refusals(tmp_path, refusal, line, words) -> None:
@@ -124,7 +124,7 @@ def test_tum_refusals(tmp_path, refusal, line, words) -> None:
 
 def test_an_empty_tum_file(tmp_path, refusal) -> None:
     (tmp_path / "run.tum").write_text(TUM)
-    assert "holds no poses" in refusal(tmp_path / "run.tum")
+    assert "a header and no samples" in refusal(tmp_path / "run.tum")
 
 
 # -------------------------------------------------------------------- all formats
@@ -136,7 +136,7 @@ def test_an_empty_tum_file(tmp_path, refusal) -> None:
         ({"topic": "/tf"}, "topic='/tf' is for a ROS bag"),
         ({"child_frame": "tool"}, "child_frame='tool' is for a ROS bag"),
         ({"episode": 3}, "episode=3 is for a LeRobot data set or an HDF5 file"),
-        ({"columns": "x"}, "columns='x' is for a LeRobot data set, an HDF5 file or a table"),
+        ({"frame": "base"}, "frame='base' is for a ROS bag"),
     ],
 )
 def test_an_option_that_no_file_takes(tmp_path, motion, refusal, option, words) -> None:

@@ -69,7 +69,7 @@ def test_bags_round_times_to_what_they_can_hold(tmp_path, same, start, step, see
 
 
 def test_an_unknown_suffix_and_a_place_that_is_taken(tmp_path, motion) -> None:
-    with pytest.raises(InputError, match=r"cannot write \.xml; known are \.csv, \.npz"):
+    with pytest.raises(InputError, match=r"cannot write \.xml; known are \.csv, \.tum"):
         write_recording(motion, tmp_path / "run.xml")
     pytest.importorskip("rosbags", reason="needs the extra bags")
     (tmp_path / "bag").mkdir()

@@ -23,7 +23,7 @@ import typer
 from noslip import _arguments
 from noslip._files import renewing, write_beside
 from noslip._pose_checks import Source
-from noslip._pose_csv import POSITION, QUATERNION
+from noslip._pose_columns import POSITION, QUATERNION
 from noslip._typing import Floats
 from noslip.boundary import Boundary, twist
 from noslip.cli import options, output

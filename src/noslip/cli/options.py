@@ -7,14 +7,15 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args, get_type_hints
+from typing import Annotated, Any, Literal, cast, get_args, get_type_hints
 
 import numpy as np
 import typer
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip._samples import Duplicates, Gaps, Lost, Unsorted
+from noslip._samples import Duplicates, Gaps, Lost, Mending, Unsorted
+from noslip._turns import KINDS
 from noslip._typing import Floats
 from noslip.boundary import End
 from noslip.constraints.catalog import parse_constraint
@@ -87,14 +88,31 @@ Episode = Annotated[
         "K", "Episode of a LeRobot or robomimic data set; repeatable, by default all.", _WHERE
     ),
 ]
+_TABLE = "Columns of a table or data set, where their names do not tell"
+"""Heading of these options in the help."""
 Columns = Annotated[
     str | None,
     optional(
         "NAMES",
-        "Columns of a data set or table that hold x, y, z, qw, qx, qy, qz, such as "
-        '"observation.state[0:3,6,3:6]".',
-        _WHERE,
+        "Position first, then the rotation, such as px,py,pz,qw,qx,qy,qz or "
+        "observation.state[0:3,6,3:6]; of a file without a header their numbers from 0; or what "
+        "the names of one of several poses begin with.",
+        _TABLE,
     ),
+]
+TimeColumn = Annotated[
+    str | None, optional("NAME", "Time, or seconds and nanoseconds: sec,nanosec.", _TABLE)
+]
+TimeUnit = Annotated[
+    Literal["s", "ms", "us", "ns"] | None,
+    typer.Option(help="Of the times.", show_default=False, rich_help_panel=_TABLE),
+]
+LengthUnit = Annotated[
+    Literal["m", "cm", "mm", "in"] | None,
+    typer.Option(help="Of the positions.", show_default=False, rich_help_panel=_TABLE),
+]
+RotationKind = Annotated[
+    str | None, optional("KIND", f"How rotations are written: {KINDS}.", _TABLE)
 ]
 _FAULTS = "Faults of a recording"
 """Heading of these options in the help."""
@@ -186,6 +204,10 @@ RotationSmoothing = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
+MENDING = tuple(each.name for each in fields(Mending))
+"""Options of all formats, about faults."""
+
+
 @dataclass(frozen=True)
 class Where:
     """What is read of a file; the options of a command that reads recordings."""
@@ -196,6 +218,10 @@ class Where:
     child_frame: ChildFrame = None
     episode: Episode = field(default_factory=list)
     columns: Columns = None
+    time_column: TimeColumn = None
+    time_unit: TimeUnit = None
+    length_unit: LengthUnit = None
+    rotation: RotationKind = None
     gaps: GapsChoice = "refuse"
     duplicates: DuplicatesChoice = "refuse"
     unsorted: UnsortedChoice = "refuse"
@@ -210,6 +236,9 @@ class Where:
             "child_frame": self.child_frame,
             "episode": self.episode or None,
             "columns": self.columns,
+            "time": self.time_column,
+            "units": [unit for unit in (self.time_unit, self.length_unit) if unit] or None,
+            "rotation": self.rotation,
             "gaps": self.gaps,
             "duplicates": self.duplicates,
             "unsorted": self.unsorted,

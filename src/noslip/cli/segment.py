@@ -13,8 +13,10 @@ noslip segment session.csv --at times --times 3:9.5 --times 14:21 --out cuts/
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,6 +35,7 @@ from noslip.errors import InputError, one_line
 from noslip.figures.segments import BETWEEN, recording_cuts
 from noslip.figures.style import save_figure
 from noslip.recordings import read_column
+from noslip.recordings.formats import expand
 from noslip.trajectory import PoseTrajectory
 
 _CUTS = "Where to cut"
@@ -47,11 +50,18 @@ Side = Literal["above", "below"]
 """On which side of the thresholds contact is."""
 
 
+@dataclass(frozen=True)
+class Given(options.Loading):
+    """A long recording has holes; they are cuts."""
+
+    gaps: options.GapsChoice = "split"
+
+
 @options.grouped
 def run(
     recording: Annotated[
         str,
-        typer.Argument(help="A long recording: CSV or npz, as for learn.", show_default=False),
+        typer.Argument(help="A long recording, as for learn.", show_default=False),
     ],
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for the pieces; made if missing.")
@@ -120,66 +130,98 @@ def run(
         options.optional("FILE", "Draw the cuts: .png, .svg or .pdf."),
     ] = None,
     as_json: options.AsJson = False,
-    given: options.Loading = options.Loading(),  # noqa: B008 - immutable
+    given: Given = Given(),
 ) -> None:
     """Cut a long recording into demonstrations, one CSV file a piece.
 
-    The recording is prepared as a whole and then cut.  Thresholds come from its own noise at rest;
-    approach motions, much shorter than the rest, are cut out too.  Look at --figure before you
-    learn from the pieces.
+    The recording is prepared as a whole, or between its holes, and then cut.  Thresholds come
+    from its own noise at rest; approach motions, much shorter than the rest, are cut out too.
+    Look at --figure before you learn from the pieces.
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out: {out} is a file; give a folder")
     if figure is not None and options.output(figure, "--figure") and figure.suffix not in FORMATS:
         raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
     _require_consistent(at, contact_column, in_contact, height, times)
-    prepared = replace(given, relative=False).load([recording])
-    if len(prepared) != 1:
-        raise InputError(f"{recording}: {len(prepared)} recordings; segment one at a time")
-    (whole,) = prepared
+    (source, *others) = expand(recording)
+    if others:
+        raise InputError(f"{recording}: {1 + len(others)} recordings; segment one at a time")
     cuts: dict[str, Any] = {"minimum_duration": minimum_duration, "minimum_rest": minimum_rest}
     if thresholds is not None:
         cuts["thresholds"] = tuple(options.numbers("--thresholds", thresholds, (2,)))
-    if contact_column is not None:
-        stamps, values = read_column(whole.name, contact_column, rate=given.sample_rate)
-        cuts["contact"] = np.interp(whole.times, stamps, values)
-        cuts["in_contact"] = in_contact or "above"
-    elif height is not None:
-        cuts["contact"] = _height(whole, height)
-        cuts["in_contact"] = "below"
-    elif times:
+    if times:
         cuts["times"] = [_start_and_end(text) for text in times]
-    segments = segment(whole, **cuts)
+    parts = replace(given, relative=False).load([recording])
+    if len(parts) > 1 and not parts[0].name.endswith("/part_1"):
+        raise InputError(f"{recording}: {len(parts)} recordings; segment one at a time")
+    found = []
+    for whole in parts:
+        if contact_column is not None:
+            stamps, values = read_column(
+                source, contact_column, rate=given.sample_rate, time=given.time_column
+            )
+            cuts["contact"] = np.interp(whole.times, stamps, values)
+            cuts["in_contact"] = in_contact or "above"
+        elif height is not None:
+            cuts["contact"] = _height(whole, height)
+            cuts["in_contact"] = "below"
+        found.append(segment(whole, **cuts))
 
-    judged = outliers(segments.pieces) if len(segments.pieces) >= FEWEST else None
+    found, judged = _judged(found, drop_outliers)
+    files = _write(found, source, out, given.relative)
+    figures = [_numbered(figure, k, found) for k in range(len(found))]
+    for each, drawn in zip(found, figures, strict=True):
+        if drawn is not None:
+            save_figure(recording_cuts(each), drawn)
+    if as_json:
+        results = [
+            _result(each, names, judged, drawn)
+            for each, names, drawn in zip(found, files, figures, strict=True)
+        ]
+        output.print_json(results[0] if len(results) == 1 else {"parts": results})
+        return
+    screen = output.console()
+    first = 1
+    for each, names in zip(found, files, strict=True):
+        screen.print(_table(each, names, first))
+        screen.print(_thresholds_text(each))
+        first += len(names)
+    screen.print(f"wrote {_count(found)} to {out}")
+    for drawn in filter(None, figures):
+        screen.print(f"wrote {drawn}")
+
+
+def _numbered(figure: Path | None, number: int, found: Sequence[Segments]) -> Path | None:
+    """Return what to draw a part of a recording with holes to."""
+    if figure is None or len(found) == 1:
+        return figure
+    return figure.with_stem(f"{figure.stem}_{number + 1}")
+
+
+def _judged(found: list[Segments], drop_outliers: bool) -> tuple[list[Segments], Outliers | None]:
+    """Name the pieces that lie far from the others, or cut them out."""
+    pieces = [piece for each in found for piece in each.pieces]
+    judged = outliers(pieces) if len(pieces) >= FEWEST else None
     outlying = np.flatnonzero(judged.outlying).tolist() if judged else []
     far = {i: judged.reason(i) for i in outlying} if judged else {}
     for index, reason in far.items():
         fate = "dropped" if drop_outliers else "kept, see --drop-outliers"
-        piece = segments.pieces[index]
+        piece = pieces[index]
         when = f"{piece.times[0]:.2f} to {piece.times[-1]:.2f} s"
         typer.echo(one_line(f"noslip: {piece.name} ({when}): {reason}; {fate}"), err=True)
     if drop_outliers and judged is None:
         typer.echo(
-            f"noslip: --drop-outliers: {_count(segments)} only; outliers show among {FEWEST} and "
-            "more",
+            f"noslip: --drop-outliers: {_count(found)} only; outliers show among {FEWEST} and more",
             err=True,
         )
-    if drop_outliers:
-        segments = segments.without(far)
-
-    files = _write(segments, out, given.relative)
-    if figure is not None:
-        save_figure(recording_cuts(segments), figure)
-    if as_json:
-        output.print_json(_result(segments, files, judged, figure))
-        return
-    screen = output.console()
-    screen.print(_table(segments, files))
-    screen.print(_thresholds_text(segments))
-    screen.print(f"wrote {_count(segments)} to {out}")
-    if figure is not None:
-        screen.print(f"wrote {figure}")
+    if not drop_outliers:
+        return found, judged
+    kept, before = [], 0
+    for each in found:
+        inside = range(before, before + len(each.pieces))
+        kept.append(each.without({i - before: far[i] for i in inside if i in far}))
+        before = inside.stop
+    return kept, judged
 
 
 def _require_consistent(
@@ -219,18 +261,20 @@ def _start_and_end(text: str) -> tuple[float | None, float | None]:
     return bounds[0], bounds[1]
 
 
-def _write(segments: Segments, out: Path, relative: bool) -> list[Path]:
-    """Write the pieces; refuse to leave those of another run among them."""
-    stem = Path(segments.recording.name).stem
-    files = [out / f"{stem}_{i:02}.csv" for i in range(1, len(segments.pieces) + 1)]
-    stale = sorted(set(out.glob(f"{stem}_[0-9][0-9].csv")) - set(files)) if out.is_dir() else []
+def _write(found: Sequence[Segments], source: Path, out: Path, relative: bool) -> list[list[Path]]:
+    """Write the pieces of each part; refuse to leave those of another run among them."""
+    stem, count = source.stem, itertools.count(1)
+    files = [[out / f"{stem}_{next(count):02}.csv" for _ in each.pieces] for each in found]
+    written = {file for names in files for file in names}
+    stale = sorted(set(out.glob(f"{stem}_[0-9][0-9].csv")) - written) if out.is_dir() else []
     if stale:
         raise InputError(
             f"--out: {stale[0]} is left from an earlier run, and this one has "
-            f"{_count(segments)}; remove it or give another folder"
+            f"{_count(found)}; remove it or give another folder"
         )
-    for piece, file in zip(segments.pieces, files, strict=True):
-        (relative_to_start(piece) if relative else piece).to_csv(file)
+    for each, names in zip(found, files, strict=True):
+        for piece, file in zip(each.pieces, names, strict=True):
+            (relative_to_start(piece) if relative else piece).to_csv(file)
     return files
 
 
@@ -267,14 +311,14 @@ def _result(
     return result
 
 
-def _table(segments: Segments, files: list[Path]) -> Table:
+def _table(segments: Segments, files: list[Path], first: int) -> Table:
     # As text: brackets in a file's name are no markup.
-    title = Text(one_line(f"{segments.recording.name}: {_count(segments)}"))
+    title = Text(one_line(f"{segments.recording.name}: {_count([segments])}"))
     table = Table(title=title, title_justify="left", title_style="bold")
     for heading in ("", "from (s)", "to (s)", "lasts (s)", "path (mm)"):
         table.add_column(heading, justify="right")
     table.add_column("")
-    numbered = enumerate(zip(segments.pieces, files, strict=True), start=1)
+    numbered = enumerate(zip(segments.pieces, files, strict=True), start=first)
     for interval in segments.intervals:
         span = f"{interval.start:.2f}", f"{interval.end:.2f}", f"{interval.duration:.2f}"
         if interval.reason is None:
@@ -287,8 +331,8 @@ def _table(segments: Segments, files: list[Path]) -> Table:
     return table
 
 
-def _count(segments: Segments) -> str:
-    count = len(segments.pieces)
+def _count(found: Sequence[Segments]) -> str:
+    count = sum(len(each.pieces) for each in found)
     return f"{count} piece{'s' if count != 1 else ''}"
 
 

@@ -8,6 +8,9 @@ from pathlib import Path
 
 from noslip._samples import Samples
 
+MAPPING = ("columns", "time", "units", "rotation", "rate")
+"""Options that say what the columns of a table are; see :class:`noslip._pose_columns.Asked`."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Format:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip._files import write_beside
-from noslip._pose_csv import read_csv
 from noslip._pose_npz import read_npz
 from noslip._samples import Duplicates, Gaps, Interval, Lost, Mending, Samples, Unsorted
 from noslip.errors import InputError, RecordingError
@@ -24,19 +23,10 @@ from noslip.recordings.joints import checked_joints
 from noslip.recordings.lerobot import LEROBOT
 from noslip.recordings.robomimic import HDF5
 from noslip.recordings.tables import TABLE
-from noslip.recordings.tum import TUM
+from noslip.recordings.text import TEXT
 from noslip.scale import ask_after_units
 from noslip.trajectory import PoseTrajectory
 
-CSV = Format(
-    name="a CSV",
-    read=lambda path, rate: [read_csv(path, rate=rate)],
-    options=("rate",),
-    suffixes=(".csv",),
-    write=PoseTrajectory.to_csv,
-    written=(".csv",),
-)
-"""Of named columns."""
 NPZ = Format(
     name="an npz",
     read=lambda path: [read_npz(path)],
@@ -45,7 +35,7 @@ NPZ = Format(
     written=(".npz",),
 )
 """Of arrays."""
-FORMATS = (CSV, NPZ, TUM, LEROBOT, HDF5, TABLE, BAG)
+FORMATS = (TEXT, NPZ, LEROBOT, HDF5, TABLE, BAG)
 """All there are, in the order in which messages list them.  Adding one means adding it here."""
 
 _BY_SUFFIX = {suffix: each for each in FORMATS for suffix in (*each.suffixes, *each.named_only)}
@@ -71,6 +61,9 @@ def load_demonstrations(
     child_frame: str | None = None,
     episode: int | Iterable[int] | None = None,
     columns: str | None = None,
+    time: str | None = None,
+    units: str | Iterable[str] | None = None,
+    rotation: str | None = None,
     gaps: Gaps = "refuse",
     duplicates: Duplicates = "refuse",
     unsorted: Unsorted = "refuse",
@@ -94,8 +87,21 @@ def load_demonstrations(
     episode : int or iterable of int, optional
         Of LeRobot data sets and robomimic files; by default all.
     columns : str, optional
-        Of data sets and tables: where the pose is, in the order x, y, z, qw, qx, qy, qz, such as
-        ``"observation.state[0:3,6,3:6]"``; see :func:`noslip.recordings.columns.pose_columns`.
+        Of data sets and tables: where the pose is, names separated by commas, position first, such
+        as ``"px,py,pz,qw,qx,qy,qz"``.  Of a column that holds several numbers all of them, or those
+        in brackets, by places from 0, slices or names: ``"observation.state[0:3,6,3:6]"``.  Of a
+        table without a header, the numbers of its columns from 0.  Or what the names of one of
+        several poses begin with: ``"left_arm"``.
+    time : str, optional
+        Of tables: the column of time, or two of seconds and nanoseconds, ``"sec,nanosec"``.
+    units : str or iterable of str, optional
+        Of tables and data sets: the unit of their times (``s``, ``ms``, ``us``, ``ns``) and that
+        of their lengths (``m``, ``cm``, ``mm``, ``in``), if they do not state them: ``"ms,mm"``.
+    rotation : str, optional
+        Of tables and data sets: how a rotation is written.  ``wxyz`` or ``xyzw`` (quaternions),
+        ``rotvec``, ``rpy``, ``euler:ZYX`` (capitals: about the moving axes; small letters: about
+        the fixed ones; any order), ``matrix:rows``, ``matrix:columns`` (of 3 x 3, or with the
+        position 3 x 4 or 4 x 4), ``planar``; followed by ``:deg`` if angles are in degrees.
     gaps : "refuse", "split" or "interpolate"
         More than 10 median periods without a sample: make a recording of each piece, or fill it
         with samples at the median period, on the straight line and the shortest turn.
@@ -177,14 +183,16 @@ def load_demonstrations(
         "child_frame": child_frame,
         "episode": list(episode) if isinstance(episode, Iterable) else episode,
         "columns": columns,
+        "time": time,
+        "units": units,
+        "rotation": rotation,
     }
-    loaded = [
-        PoseTrajectory(**piece.checked(), name=piece.name)
-        for samples in read_samples(paths, options)
-        for piece in samples.mended(mending)
-    ]
-    for trajectory in loaded:
-        ask_after_units(trajectory)
+    loaded = []
+    for samples in read_samples(paths, options):
+        for piece in samples.mended(mending):
+            trajectory = PoseTrajectory(**piece.checked(), name=piece.name)
+            ask_after_units(trajectory, clock_said=piece.clock_said)
+            loaded.append(trajectory)
     return loaded
 
 
@@ -326,7 +334,7 @@ def write_joints(
     if target.suffix.lower() != ".csv":
         raise InputError(
             f"{target}: cannot write joints as {target.suffix}; known are "
-            f"{listed_suffixes(CSV.written + BAG.written)}"
+            f"{listed_suffixes(('.csv', *BAG.written))}"
         )
     stamps, angles, rates = checked_joints(target, names, times, positions, velocities)
     header = ["t", *names]

@@ -13,6 +13,7 @@ import numpy as np
 from noslip._extras import need
 from noslip._files import read_text
 from noslip._pose_checks import Source
+from noslip._pose_columns import Asked, Column, PoseColumns, pose_of
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError
@@ -20,7 +21,6 @@ from noslip.named_columns import shown
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
-from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.recordings.tables import arrow_table, numbers
 
 INFO = Path("meta") / "info.json"
@@ -37,7 +37,7 @@ def is_lerobot(folder: Path) -> bool:
 
 
 def read_lerobot(
-    path: Path, *, episode: int | Iterable[int] | None = None, columns: str | None = None
+    path: Path, *, episode: int | Iterable[int] | None = None, **asked: Any
 ) -> list[Samples]:
     """Read the episodes of a LeRobot data set, one trajectory each.
 
@@ -47,9 +47,9 @@ def read_lerobot(
         The folder that holds ``meta`` and ``data``.
     episode : int or iterable of int, optional
         By default all.
-    columns : str, optional
-        Where the pose is, see :func:`noslip.recordings.columns.pose_columns`; the numbers of
-        a vector such as ``observation.state`` have the names that ``info.json`` gives them.
+    **asked
+        Of :class:`noslip._pose_columns.Asked`; the numbers of a vector such as
+        ``observation.state`` have the names that ``info.json`` gives them.
 
     Raises
     ------
@@ -66,18 +66,25 @@ def read_lerobot(
     """
     need(path, "pyarrow.parquet", "tables")
     with reading(path, "a LeRobot data set"):
-        return _read(path, episode, columns)
+        return _read(path, episode, Asked(**asked))
 
 
-def _read(path: Path, episode: int | Iterable[int] | None, columns: str | None) -> list[Samples]:
+def _read(path: Path, episode: int | Iterable[int] | None, asked: Asked) -> list[Samples]:
     info = _info(path)
     fps = float(info["fps"])
-    places = pose_columns(path / INFO, columns, _features(path, info))
-    wanted = {name for name, _ in places} | {"timestamp", "frame_index", "episode_index"}
+    held = _features(path, info)
+    by_lower = {name.lower(): name for name in held}
+    available = {key: held[name] for key, name in by_lower.items()}
+    pose = pose_of(path / INFO, available, asked)
+    wanted = {by_lower[name] for name, _ in pose.places} | {
+        "timestamp",
+        "frame_index",
+        "episode_index",
+    }
 
     where = _where_episodes_are(path, info)
     chosen = chosen_episodes(path, episode, list(where))
-    trajectories = []
+    episodes = []
     read: tuple[Path, dict[str, Floats]] | None = None
     for number in chosen:
         file = where[number]
@@ -85,30 +92,41 @@ def _read(path: Path, episode: int | Iterable[int] | None, columns: str | None) 
             table = arrow_table(file, sorted(wanted))
             read = file, {key: numbers(file, table, key) for key in wanted}
         rows = np.flatnonzero(read[1]["episode_index"][:, 0] == number)
-        of = {key: values[rows] for key, values in read[1].items()}
-        trajectories.append(_episode(f"{path}/episode_{number:06d}", file, of, places, fps))
-    return trajectories
+        of = {key.lower(): values[rows] for key, values in read[1].items()}
+        episodes.append(
+            _episode(
+                f"{path}/episode_{number:06d}", file, of, pose, fps, pose.understood(available)
+            )
+        )
+    return episodes
 
 
 def _episode(
-    name: str, file: Path, of: dict[str, Floats], places: list[tuple[str, int]], fps: float
+    name: str,
+    file: Path,
+    of: dict[str, Floats],
+    pose: PoseColumns,
+    fps: float,
+    understood: dict[str, str],
 ) -> Samples:
     if not len(of["timestamp"]):
         raise RecordingError(f"{name}: no frames in {file}; is the data set complete?")
-    for key, place in places:
+    for key, place in pose.places:
         if of[key].shape[1] <= place:
             raise RecordingError(
                 f"{file}: column {key} holds {of[key].shape[1]} numbers, fewer than {INFO} says"
             )
-    pose = stacked(places, of.__getitem__)
     stamps, even = of["timestamp"][:, 0], of["frame_index"][:, 0] / fps
     times = even if np.all(np.abs(stamps - even) <= STAMP_TOLERANCE) else stamps
+    source = Source(name, "timestamp", "quaternion")
+    positions, quaternions = pose.poses(source, of)
     return Samples(
         name=name,
-        source=Source(name, "timestamp", "quaternion"),
+        source=source,
         times=times,
-        positions=pose[:, :3],
-        quaternions=pose[:, 3:],
+        positions=positions,
+        quaternions=quaternions,
+        understood=[f"{key}: {told}" for key, told in understood.items()],
     )
 
 
@@ -210,7 +228,7 @@ def _episodes_of_v3(path: Path) -> list[tuple[int, int, int]]:
 LEROBOT = Format(
     name="a LeRobot data set",
     read=read_lerobot,
-    options=("episode", "columns"),
+    options=("episode", "columns", "units", "rotation"),
     folders="LeRobot data sets",
     is_folder=is_lerobot,
     extra="tables",

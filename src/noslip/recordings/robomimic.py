@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from noslip._arguments import MOST_SAMPLES
 from noslip._extras import need
 from noslip._pose_checks import Source, require_few
-from noslip._pose_csv import POSE
+from noslip._pose_columns import POSE, Asked, Column, pose_of
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
@@ -21,7 +22,6 @@ from noslip.named_columns import listed
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
-from noslip.recordings.columns import Column, pose_columns, stacked
 
 EEF_POSE = "robot0_eef_pos,robot0_eef_quat[3,0:3]"
 """The end effector's pose; robosuite's quaternions have the scalar last."""
@@ -32,7 +32,7 @@ def read_robomimic(
     *,
     rate: float | None = None,
     episode: int | Iterable[int] | None = None,
-    columns: str | None = None,
+    **asked: Any,
 ) -> list[Samples]:
     """Read the demonstrations of a robomimic data set, one trajectory each.
 
@@ -43,8 +43,8 @@ def read_robomimic(
         Samples per second; by default the ``control_freq`` in the file's ``env_args``.
     episode : int or iterable of int, optional
         The k of ``demo_k``; by default all.
-    columns : str, optional
-        Where the pose is in ``obs``, see :func:`noslip.recordings.columns.pose_columns`.
+    **asked
+        Of :class:`noslip._pose_columns.Asked`: where the pose is in ``obs``.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def read_robomimic(
         if not (np.isfinite(frequency) and frequency > 0):
             raise RecordingError(f"{path}: rate must be positive, got {frequency:g}")
         return [
-            _read_demo(path, demos[k], data, frequency, columns, h5py)
+            _read_demo(path, demos[k], data, frequency, Asked(**asked), h5py)
             for k in chosen_episodes(path, episode, list(demos))
         ]
 
@@ -104,9 +104,7 @@ def _inside(name: str | Path, group: Any, key: str, h5py: Any) -> Any:
     return found
 
 
-def _read_demo(
-    path: Path, number: str, data: Any, rate: float, columns: str | None, h5py: Any
-) -> Samples:
+def _read_demo(path: Path, number: str, data: Any, rate: float, asked: Asked, h5py: Any) -> Samples:
     name = f"{path}/{number}"
     demo = _inside(path, data, number, h5py)
     observations = _inside(name, demo, "obs", h5py) if isinstance(demo, h5py.Group) else None
@@ -120,8 +118,12 @@ def _read_demo(
         for key, value in held.items()
         if isinstance(value, h5py.Dataset) and value.ndim in (1, 2) and value.dtype.kind in "iuf"
     }
-    places = pose_columns(name, EEF_POSE if columns is None else columns, available)
-    lengths = {key: len(held[key]) for key, _ in places}
+    if asked.columns is None:
+        asked = replace(asked, columns=EEF_POSE)
+    by_lower = {key.lower(): key for key in available}
+    available = {key: available[name] for key, name in by_lower.items()}
+    pose = pose_of(name, available, asked)
+    lengths = {key: len(held[by_lower[key]]) for key, _ in pose.places}
     for length in lengths.values():
         require_few(name, length)
     if len(set(lengths.values())) > 1:
@@ -129,6 +131,7 @@ def _read_demo(
         raise RecordingError(f"{name}: observations of different lengths: {found}")
 
     def read(key: str) -> Floats:
+        key = by_lower[key]
         # A chunk, which may be larger than what is in it, is decompressed as a whole.
         for shape in (held[key].shape, held[key].chunks or ()):
             if math.prod(shape) > MOST_SAMPLES * len(POSE):
@@ -139,21 +142,23 @@ def _read_demo(
         values = np.asarray(held[key], dtype=np.float64)
         return values.reshape(len(values), -1)
 
-    pose = stacked(places, read)
-    times = np.arange(len(pose)) / rate
+    source = Source(name, "sample", "quaternion")
+    positions, quaternions = pose.poses(source, {key: read(key) for key in lengths})
+    told = pose.understood(available)
     return Samples(
         name=name,
-        source=Source(name, "sample", "quaternion"),
-        times=times,
-        positions=pose[:, :3],
-        quaternions=pose[:, 3:],
+        source=source,
+        times=np.arange(len(positions)) / rate,
+        positions=positions,
+        quaternions=quaternions,
+        understood=[f"{key}: {what}" for key, what in told.items()],
     )
 
 
 HDF5 = Format(
     name="an HDF5 file",
     read=read_robomimic,
-    options=("rate", "episode", "columns"),
+    options=("rate", "episode", "columns", "units", "rotation"),
     suffixes=(".hdf5", ".h5"),
     extra="hdf5",
 )

@@ -11,15 +11,14 @@ import numpy as np
 
 from noslip._extras import need
 from noslip._files import read_bytes, write_beside
-from noslip._pose_checks import Source, require_few
-from noslip._pose_csv import POSE, QUATERNION, TIME, pose_layout, poses_of_columns
+from noslip._pose_checks import require_few
+from noslip._pose_columns import POSE, Asked, Column, clock_name, layout_of
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import plural
-from noslip.recordings._format import Format
+from noslip.recordings._format import MAPPING, Format
 from noslip.recordings._reading import reading
-from noslip.recordings.columns import Column, pose_columns, stacked
 from noslip.trajectory import PoseTrajectory
 
 FEATHER = b"ARROW1\0\0"
@@ -28,19 +27,17 @@ MOST_BYTES = 2**30
 """Of a table's columns when decompressed."""
 
 
-def read_table(
-    path: Path, *, rate: float | None = None, columns: str | None = None
-) -> list[Samples]:
-    """Read the one trajectory of a Parquet or Feather table.
+def read_table(path: Path, **asked: Any) -> list[Samples]:
+    """Read the one recording of a Parquet or Feather table.
+
+    Its columns are what those of a CSV are, in any case; of columns that are structures, their
+    fields are columns, such as ``pose.position.x``.  Timestamps and durations of Arrow are times.
 
     Parameters
     ----------
     path : Path
-    rate : float, optional
-        Samples per second, where column ``i`` numbers the samples instead of a time.
-    columns : str, optional
-        Where the pose is, see :func:`noslip.recordings.columns.pose_columns`; without it the
-        columns are called as in a CSV.
+    **asked
+        Of :class:`noslip._pose_columns.Asked`.
 
     Raises
     ------
@@ -50,19 +47,15 @@ def read_table(
         If it cannot be read, or for what :func:`noslip.load_demonstrations` names.
     """
     table = arrow_table(path)
-    names = table.column_names
-    if columns is None:
-        time, layout = pose_layout(str(path), names, rate)
-        of = {name: numbers(path, table, name)[:, 0] for name in (time, *layout)}
-    else:
-        # The table's own x, y, z give way to those that are chosen.
-        others = [name for name in names if name not in POSE]
-        time, _ = pose_layout(str(path), [*others, *POSE], rate)
-        places = pose_columns(path, columns, column_shapes(table))
-        pose = stacked(places, lambda name: numbers(path, table, name))
-        of = dict(zip(POSE, pose.T, strict=True)) | {time: numbers(path, table, time)[:, 0]}
-    source = Source(path, f"column {time}", f"columns {', '.join(QUATERNION)}")
-    return [poses_of_columns(str(path), source, of, rate)]
+    with reading(path, "a table"):
+        while any(hasattr(kind, "fields") for kind in table.schema.types):
+            table = table.flatten()
+    held = {name.lower(): name for name in table.column_names}
+    available = {key: columns_of(table)[name] for key, name in held.items()}
+    layout = layout_of(path, available, Asked(**asked))
+    of = {key: numbers(path, table, held[key]) for key in layout.numbers}
+    texts = {key: list(map(str, table[held[key]].to_pylist())) for key in layout.texts}
+    return [layout.samples(path, available, of, texts)]
 
 
 def arrow_table(path: Path, columns: Iterable[str] | None = None) -> Any:
@@ -236,13 +229,18 @@ def _batch(metadata: bytes, kind: str) -> tuple[int, list[tuple[int, int, bool]]
     return 0 if length is None else number(length, 8, signed=True), buffers
 
 
-def column_shapes(table: Any) -> dict[str, Column]:
-    """Return how many numbers each column of a table holds in its first row."""
-    shapes = {}
+def columns_of(table: Any) -> dict[str, Column]:
+    """Return what the columns of a table are; lists have the length of the first."""
+    columns = {}
     for name in table.column_names:
-        first = table[name][0].as_py() if len(table) else None
-        shapes[name] = Column(len(first) if isinstance(first, list) else 1)
-    return shapes
+        kind, first = table.schema.field(name).type, table[name][0].as_py() if len(table) else None
+        said = str(kind)
+        columns[name] = Column(
+            width=len(first) if isinstance(first, list) else 1,
+            unit="s" if said.startswith(("timestamp", "duration")) else "",
+            is_text=said in ("string", "large_string"),
+        )
+    return columns
 
 
 def numbers(path: Path, table: Any, name: str) -> Floats:
@@ -259,6 +257,10 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
         values = np.concatenate([chunk.to_numpy(zero_copy_only=False) for chunk in flat])
     elif len(column):
         values = column.to_numpy()
+    if values.dtype.kind in "mM":
+        # Whole numbers, since a float holds no nanoseconds since 1970; what is missing is NaN.
+        ticks = values.astype(values.dtype.str.partition("[")[0] + "[ns]").astype(np.int64)
+        values = np.where(np.isnat(values), np.nan, ticks / 1e9)
     if width == 0 or values.dtype.kind not in "iuf":
         raise RecordingError(
             f"{path}: column {name} ({column.type}) does not hold the same count of numbers in "
@@ -271,7 +273,9 @@ def write_table(trajectory: PoseTrajectory, path: Path) -> Path:
     """Write a trajectory as a Parquet or Feather file, by the path's suffix."""
     pyarrow = need(path, "pyarrow", "tables")
     poses = np.column_stack([trajectory.times, trajectory.positions, trajectory.quaternions])
-    table = pyarrow.table(dict(zip((TIME[0], *POSE), poses.T.copy(), strict=True)))
+    table = pyarrow.table(
+        dict(zip((clock_name(trajectory.times), *POSE), poses.T.copy(), strict=True))
+    )
     sink = pyarrow.BufferOutputStream()
     if path.suffix.lower() == ".feather":
         need(path, "pyarrow.feather", "tables").write_feather(table, sink)
@@ -283,7 +287,7 @@ def write_table(trajectory: PoseTrajectory, path: Path) -> Path:
 TABLE = Format(
     name="a table",
     read=read_table,
-    options=("rate", "columns"),
+    options=MAPPING,
     suffixes=(".parquet", ".feather"),
     write=write_table,
     written=(".parquet", ".feather"),

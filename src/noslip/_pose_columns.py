@@ -1,0 +1,969 @@
+"""Poses as named columns: which of them hold it, in which units, and how its rotation is written.
+
+One mapping for every table, of text or not: what the names say, and what the user says instead.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from noslip._arguments import number
+from noslip._pose_checks import Source
+from noslip._samples import Samples
+from noslip._turns import KINDS, Turn, parse_turn
+from noslip._typing import Floats
+from noslip.errors import RecordingError
+from noslip.named_columns import listed, plural, shown
+
+POSITION = ("x", "y", "z")
+"""Meters; as everyone calls them."""
+QUATERNION = ("qw", "qx", "qy", "qz")
+"""Scalar first, as noslip has it everywhere."""
+POSE = POSITION + QUATERNION
+"""A pose in the order in which every table of ours has it."""
+TIME = ("t", "time")
+"""Either may name the time (s)."""
+SECONDS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+"""How many of a unit make a second."""
+METERS = {"m": 1.0, "cm": 1e2, "mm": 1e3, "in": 1 / 0.0254}
+"""How many of a unit make a meter."""
+_SPELLINGS = {
+    "s": ("sec", "secs", "second", "seconds"),
+    "ms": ("msec", "millis", "millisecond", "milliseconds"),
+    "us": ("usec", "µs", "μs", "micros", "microsecond", "microseconds"),
+    "ns": ("nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanosecond", "nanoseconds"),
+    "m": ("meter", "meters", "metre", "metres"),
+    "cm": ("centimeter", "centimeters", "centimetres"),
+    "mm": ("millimeter", "millimeters", "millimetres"),
+    "in": ("inch", "inches"),
+    "deg": ("degree", "degrees", "°"),
+    "rad": ("radian", "radians"),
+}
+SPARSEST = 0.5
+"""Seconds between samples.  Slower recorders exist, of slow processes; but where a motion is also
+slower than a thousandth of the fastest, it is likely in milliseconds, at up to 2 kHz."""
+UNITS = {word: unit for unit, words in _SPELLINGS.items() for word in (unit, *words)}
+"""Units by what they are called, in lower case."""
+_BRACKETED = re.compile(r"^(.*?)\s*[\[(]([^\[\]()]*)[\])]$")
+_AS_SUFFIX = {"ms", "us", "ns", "mm", "cm", "deg", "rad", *_SPELLINGS["s"], *_SPELLINGS["ns"]}
+"""Units that end a name without brackets, as in time_ms; single letters would be axes."""
+_CLOCKS = {"t", "time", "timestamp", "timestamps", "stamp", "stamps"}
+_COUNTS = {"i", "index", "frame", "sample"}
+"""Columns that number the samples."""
+_NO_POSE = frozenset(
+    {"vel", "velocity", "v", "dx", "acc", "accel", "acceleration", "a", "force", "f", "torque"}
+    | {"tau", "wrench", "gyro", "mag", "omega", "linear", "angular", "twist", "imu", "error"}
+    | {"err", "std", "cov", "covariance", "residual", "marker", "target", "command", "cmd"}
+)
+"""Words of names whose x, y and z are no position."""
+WIDEST = 1000
+"""Numbers in a column up to which their names are looked at: images and clouds are none of a
+pose."""
+_OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")
+"""A comma that separates columns, not places in one."""
+Place = tuple[str, int]
+"""A column, and which of the numbers that it holds."""
+
+
+def clock_name(times: Floats) -> str:
+    """Return what to call the column of times (s) that is written.
+
+    It states the unit where samples are so sparse that a reader would ask after it.
+    """
+    sparse = np.median(np.diff(times)) >= SPARSEST or times[-1] - times[0] > 86400
+    return "t[s]" if sparse else TIME[0]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes
+    ----------
+    width : int
+        How many numbers a row holds there.
+    names : tuple of str
+        Of these, if they have any.
+    unit : str
+        As the table states it, one of ``UNITS``; empty if it does not.
+    is_text : bool
+        Whether it holds text, such as a date.
+    """
+
+    width: int = 1
+    names: tuple[str, ...] = ()
+    unit: str = ""
+    is_text: bool = False
+
+    def described(self, name: str) -> str:
+        """Return what to call it in a message."""
+        if self.width == 1:
+            return name
+        return f"{name}[{self.width}]" + (f" ({', '.join(self.names)})" if self.names else "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What the user says of a table; see :func:`noslip.load_demonstrations`."""
+
+    columns: str | None = None
+    time: str | None = None
+    units: str | Iterable[str] | None = None
+    rotation: str | None = None
+    rate: float | None = None
+
+    def unit(self, known: Mapping[str, float]) -> str | None:
+        """Return the unit that the user states, of those known."""
+        given = self.units
+        if given is None:
+            return None
+        if isinstance(given, Mapping):
+            given = given.values()
+        words = given.split(",") if isinstance(given, str) else given
+        units = [UNITS.get(str(word).strip().lower()) for word in words]
+        if None in units or any(unit not in (*SECONDS, *METERS) for unit in units):
+            raise RecordingError(
+                f"units {self.units!r} are not known; times are in {', '.join(SECONDS)}, lengths "
+                f"in {', '.join(METERS)}"
+            )
+        return next((unit for unit in units if unit in known), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What is known of a table beyond its names, since its exporter is.
+
+    Attributes
+    ----------
+    exporter : str
+        What it is called.
+    position, turn, numbers : str or Turn
+        How the pose is written, where the names do not say: columns of the position, how the
+        rotation is written, columns that it takes.
+    euler : Turn or None
+        What three angles are that the names tell.
+    time, length : str
+        Units.
+    rate : float
+        Samples per second, where it numbers them.
+    note : str
+        What a user should know.
+    """
+
+    exporter: str = ""
+    position: tuple[str, ...] = ()
+    turn: Turn | None = None
+    numbers: tuple[str, ...] = ()
+    euler: Turn | None = None
+    time: str = ""
+    length: str = ""
+    rate: float | None = None
+    note: str = ""
+
+
+NOTHING = Known()
+"""Is known of most tables."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """Which columns hold the time.
+
+    Attributes
+    ----------
+    columns : tuple of str
+        A column, or one of seconds and one of nanoseconds; empty where the rate alone tells.
+    unit : str
+        One of ``SECONDS``, or ``date`` for text, or ``count``.
+    said : bool
+        Whether anything says so.
+    rate : float or None
+        Samples per second, where it is needed.
+    """
+
+    columns: tuple[str, ...] = ()
+    unit: str = "count"
+    said: bool = True
+    rate: float | None = None
+
+    def seconds(
+        self, source: Source, of: Mapping[str, Floats], texts: Mapping[str, Sequence[str]]
+    ) -> Floats:
+        """Return the times (s), shape (N,), from columns of numbers, (N, width), or of text."""
+        if self.unit == "date":
+            return dates(source, self.columns[0], texts[self.columns[0]])
+        if not self.columns:
+            assert self.rate is not None
+            return np.arange(len(next(iter(of.values())))) / self.rate
+        first = of[self.columns[0]][:, 0]
+        if self.rate is not None:
+            return np.asarray(first / self.rate)
+        if len(self.columns) == 2:
+            return np.asarray(first + of[self.columns[1]][:, 0] / SECONDS["ns"])
+        return first if self.unit == "s" else np.asarray(first / SECONDS[self.unit])
+
+    def understood(self) -> dict[str, str]:
+        """Return what its columns were taken for."""
+        if not self.columns:
+            return {"(no column)": f"time, from {self.rate} Hz"}
+        told = {"count": f"number of the sample, {self.rate} Hz", "date": "date"}
+        if len(self.columns) == 2:
+            return dict(zip(self.columns, ("time, s", "time, ns"), strict=True))
+        return {self.columns[0]: f"time, {told.get(self.unit, self.unit)}"}
+
+
+# ---------------------------------------------------------------------- what names say
+
+
+@dataclass(frozen=True)
+class _Name:
+    """A name of a column, or of a number in one, taken apart."""
+
+    place: Place
+    tokens: tuple[str, ...]
+    unit: str
+    raw: str
+
+
+def _names(available: Mapping[str, Column]) -> Iterator[_Name]:
+    for name, column in available.items():
+        if column.width == 1:
+            yield _taken_apart((name, 0), name, column.unit)
+            continue
+        if column.width > WIDEST:
+            continue
+        inside = column.names or tuple(map(str, range(column.width)))
+        for place, part in enumerate(inside):
+            told = _taken_apart((name, place), part, column.unit)
+            prefix = _taken_apart((name, place), name, "").tokens
+            yield replace(told, tokens=(*prefix, *told.tokens))
+
+
+def _taken_apart(place: Place, name: str, unit: str) -> _Name:
+    base = name.strip().lower()
+    if (match := _BRACKETED.match(base)) and not match[2].strip().isdigit():
+        base, unit = match[1], unit or UNITS.get(match[2].strip(), "")
+    tokens = [token for token in re.split(r"[^a-z0-9°µ]+", base) if token]
+    if len(tokens) == 1 and len(tokens[0]) > 1 and UNITS.get(tokens[0]) in SECONDS:
+        # A clock that is called after its unit: sec, nanosec.
+        return _Name(place, ("time",), UNITS[tokens[0]], name)
+    if len(tokens) > 1 and tokens[-1] in _AS_SUFFIX:
+        unit = unit or UNITS[tokens[-1]]
+        tokens.pop()
+    return _Name(place, tuple(tokens), unit, name)
+
+
+_PARTS: tuple[tuple[str, re.Pattern[str]], ...] = (
+    (
+        "q",
+        re.compile(r"(?:(.*)_)?(?:q|quat_?|quaternion_?|orientation_?|rotation_?|rot_?)([wxyz])"),
+    ),
+    ("q", re.compile(r"()q_(?:.*_)?([wxyz])")),
+    ("n", re.compile(r"(?:(.*)_)?q_?([0-9]+)")),
+    ("v", re.compile(r"(?:(.*)_)?(?:rotvec_?|rotation_vector_?|axis_angle_?)([xyz])")),
+    ("r", re.compile(r"(?:(.*)_)?(?:r|angle_?|euler_?)([xyz])")),
+    ("e", re.compile(r"(?:(.*)_)?(roll|pitch|yaw)")),
+    ("m", re.compile(r"(?:(.*)_)?(?:r|m|rot|mat|rotation)_?([0-3]_?[0-3])")),
+    ("p", re.compile(r"()p_(?:.*_)?([xyz])")),
+    (
+        "p",
+        re.compile(
+            r"(?:(.*?)_?)??(?:(?:pos|position|p|t|trans|translation|loc|location)_?)?([xyz])"
+        ),
+    ),
+)
+"""What the end of a name may be: a part of a quaternion, by letter or number; of a rotation vector;
+of three angles; roll, pitch or yaw; of a matrix; of the position.  The group before it tells poses
+apart."""
+
+
+@dataclass
+class _Pose:
+    """What was found of one pose: places and units by part."""
+
+    parts: dict[str, dict[str, _Name]] = field(default_factory=dict)
+
+    def complete(self, kind: str, letters: Sequence[str]) -> list[_Name] | None:
+        """Return the names of some parts, if all are there."""
+        found = self.parts.get(kind, {})
+        return [found[a] for a in letters] if all(a in found for a in letters) else None
+
+    @property
+    def position(self) -> list[_Name] | None:
+        """The names of x, y and z."""
+        return self.complete("p", POSITION)
+
+    def rotation(self) -> tuple[Turn, list[_Name]] | None:
+        """Return how the rotation is written and where, if the names tell."""
+        if found := self.complete("q", ("w", "x", "y", "z")):
+            return Turn("quaternion", "wxyz"), found
+        vector = self.complete("q", POSITION)
+        scalar = self.parts.get("n", {}).get("0") or self.parts.get("s", {}).get("w")
+        if vector and scalar:
+            return Turn("quaternion", "wxyz"), [scalar, *vector]
+        numbered = self.parts.get("n", {})
+        if set(numbered) == {"0", "1", "2", "3"}:
+            return Turn("quaternion", "wxyz"), [numbered[k] for k in "0123"]
+        if found := self.complete("v", POSITION):
+            return Turn("rotvec", degrees=_degrees(found)), found
+        if (found := self.complete("e", ("roll", "pitch", "yaw"))) and found[0].unit:
+            return Turn("euler", "xyz", _degrees(found)), found
+        for first in (0, 1):
+            cells = [f"{i}{j}" for i in range(first, first + 3) for j in range(first, first + 3)]
+            if found := self.complete("m", cells):
+                return Turn("matrix", "rows"), found
+        return None
+
+    def angles(self) -> list[_Name] | None:
+        """Return three angles whose meaning the names do not tell."""
+        found = self.complete("r", POSITION) or self.complete("e", ("roll", "pitch", "yaw"))
+        if found or "w" in self.parts.get("q", {}):
+            return found
+        # Rotation X, Y and Z are angles where there is no W; qx, qy and qz lack qw.
+        found = self.complete("q", POSITION)
+        quaternion = found and any(token.startswith("q") for token in found[0].tokens)
+        return None if quaternion else found
+
+
+def _degrees(names: Sequence[_Name]) -> bool | None:
+    units = {name.unit for name in names}
+    return {"deg": True, "rad": False}.get(units.pop()) if len(units) == 1 else None
+
+
+def _poses(names: Iterable[_Name]) -> dict[str, _Pose]:
+    """Return what looks like parts of poses, by what stands before."""
+    poses: dict[str, _Pose] = {}
+    for name in names:
+        if _NO_POSE.intersection(name.tokens[:-1]):
+            continue
+        tail = "_".join(name.tokens)
+        for kind, pattern in _PARTS:
+            if match := pattern.fullmatch(tail):
+                group, part = (match[1] or "").strip("_"), match[2].replace("_", "")
+                poses.setdefault(group, _Pose()).parts.setdefault(kind, {}).setdefault(part, name)
+                break
+        else:
+            if name.tokens and name.tokens[-1] == "w":
+                group = "_".join(name.tokens[:-1])
+                poses.setdefault(group, _Pose()).parts.setdefault("s", {}).setdefault("w", name)
+    return poses
+
+
+# ---------------------------------------------------------------------- which columns it is
+
+
+def layout_of(
+    where: str | object, available: Mapping[str, Column], asked: Asked, known: Known = NOTHING
+) -> Layout:
+    """Return which columns of a table hold the time and the pose.
+
+    Parameters
+    ----------
+    where : str or Path
+        For messages.
+    available : mapping
+        The columns, by name in lower case.
+    asked : Asked
+        What the user says goes before what the names say.
+    known : Known
+        And that before what their exporter is known for.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or there twice, or could be several, or the rate is needed and not
+        there; the message names the option that tells.
+    """
+    pose = pose_of(where, available, asked, known, timed=asked.time is None and asked.rate is None)
+    return Layout(
+        clock=clock_of(where, available, asked, known, pose.group),
+        pose=pose,
+        exporter=known.exporter,
+        note=known.note,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseColumns:
+    """Where a pose is: the columns of its position and rotation, and how they are written."""
+
+    position: list[Place]
+    rotation: list[Place]
+    turn: Turn
+    length_unit: str
+    group: str = ""
+
+    @property
+    def places(self) -> list[Place]:
+        """All of them."""
+        return self.position + self.rotation
+
+    def poses(self, source: Source, of: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+        """Return positions (m), (N, 3), and quaternions, (N, 4), from columns, (N, width)."""
+        turn, numbers = self.turn, _stacked(self.rotation, of)
+        if len(self.rotation) >= 12:
+            turn, numbers, positions = _of_matrix(str(source.path), turn, numbers)
+        else:
+            positions = _stacked(self.position, of)
+        if turn.kind == "planar":
+            positions = np.column_stack([positions, np.zeros(len(positions))])
+            _check_planar_turns(source, self.rotation[0][0], turn, numbers[:, 0])
+        if self.length_unit != "m":
+            positions = positions / METERS[self.length_unit]
+        return positions, turn.quaternions(str(source.path), numbers)
+
+    def understood(self, available: Mapping[str, Column]) -> dict[str, str]:
+        """Return what its columns were taken for."""
+        lines: dict[str, str] = {}
+        whole = f"; position, {self.length_unit}" if len(self.rotation) >= 12 else ""
+        for part, places in (
+            (f"position, {self.length_unit}", self.position),
+            (f"{self.turn}{whole}", self.rotation),
+        ):
+            for name in dict.fromkeys(name for name, _ in places):
+                inside = [place for key, place in places if key == name]
+                entire = inside == list(range(available[name].width))
+                told = part if entire else f"{part} [{','.join(map(str, inside))}]"
+                lines[name] = f"{lines[name]}; {told}" if name in lines else told
+        return lines
+
+
+def pose_of(
+    where: str | object,
+    available: Mapping[str, Column],
+    asked: Asked,
+    known: Known = NOTHING,
+    *,
+    timed: bool = False,
+) -> PoseColumns:
+    """Return which columns hold the pose; see :func:`layout_of`.
+
+    Where a time is needed too, a message that columns are missing names it.
+    """
+    names = list(_names(available))
+    turn = known.euler if asked.rotation is None else parse_turn(asked.rotation)
+    poses = _poses(names)
+    group = _chosen_group(asked.columns, available, poses)
+    if asked.columns is not None and group is None:
+        found = _listed_pose(where, asked.columns, available, names, turn)
+    elif known.turn is not None:
+        found = PoseColumns(
+            position=[(name, 0) for name in known.position],
+            rotation=[(name, 0) for name in known.numbers],
+            turn=known.turn if turn is None else replace(turn, degrees=turn.degrees),
+            length_unit="",
+        )
+    else:
+        found = _named_pose(where, available, names, poses, group, turn, timed=timed)
+    stated = {name.place: name.unit for name in names}
+    units = {stated.get(place, "") for place in found.position} & set(METERS)
+    unit = asked.unit(METERS) or (units.pop() if len(units) == 1 else "") or known.length or "m"
+    return replace(found, length_unit=unit)
+
+
+def _chosen_group(
+    columns: str | None, available: Mapping[str, Column], poses: Mapping[str, _Pose]
+) -> str | None:
+    """Return the pose that the user names by what its columns begin with."""
+    if columns is None or columns.strip().lower() in available:
+        return None
+    group = "_".join(re.findall(r"[a-z0-9]+", columns.lower()))
+    return group if group in poses and poses[group].position else None
+
+
+def _listed_pose(
+    where: str | object,
+    columns: str,
+    available: Mapping[str, Column],
+    names: Sequence[_Name],
+    turn: Turn | None,
+) -> PoseColumns:
+    """Return the pose in the columns that the user lists, position first."""
+    entries = [entry.strip() for entry in _OUTSIDE_BRACKETS.split(columns)]
+    chosen = [place for entry in entries for place in _places(where, entry, available)]
+    if turn is None:
+        by_count = {7: Turn("quaternion", "wxyz"), 12: Turn("matrix"), 16: Turn("matrix")}
+        turn = by_count.get(len(chosen))
+    ahead = 2 if turn is not None and turn.kind == "planar" else 3
+    wanted = () if turn is None else {(ahead if n < 12 else 0) + n for n in turn.counts}
+    if turn is None or len(chosen) not in wanted:
+        raise RecordingError(
+            f"{where}: columns {columns} hold {len(chosen)} numbers; a pose has "
+            f"{len(POSE)}: {', '.join(POSE)}, in this order; or say by rotation=... (--rotation) "
+            f"how the rotation is written: {KINDS}"
+        )
+    if len(chosen) in (12, 16) and turn.kind == "matrix" and len(chosen) != 3 + 9:
+        return PoseColumns(position=[], rotation=chosen, turn=turn, length_unit="")
+    if len(chosen) == 12 and turn.kind == "matrix" and not _position_first(chosen, names):
+        return PoseColumns(position=[], rotation=chosen, turn=turn, length_unit="")
+    rotation = chosen[ahead:]
+    if turn.kind == "euler":
+        rotation = _by_axis(rotation, names, turn)
+    return PoseColumns(position=chosen[:ahead], rotation=rotation, turn=turn, length_unit="")
+
+
+def _position_first(chosen: Sequence[Place], names: Sequence[_Name]) -> bool:
+    """Whether the first three of twelve numbers are called x, y, z: then a 3 x 3 matrix follows."""
+    of = {name.place: name.tokens[-1:] for name in names}
+    return [of.get(place, ("",))[0][-1:] for place in chosen[:3]] == list(POSITION)
+
+
+def _by_axis(rotation: list[Place], names: Sequence[_Name], turn: Turn) -> list[Place]:
+    """Return three angles in the order of the axes, where their names tell the axes."""
+    axes = {"roll": "x", "pitch": "y", "yaw": "z"}
+    of = {name.place: name.tokens[-1] for name in names if name.tokens}
+    told = {axes.get(of[p], of[p][-1]): p for p in rotation if p in of}
+    order = turn.order.lower()
+    return [told[axis] for axis in order] if set(told) == set(order) else rotation
+
+
+def _named_pose(
+    where: str | object,
+    available: Mapping[str, Column],
+    names: Sequence[_Name],
+    poses: dict[str, _Pose],
+    group: str | None,
+    turn: Turn | None,
+    *,
+    timed: bool,
+) -> PoseColumns:
+    planar = _planar(names, available)
+    if group is None and planar is not None and (turn is None or turn.kind == "planar"):
+        return planar
+    groups = (
+        [group] if group is not None else [name for name, pose in poses.items() if pose.position]
+    )
+    if "" in groups and poses[""].position:
+        groups = [""]
+    rotations = {name: _rotation(poses[name], turn) for name in groups}
+    complete = [name for name in groups if rotations[name]]
+    if not complete and len(groups) == 1:
+        # The rotation may be called otherwise than the position.
+        others = {name: _rotation(pose, turn) for name, pose in poses.items()}
+        others = {name: found for name, found in others.items() if found}
+        if len(others) == 1:
+            complete, rotations = groups, {groups[0]: next(iter(others.values()))}
+    if len(complete) > 1:
+        raise RecordingError(
+            f"{where}: which pose? {' and '.join(complete)} are there; choose one by what its "
+            f'columns begin with, columns="{complete[0]}" (--columns {complete[0]})'
+        )
+    if not complete:
+        timed = timed and not any(
+            _is_count(n) or (n.tokens[-1:] and n.tokens[-1] in _CLOCKS) for n in names
+        )
+        raise _no_pose(where, available, poses, groups, timed=timed)
+    chosen = complete[0]
+    found = rotations[chosen]
+    position = poses[chosen].position
+    assert found is not None
+    assert position is not None
+    kind, parts = found
+    _require_once(where, available, [name.place[0] for name in (*position, *parts)])
+    return PoseColumns(
+        position=[name.place for name in position],
+        rotation=[name.place for name in parts],
+        turn=kind,
+        length_unit="",
+        group=chosen,
+    )
+
+
+def _rotation(pose: _Pose, turn: Turn | None) -> tuple[Turn, list[_Name]] | None:
+    """Return how a pose's rotation is written and where, as the user says or the names do."""
+    found = pose.rotation()
+    if turn is None:
+        return found
+    if turn.kind in ("rotvec", "euler"):
+        angles = pose.complete("v", POSITION) or pose.angles()
+        if angles is None:
+            return None
+        if turn.kind == "euler":
+            by_axis = dict(zip(POSITION, angles, strict=True))
+            angles = [by_axis[axis] for axis in turn.order.lower()]
+        degrees = _degrees(angles) if turn.degrees is None else turn.degrees
+        return replace(turn, degrees=degrees), angles
+    return (turn, found[1]) if found is not None and found[0].kind == turn.kind else None
+
+
+def _planar(names: Sequence[_Name], available: Mapping[str, Column]) -> PoseColumns | None:
+    """Return the pose of a vehicle: x, y and an angle, without a quaternion."""
+    of = {name.tokens: name for name in names}
+    if any((part,) in of for part in QUATERNION):
+        return None
+    theta = of.get(("theta",))
+    if theta is None or not {("x",), ("y",)} <= set(of):
+        return None
+    return PoseColumns(
+        position=[of["x",].place, of["y",].place],
+        rotation=[theta.place],
+        turn=Turn("planar", degrees=theta.unit == "deg"),
+        length_unit="",
+    )
+
+
+def _no_pose(
+    where: str | object,
+    available: Mapping[str, Column],
+    poses: Mapping[str, _Pose],
+    groups: Sequence[str],
+    *,
+    timed: bool,
+) -> RecordingError:
+    """Return what to raise where the names do not tell a pose."""
+    for group in groups:
+        pose = poses[group]
+        if angles := pose.angles():
+            called = ", ".join(name.raw for name in angles)
+            rpy = "e" in pose.parts and "r" not in pose.parts
+            hint = "rpy:deg or rpy:rad" if rpy else "rotvec, euler:ZYX:deg"
+            return RecordingError(
+                f"{where}: what are {called}? say it with rotation=... (--rotation), such as "
+                f"{hint}; known are {KINDS}"
+            )
+    bare = poses.get("", _Pose())
+    wanted: tuple[str, ...] = POSE
+    here = set(available)
+    turned = here & {"theta", "theta_deg"}
+    # Without a quaternion and a height it is most likely meant to be planar.
+    if not here & set(QUATERNION) and (turned or ("z" not in here and {"x", "y"} <= here)):
+        wanted = ("x", "y", "theta")
+    have = set(bare.parts.get("p", {})) | {f"q{a}" for a in bare.parts.get("q", {})} | here
+    missing = [name for name in wanted if name not in have | ({"theta"} if turned else set())]
+    missing = ["t"] * timed + missing
+    found = (
+        shown(name) if column.width == 1 else column.described(name)
+        for name, column in available.items()
+    )
+    return RecordingError(
+        f"{where}: {plural('column', missing or list(wanted))} missing, found "
+        f"{listed(found, str)}; needed are t "
+        "(or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta (radians) or "
+        'x,y,theta_deg; or say which they are with columns="..." (--columns) and rotation="..." '
+        "(--rotation)"
+    )
+
+
+def _require_once(
+    where: str | object, available: Mapping[str, Column], used: Iterable[str]
+) -> None:
+    """Refuse a name that stands for several columns; such tables name those by ``name#2``."""
+    for name in used:
+        if f"{name}#2" in available:
+            count = sum(other.startswith(f"{name}#") for other in available) + 1
+            raise RecordingError(f"{where}: column {name} appears {count} times; keep one")
+
+
+# ---------------------------------------------------------------------- time
+
+
+def clock_of(
+    where: str | object,
+    available: Mapping[str, Column],
+    asked: Asked,
+    known: Known = NOTHING,
+    group: str = "",
+) -> Clock:
+    """Return which columns hold the time, of the pose of some group; see :func:`layout_of`."""
+    names = list(_names(available))
+    counts = [name for name in names if _is_count(name)]
+    if asked.time is None:
+        told = _best_clock(where, names, group)
+    else:
+        chosen = [one.strip().lower() for one in asked.time.split(",")]
+        of = {name.place[0]: name for name in names}
+        if missing := [one for one in chosen if one not in of]:
+            raise RecordingError(f"{where}: no column {missing[0]}; found {described(available)}")
+        told = [of[one] for one in chosen]
+        if len(told) > 2:
+            raise RecordingError(f"{where}: time is one column, or seconds and nanoseconds")
+        if told[0] in counts:
+            told = []
+    _require_once(where, available, [name.place[0] for name in told or counts[:1]])
+    if told:
+        columns = tuple(name.place[0] for name in told)
+        if available[columns[0]].is_text:
+            return Clock(columns=columns, unit="date")
+        said = asked.unit(SECONDS) or (told[0].unit if told[0].unit in SECONDS else "")
+        said = "s" if len(columns) == 2 else said or known.time
+        return Clock(columns=columns, unit=said or "s", said=bool(said))
+    rate = known.rate if asked.rate is None else asked.rate
+    if counts:
+        return Clock(columns=(counts[0].place[0],), rate=check_rate(where, counts[0].raw, rate))
+    if rate is None:
+        raise RecordingError(
+            f"{where}: column t missing, found {described(available)}; needed are t (or time, or i "
+            'with a rate); name it with time="..." (--time-column), or give the rate=... (samples '
+            "per second; on the command line --sample-rate)"
+        )
+    return Clock(rate=check_rate(where, "i", rate))
+
+
+def _is_clock(name: _Name) -> bool:
+    return bool(name.tokens) and name.tokens[-1] in _CLOCKS
+
+
+def _is_count(name: _Name) -> bool:
+    words = [word for word in name.tokens if word not in ("number", "no", "id")]
+    return bool(words) and all(word in _COUNTS for word in words)
+
+
+def _best_clock(where: str | object, names: Sequence[_Name], group: str) -> list[_Name]:
+    """Return the clock to read: one of plain name, else the pose's own stamp, else any other."""
+
+    def rank(name: _Name) -> int:
+        if len(name.tokens) == 1 and name.raw[:1] not in "_%":
+            return 0
+        *before, last = name.tokens
+        prefix = "_".join(word for word in before if word not in ("header", "stamp"))
+        return 1 if "stamp" in (last, *before) and group.startswith(prefix) and before else 2
+
+    ranked: dict[int, dict[tuple[str, ...], list[_Name]]] = {}
+    for name in names:
+        if not _is_clock(name):
+            continue
+        ranked.setdefault(rank(name), {}).setdefault(name.tokens, []).append(name)
+    if not ranked:
+        return []
+    best = ranked[min(ranked)]
+    if len(best) > 1:
+        raise RecordingError(
+            f"{where}: columns {' and '.join(one[0].raw for one in best.values())} both give a "
+            'time; keep one, or name it with time="..." (--time-column)'
+        )
+    (found,) = best.values()
+    if len(found) == 1:
+        return found
+    by_unit = {name.unit: name for name in found}
+    if len(found) == 2 and set(by_unit) == {"s", "ns"}:
+        return [by_unit["s"], by_unit["ns"]]
+    raise RecordingError(
+        f"{where}: columns {' and '.join(name.raw for name in found)} both give a time; keep one, "
+        'or name it with time="..." (--time-column)'
+    )
+
+
+def check_rate(where: str | object, column: str, rate: float | None) -> float:
+    """Refuse a rate that does not turn numbers of samples into times."""
+    if rate is None:
+        raise RecordingError(
+            f"{where}: column {column} counts samples and no column t gives their "
+            "time; pass rate=... (samples per second; on the command line --sample-rate)"
+        )
+    if not 0 < number(rate) < np.inf:
+        raise RecordingError(f"{where}: rate must be positive (samples per second), got {rate}")
+    return rate
+
+
+# ---------------------------------------------------------------------- samples
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Which columns hold the time and the pose, and what a user should know of them."""
+
+    clock: Clock
+    pose: PoseColumns
+    exporter: str = ""
+    note: str = ""
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Columns that are read as text."""
+        return self.clock.columns if self.clock.unit == "date" else ()
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Columns that are read as numbers, each once."""
+        times = () if self.texts else self.clock.columns
+        return tuple(dict.fromkeys([*times, *(name for name, _ in self.pose.places)]))
+
+    def understood(self, available: Mapping[str, Column]) -> list[str]:
+        """Return what each column was taken for, a line each."""
+        lines = dict.fromkeys(available, "not used")
+        lines |= self.clock.understood() | self.pose.understood(available)
+        told = [f"as {self.exporter} writes it"] if self.exporter else []
+        told += [f"{name}: {what}" for name, what in lines.items()]
+        return told + [self.note] * bool(self.note)
+
+    def samples(
+        self,
+        path: str | Path,
+        available: Mapping[str, Column],
+        of: Mapping[str, Floats],
+        texts: Mapping[str, Sequence[str]],
+        lines: Sequence[int] | None = None,
+    ) -> Samples:
+        """Return the poses in columns.
+
+        Parameters
+        ----------
+        path : path
+        available : mapping
+            All columns.
+        of, texts : mapping
+            Columns of numbers, shape (N,) or (N, width), and of text.
+        lines : sequence of int, optional
+            Of the samples.
+        """
+        rotation = dict.fromkeys(name for name, _ in self.pose.rotation)
+        source = Source(
+            path,
+            f"column {', '.join(self.clock.columns) or 't'}",
+            f"column{'s' if len(rotation) > 1 else ''} {', '.join(rotation)}",
+            lines,
+        )
+        columns = {key: v if v.ndim == 2 else v[:, None] for key, v in of.items()}
+        positions, quaternions = self.pose.poses(source, columns)
+        return Samples(
+            name=str(path),
+            source=source,
+            times=self.clock.seconds(source, columns, texts),
+            positions=positions,
+            quaternions=quaternions,
+            columns={
+                f"column {key}": values[:, 0] if values.shape[1] == 1 else values
+                for key, values in columns.items()
+            },
+            understood=self.understood(available),
+            clock_said=self.clock.said,
+        )
+
+
+def _stacked(places: Sequence[Place], columns: Mapping[str, Floats]) -> Floats:
+    return np.column_stack([columns[name][:, place] for name, place in places])
+
+
+def dates(source: Source, column: str, texts: Sequence[str]) -> Floats:
+    """Return dates in ISO 8601 as seconds since 1970; where they name no zone, as if in UTC.
+
+    Raises
+    ------
+    InputError
+        If one is none.
+    """
+    seconds = np.empty(len(texts))
+    for index, text in enumerate(texts):
+        match = _ISO.fullmatch(text.strip())
+        try:
+            if match is None:
+                raise ValueError(text)
+            whole = np.datetime64(f"{match[1]}T{match[2]}", "s").astype(np.int64)
+        except ValueError:
+            raise source.error(
+                index,
+                f"column {column}",
+                f"found {text[:40]!r}, neither a number nor a date such as "
+                "2024-05-01T10:00:00.01; name the column of time (--time-column)",
+            ) from None
+        zone = 0
+        if match[5]:
+            zone = int(f"{match[5]}1") * (int(match[6]) * 3600 + int(match[7] or 0) * 60)
+        seconds[index] = int(whole) - zone + float(f"0{match[3] or '.0'}".replace(",", "."))
+    return seconds
+
+
+_ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)([.,]\d+)?\s*(Z|z|([+-])(\d\d):?(\d\d)?)?")
+"""Date, time, fraction, and the zone."""
+
+
+def _of_matrix(where: str, turn: Turn, numbers: Floats) -> tuple[Turn, Floats, Floats]:
+    """Return rotation and position of 3 x 4 or 4 x 4 matrices, whose order their numbers tell."""
+    if turn.order:
+        orders = [turn.order]
+    else:
+        orders = [order for order in ("rows", "columns") if _is_pose(order, numbers)]
+    if len(orders) != 1:
+        raise RecordingError(
+            f"{where}: are the matrices written by rows or by columns? say it with rotation=... "
+            "(--rotation matrix:rows or matrix:columns)"
+            if orders
+            else f"{where}: {numbers.shape[1]} columns that are no pose's matrix; say with "
+            'columns="..." (--columns), rotation="..." (--rotation) and time="..." (--time-column) '
+            f"what they are, by their numbers from 0; rotations are {KINDS}"
+        )
+    (order,) = orders
+    matrices = _matrices(order, numbers)
+    rotation = matrices[:, :, :3].reshape(-1, 9)
+    return Turn("matrix", "rows"), rotation, matrices[:, :, 3]
+
+
+def _matrices(order: str, numbers: Floats) -> Floats:
+    """Return the upper three rows of matrices, shape (N, 3, 4)."""
+    rows = numbers.shape[1] // 4
+    if order == "rows":
+        return numbers.reshape(-1, rows, 4)[:, :3]
+    return numbers.reshape(-1, 4, rows).transpose(0, 2, 1)[:, :3]
+
+
+def _is_pose(order: str, numbers: Floats) -> bool:
+    good = numbers[np.isfinite(numbers).all(axis=1) & numbers.any(axis=1)]
+    if not len(good):
+        return True
+    matrices = _matrices(order, good)
+    turns = matrices[:, :, :3]
+    off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
+    if good.shape[1] == 16:
+        last = good[:, 12:] if order == "rows" else good[:, 3::4]
+        off = max(off, np.abs(last - [0, 0, 0, 1]).max())
+    return bool(off <= 1e-2)
+
+
+def _check_planar_turns(source: Source, column: str, turn: Turn, angles: Floats) -> None:
+    """Refuse angles that jump by more than half a turn, unless they are all within a turn."""
+    theta = np.radians(angles) if turn.degrees else angles
+    jumps = np.abs(np.diff(theta, prepend=theta[:1]))
+    # Angles within one turn may be wrapped: there a jump is none.
+    if np.ptp(theta) > 2 * np.pi + 1e-3 and jumps.max() > np.pi:
+        raise source.error(
+            int(jumps.argmax()),
+            f"column {column}",
+            f"turns by {jumps.max():.3g} rad since the sample before, more than half a turn; are "
+            "these degrees (name the column theta_deg), or is the rate too low?",
+        )
+
+
+# ---------------------------------------------------------------------- places
+
+
+def _places(where: str | object, entry: str, available: Mapping[str, Column]) -> Iterator[Place]:
+    entry = entry.lower()
+    name, bracket, inside = entry, "", ""
+    if entry not in available and entry.endswith("]"):
+        name, bracket, inside = entry[:-1].partition("[")
+    if name not in available:
+        raise RecordingError(f"{where}: no column {name or entry}; found {described(available)}")
+    column = available[name]
+    for part in map(str.strip, inside.split(",") if bracket else [":"]):
+        places = _inside(part, column)
+        if not places:
+            raise RecordingError(
+                f"{where}: column {name} has nothing at [{part}]; it is "
+                f"{column.described(name)}, places count from 0"
+            )
+        yield from ((name, place) for place in places)
+
+
+def _inside(part: str, column: Column) -> range:
+    """Return the places that a name, a number or a slice means."""
+    names = [name.lower() for name in column.names]
+    if part in names:
+        place = names.index(part)
+        return range(place, place + 1)
+    first, colon, last = part.partition(":")
+    try:
+        start = int(first or 0)
+        stop = int(last or column.width) if colon else start + 1
+    except ValueError:
+        return range(0)
+    return range(start, stop) if 0 <= start < stop <= column.width else range(0)
+
+
+def described(available: Mapping[str, Column]) -> str:
+    """Return the columns of a table for a message."""
+    return listed([column.described(name) for name, column in available.items()], str)
