@@ -497,20 +497,13 @@ def _listed_pose(
             f"{len(POSE)}: {', '.join(POSE)}, in this order; or say by rotation=... (--rotation) "
             f"how the rotation is written: {KINDS}"
         )
-    if len(chosen) in (12, 16) and turn.kind == "matrix" and len(chosen) != 3 + 9:
-        return PoseColumns(position=[], rotation=chosen, turn=turn, length_unit="")
-    if len(chosen) == 12 and turn.kind == "matrix" and not _position_first(chosen, names):
+    if len(chosen) >= 12:
+        # A position and 3 x 3 numbers, or 3 x 4: the numbers tell.
         return PoseColumns(position=[], rotation=chosen, turn=turn, length_unit="")
     rotation = chosen[ahead:]
     if turn.kind == "euler":
         rotation = _by_axis(rotation, names, turn)
     return PoseColumns(position=chosen[:ahead], rotation=rotation, turn=turn, length_unit="")
-
-
-def _position_first(chosen: Sequence[Place], names: Sequence[_Name]) -> bool:
-    """Whether the first three of twelve numbers are called x, y, z: then a 3 x 3 matrix follows."""
-    of = {name.place: name.tokens[-1:] for name in names}
-    return [of.get(place, ("",))[0][-1:] for place in chosen[:3]] == list(POSITION)
 
 
 def _by_axis(rotation: list[Place], names: Sequence[_Name], turn: Turn) -> list[Place]:
@@ -682,8 +675,8 @@ def clock_of(
         told = [of[one] for one in chosen]
         if len(told) > 2:
             raise RecordingError(f"{where}: time is one column, or seconds and nanoseconds")
-        if told[0] in counts:
-            told = []
+        if told[0] in counts or (asked.rate is not None and len(told) == 1):
+            counts, told = told, []
     _require_once(where, available, [name.place[0] for name in told or counts[:1]])
     if told:
         columns = tuple(name.place[0] for name in told)
@@ -873,45 +866,48 @@ _ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)([.,]\d+)?\s*(Z|z|([+-]
 
 
 def _of_matrix(where: str, turn: Turn, numbers: Floats) -> tuple[Turn, Floats, Floats]:
-    """Return rotation and position of 3 x 4 or 4 x 4 matrices, whose order their numbers tell."""
-    if turn.order:
-        orders = [turn.order]
-    else:
-        orders = [order for order in ("rows", "columns") if _is_pose(order, numbers)]
-    if len(orders) != 1:
+    """Return rotation and position of 3 x 4 or 4 x 4 matrices, or of positions and 3 x 3.
+
+    Which of them they are their numbers tell, and the order if it is not known.
+    """
+    orders = [turn.order] if turn.order else ["rows", "columns"]
+    found = [order for order in orders if _is_pose(_matrices(order, numbers), numbers)]
+    if numbers.shape[1] == 12 and _is_pose(numbers[:, 3:].reshape(-1, 3, 3), numbers):
+        found += [f"position and {order}" for order in orders]
+    if len(found) != 1:
         raise RecordingError(
             f"{where}: are the matrices written by rows or by columns? say it with rotation=... "
             "(--rotation matrix:rows or matrix:columns)"
-            if orders
+            if found
             else f"{where}: {numbers.shape[1]} columns that are no pose's matrix; say with "
             'columns="..." (--columns), rotation="..." (--rotation) and time="..." (--time-column) '
             f"what they are, by their numbers from 0; rotations are {KINDS}"
         )
-    (order,) = orders
+    *first, order = found[0].split(" and ")
+    if first:
+        return Turn("matrix", order), numbers[:, 3:], numbers[:, :3]
     matrices = _matrices(order, numbers)
-    rotation = matrices[:, :, :3].reshape(-1, 9)
-    return Turn("matrix", "rows"), rotation, matrices[:, :, 3]
+    upper = matrices[:, :3]
+    return Turn("matrix", "rows"), upper[:, :, :3].reshape(-1, 9), upper[:, :, 3]
 
 
 def _matrices(order: str, numbers: Floats) -> Floats:
-    """Return the upper three rows of matrices, shape (N, 3, 4)."""
+    """Return matrices, shape (N, 3, 4) or (N, 4, 4)."""
     rows = numbers.shape[1] // 4
     if order == "rows":
-        return numbers.reshape(-1, rows, 4)[:, :3]
-    return numbers.reshape(-1, 4, rows).transpose(0, 2, 1)[:, :3]
+        return numbers.reshape(-1, rows, 4)
+    return numbers.reshape(-1, 4, rows).transpose(0, 2, 1)
 
 
-def _is_pose(order: str, numbers: Floats) -> bool:
-    good = numbers[np.isfinite(numbers).all(axis=1) & numbers.any(axis=1)]
+def _is_pose(matrices: Floats, numbers: Floats) -> bool:
+    """Whether matrices hold rotations, and below them 0, 0, 0, 1; those of lost poses apart."""
+    good = matrices[np.isfinite(numbers).all(axis=1) & numbers.any(axis=1)]
     if not len(good):
         return True
-    matrices = _matrices(order, good)
-    turns = matrices[:, :, :3]
+    turns = good[:, :3, :3]
     off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
-    if good.shape[1] == 16:
-        last = good[:, 12:] if order == "rows" else good[:, 3::4]
-        off = max(off, np.abs(last - [0, 0, 0, 1]).max())
-    return bool(off <= 1e-2)
+    below = np.abs(good[:, 3:] - [0, 0, 0, 1]).max(initial=0.0) if good.shape[1] == 4 else 0.0
+    return bool(max(off, below) <= 1e-2)
 
 
 def _check_planar_turns(source: Source, column: str, turn: Turn, angles: Floats) -> None:

@@ -80,8 +80,9 @@ def load_demonstrations(
         glob.  A file given twice is read once.
     rate : float, optional
         Samples per second of CSV files and tables that number their samples (column ``i``)
-        instead of stamping them (sample ``i`` is then at ``i / rate`` seconds), and of robomimic
-        files.  Files with stamps ignore it.
+        instead of stamping them (sample ``i`` is then at ``i / rate`` seconds), of tables without
+        times, and of robomimic files.  Files with stamps ignore it; beside ``time`` it says that
+        this column numbers the samples.
     topic, frame, child_frame : str, optional
         Of ROS bags: where the poses are, see :func:`noslip.recordings.bags.read_bag`.
     episode : int or iterable of int, optional
