@@ -272,9 +272,7 @@ _PARTS: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("p", re.compile(r"()p_(?:.*_)?([xyz])")),
     (
         "p",
-        re.compile(
-            r"(?:(.*?)_?)??(?:(?:pos|position|p|t|trans|translation|loc|location)_?)?([xyz])"
-        ),
+        re.compile(r"(?:(.*)_)?(?:(?:pos|position|p|t|trans|translation|loc|location)_?)?([xyz])"),
     ),
 )
 """What the end of a name may be: a part of a quaternion, by letter or number; of a rotation vector;
@@ -824,6 +822,7 @@ class Layout:
                 for key, values in columns.items()
             },
             understood=self.understood(available),
+            planar=self.pose.turn.kind == "planar",
             clock_said=self.clock.said,
         )
 

@@ -85,6 +85,8 @@ class Samples:
         What the file calls its columns, and what they hold: where one is not finite, it is named.
     understood : sequence of str
         What each column was taken for, a line each.
+    planar : bool
+        Whether the file holds a pose in the plane.
     clock_said : bool or None
         Whether the file or the user states the unit of the times; None where it is a matter of
         the format.
@@ -98,6 +100,7 @@ class Samples:
     velocities: Mapping[str, Floats] = field(default_factory=dict)
     columns: Mapping[str, Floats] = field(default_factory=dict)
     understood: Sequence[str] = ()
+    planar: bool = False
     clock_said: bool | None = None
 
     def __len__(self) -> int:

@@ -182,6 +182,16 @@ class PoseTrajectory(Value):
         """
         return self._steps
 
+    @property
+    def body_velocities(self) -> Floats:
+        """Twist of every step as the body feels it, shape (N - 1, 6): m/s, then rad/s.
+
+        In the frame in the middle of the step, :meth:`step_middles`, where velocity-level
+        constraints hold: what must not slip is zero to rounding.
+        """
+        _, _, rotations = self.step_middles()
+        return np.hstack([rotations.inv().apply(v) for v in self.step_velocities()])
+
     @cached_property
     def _steps(self) -> tuple[Floats, Floats]:
         periods = np.diff(self.times)[:, None]

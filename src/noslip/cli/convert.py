@@ -15,15 +15,21 @@ noslip convert motion.csv --out motion_bag && ros2 bag play motion_bag
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from noslip._samples import Mending
 from noslip.cli import options
+from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError, one_line
 from noslip.recordings import write_recording
-from noslip.recordings.formats import WRITTEN, listed_suffixes, read_samples
+from noslip.recordings.formats import WRITTEN, listed_suffixes, loaded
+
+_PLANAR = (".csv", ".parquet", ".feather")
+"""Formats that have columns."""
 
 
 @options.grouped
@@ -39,42 +45,37 @@ def run(
         ),
     ] = None,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
+    written: options.Writing = options.Writing(),  # noqa: B008 - immutable
 ) -> None:
     """Read a recording of any format and write its poses in another, by suffix.
 
     Without --out it tells what each column was taken for.  Poses and times stay as recorded,
-    unless a step of preparation is asked for.
+    unless a step of preparation is asked for; what was planar is written as t,x,y,theta where the
+    format has columns.
     """
-    if out is None:
-        _explain(recording, given)
-        return
-    if out.suffix.lower() not in WRITTEN:
+    if out is not None and out.suffix.lower() not in WRITTEN:
         raise InputError(f"--out: {out} must end in {listed_suffixes(WRITTEN)}")
-    trajectories = given.load([recording])
-    named = {} if given.frame is None else {"frame": given.frame}
-    for number, trajectory in enumerate(trajectories, start=1):
-        several = len(trajectories) > 1
-        file = out.with_name(f"{out.stem}_{number:02}{out.suffix}") if several else out
-        written = write_recording(trajectory, file, **named)
-        typer.echo(f"wrote {written}: {len(trajectory)} samples, {trajectory.duration:.4g} s")
-
-
-def _explain(recording: str, given: options.Loading) -> None:
-    """Tell what is in a recording, and how it was understood."""
-    options_of_formats = {
-        name: value for name, value in given.loading().items() if name not in options.MENDING
-    }
-    told = None
-    for samples in read_samples(recording, options_of_formats):
-        if samples.understood != told:
+    asked = given.loading()
+    mending = Mending(**{name: asked.pop(name) for name in options.MENDING})
+    found = list(loaded(recording, asked, mending))
+    told: Sequence[str] = ()
+    for number, (samples, read) in enumerate(found, start=1):
+        if out is None and samples.understood != told:
             for line in samples.understood:
                 typer.echo(one_line(f"  {line}"))
             told = samples.understood
-    for trajectory in given.load([recording]):
-        step = 1e3 * trajectory.period
-        typer.echo(
-            one_line(
-                f"{trajectory.name}: {len(trajectory)} samples, {trajectory.duration:.4g} s, one "
-                f"every {step:.4g} ms, path {trajectory.path_length:.4g} m"
-            )
-        )
+        trajectory = prepare(read, **given.preparation())
+        size = f"{len(trajectory)} samples, {trajectory.duration:.4g} s"
+        if out is None:
+            step = f"one every {1e3 * trajectory.period:.4g} ms"
+            path = f"path {trajectory.path_length:.4g} m"
+            typer.echo(one_line(f"{trajectory.name}: {size}, {step}, {path}"))
+            continue
+        what = written.writing()
+        if out.suffix.lower() in _PLANAR and samples.planar:
+            what["planar"] = True
+        if given.frame is not None:
+            what["frame"] = given.frame
+        several = len(found) > 1
+        file = out.with_name(f"{out.stem}_{number:02}{out.suffix}") if several else out
+        typer.echo(f"wrote {write_recording(trajectory, file, **what)}: {size}")

@@ -24,6 +24,7 @@ from noslip.demonstrations.preparation import Order, prepare
 from noslip.errors import InputError
 from noslip.projection.metric import Metric
 from noslip.recordings import load_demonstrations
+from noslip.recordings.twists import Twist
 from noslip.trajectory import PoseTrajectory
 
 _ROUNDING = 4 * np.finfo(np.float64).eps
@@ -244,6 +245,56 @@ class Where:
             "unsorted": self.unsorted,
             "lost": self.lost,
         }
+
+
+_WRITING = "What is written of a motion"
+"""Heading of these options in the help."""
+
+
+@dataclass(frozen=True)
+class Writing:
+    """What is written of a motion; the options of a command that writes one."""
+
+    twist: Annotated[
+        Twist | None,
+        typer.Option(
+            help="Add vx,vy,vz,wx,wy,wz, to command at each row until the next, in this frame; of "
+            "a planar motion v,omega.",
+            show_default=False,
+            rich_help_panel=_WRITING,
+        ),
+    ] = None
+    planar: Annotated[
+        bool,
+        typer.Option("--planar", help="t,x,y,theta.", rich_help_panel=_WRITING),
+    ] = False
+    wheels: Annotated[
+        str | None,
+        optional(
+            "track=M,radius=M",
+            "Add the speeds left,right (rad/s) of a differential drive; the motion is planar.",
+            _WRITING,
+        ),
+    ] = None
+
+    def writing(self) -> dict[str, Any]:
+        """Return what they ask of :func:`noslip.recordings.write_recording`."""
+        wheels = None if self.wheels is None else measures("--wheels", self.wheels)
+        return {"twist": self.twist, "planar": self.planar, "wheels": wheels}
+
+
+def measures(option: str, text: str) -> dict[str, float]:
+    """Return numbers by name from ``name=number,name=number``."""
+    found = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(
+                f"{option}: expected name=number, separated by commas, got {part!r}"
+            ) from None
+    return found
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.law.entry import GoalForm
 from noslip.recordings.formats import WRITTEN, listed_suffixes, write_recording
+from noslip.recordings.twists import motion_text
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import ProjectStart
 from noslip.saving import load_primitive
@@ -39,6 +40,7 @@ class Variant(enum.StrEnum):
     REGULAR = "regular"
 
 
+@options.grouped
 def run(
     primitive: Annotated[
         Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
@@ -89,6 +91,7 @@ def run(
         ),
     ] = Variant.OPTIMIZED,
     as_json: options.AsJson = False,
+    given: options.Writing = options.Writing(),  # noqa: B008 - immutable
 ) -> None:
     """Roll a primitive out and write its motion (t,x,y,z,qw,qx,qy,qz).
 
@@ -119,9 +122,9 @@ def run(
         goal_form=goal_form,
     )
     if out is None:
-        sys.stdout.write(motion.csv_text())
+        sys.stdout.write(motion_text(motion, **given.writing()))
     else:
-        write_recording(motion, out)
+        write_recording(motion, out, **given.writing())
     report = checked(motion, dmp.system) if dmp.constraints else None
     gave_way = _gave_way(motion, dmp.system.limits)
     if as_json:

@@ -10,6 +10,9 @@ from noslip._samples import Samples
 
 MAPPING = ("columns", "time", "units", "rotation", "rate")
 """Options that say what the columns of a table are; see :class:`noslip._pose_columns.Asked`."""
+VELOCITIES = ("twist", "planar", "wheels")
+"""Options of what is written beside or instead of poses; see
+:func:`noslip.recordings.twists.motion_columns`."""
 
 
 @dataclass(frozen=True, kw_only=True)

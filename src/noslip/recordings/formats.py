@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from noslip._pose_npz import read_npz
 from noslip._samples import Duplicates, Gaps, Interval, Lost, Mending, Samples, Unsorted
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import numbers_text
-from noslip.recordings._format import Format
+from noslip.recordings._format import VELOCITIES, Format
 from noslip.recordings.bag_writing import write_bag
 from noslip.recordings.bags import BAG
 from noslip.recordings.joints import checked_joints
@@ -24,6 +24,7 @@ from noslip.recordings.lerobot import LEROBOT
 from noslip.recordings.robomimic import HDF5
 from noslip.recordings.tables import TABLE
 from noslip.recordings.text import TEXT
+from noslip.recordings.twists import Twist
 from noslip.scale import ask_after_units
 from noslip.trajectory import PoseTrajectory
 
@@ -188,13 +189,18 @@ def load_demonstrations(
         "units": units,
         "rotation": rotation,
     }
-    loaded = []
+    return [trajectory for _, trajectory in loaded(paths, options, mending)]
+
+
+def loaded(
+    paths: str | Path | Iterable[str | Path], options: dict[str, Any], mending: Mending
+) -> Iterator[tuple[Samples, PoseTrajectory]]:
+    """Yield what a file holds and the trajectory that comes of it, or of each of its pieces."""
     for samples in read_samples(paths, options):
         for piece in samples.mended(mending):
             trajectory = PoseTrajectory(**piece.checked(), name=piece.name)
             ask_after_units(trajectory, clock_said=piece.clock_said)
-            loaded.append(trajectory)
-    return loaded
+            yield piece, trajectory
 
 
 def read_samples(
@@ -265,7 +271,14 @@ def _refuse_ignored(options: dict[str, Any], formats: dict[Path, Format]) -> Non
 
 
 def write_recording(
-    trajectory: PoseTrajectory, path: str | Path, *, frame: str = "world", topic: str = "/pose"
+    trajectory: PoseTrajectory,
+    path: str | Path,
+    *,
+    frame: str = "world",
+    topic: str = "/pose",
+    twist: Twist | None = None,
+    planar: bool = False,
+    wheels: Mapping[str, float] | None = None,
 ) -> Path:
     """Write a trajectory's poses in the format that the suffix names; return the path.
 
@@ -277,13 +290,23 @@ def write_recording(
         without suffix for the folder of a ROS 2 bag (SQLite).
     frame, topic : str
         Of the ``geometry_msgs/PoseStamped`` messages in a bag or MCAP file.
+    twist : "body" or "world", optional
+        Of CSV and tables: add ``vx, vy, vz, wx, wy, wz``, the twist to command at each sample
+        until the next, zero at the last; of planar motions ``v`` and ``omega``.
+    planar : bool
+        Of CSV and tables: ``x, y, theta`` instead of the pose.
+    wheels : mapping, optional
+        Of CSV and tables: ``track`` and ``radius`` of a differential drive (m); the motion is
+        planar, and the wheels' speeds ``left`` and ``right`` (rad/s) are added.  See
+        :func:`noslip.recordings.twists.motion_columns`.
 
     Raises
     ------
     MissingDependencyError
         Without the extra that the format needs.
     InputError
-        If the suffix is another, the file cannot be written, or :func:`write_bag` refuses.
+        If the suffix is another, it has no place for what is asked, the motion is not planar and
+        should be, the file cannot be written, or :func:`write_bag` refuses.
     """
     target = Path(path)
     chosen = WRITTEN.get(target.suffix.lower())
@@ -291,7 +314,16 @@ def write_recording(
         raise InputError(
             f"{target}: cannot write {target.suffix}; known are {listed_suffixes(WRITTEN)}"
         )
-    options = {"frame": frame, "topic": topic}
+    options = {
+        "frame": frame,
+        "topic": topic,
+        "twist": twist,
+        "planar": planar,
+        "wheels": wheels,
+    }
+    for name in VELOCITIES:
+        if options[name] and name not in chosen.write_options:
+            raise InputError(f"{target}: {chosen.name} has no place for {name}; write a CSV")
     return chosen.write(
         trajectory, target, **{name: options[name] for name in chosen.write_options}
     )

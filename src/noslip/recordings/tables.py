@@ -12,13 +12,14 @@ import numpy as np
 from noslip._extras import need
 from noslip._files import read_bytes, write_beside
 from noslip._pose_checks import require_few
-from noslip._pose_columns import POSE, Asked, Column, clock_name, layout_of
+from noslip._pose_columns import Asked, Column, layout_of
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import plural
-from noslip.recordings._format import MAPPING, Format
+from noslip.recordings._format import MAPPING, VELOCITIES, Format
 from noslip.recordings._reading import reading
+from noslip.recordings.twists import motion_columns
 from noslip.trajectory import PoseTrajectory
 
 FEATHER = b"ARROW1\0\0"
@@ -269,13 +270,11 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
     return values.astype(np.float64).reshape(-1, width)
 
 
-def write_table(trajectory: PoseTrajectory, path: Path) -> Path:
+def write_table(trajectory: PoseTrajectory, path: Path, **asked: Any) -> Path:
     """Write a trajectory as a Parquet or Feather file, by the path's suffix."""
     pyarrow = need(path, "pyarrow", "tables")
-    poses = np.column_stack([trajectory.times, trajectory.positions, trajectory.quaternions])
-    table = pyarrow.table(
-        dict(zip((clock_name(trajectory.times), *POSE), poses.T.copy(), strict=True))
-    )
+    of = motion_columns(trajectory, **asked)
+    table = pyarrow.table({name: np.ascontiguousarray(values) for name, values in of.items()})
     sink = pyarrow.BufferOutputStream()
     if path.suffix.lower() == ".feather":
         need(path, "pyarrow.feather", "tables").write_feather(table, sink)
@@ -290,6 +289,7 @@ TABLE = Format(
     options=MAPPING,
     suffixes=(".parquet", ".feather"),
     write=write_table,
+    write_options=VELOCITIES,
     written=(".parquet", ".feather"),
     extra="tables",
 )

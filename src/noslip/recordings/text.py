@@ -11,8 +11,10 @@ from noslip._files import write_beside
 from noslip._pose_columns import Asked, clock_name
 from noslip._pose_text import read_text_table
 from noslip._samples import Samples
+from noslip.errors import InputError
 from noslip.named_columns import numbers_text
-from noslip.recordings._format import MAPPING, Format
+from noslip.recordings._format import MAPPING, VELOCITIES, Format
+from noslip.recordings.twists import motion_text
 from noslip.trajectory import PoseTrajectory
 
 TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -24,10 +26,12 @@ def read_text(path: Path, **asked: Any) -> list[Samples]:
     return [read_text_table(path, Asked(**asked))]
 
 
-def write_text(trajectory: PoseTrajectory, path: Path) -> Path:
+def write_text(trajectory: PoseTrajectory, path: Path, **asked: Any) -> Path:
     """Write a CSV, or TUM's format; a float read back is the float written."""
     if path.suffix.lower() == ".csv":
-        return trajectory.to_csv(path)
+        return write_beside(path, motion_text(trajectory, **asked).encode())
+    if any(asked.values()):
+        raise InputError(f"{path}: TUM's format holds poses alone; write a CSV")
     scalar_last = np.roll(trajectory.quaternions, -1, axis=1)
     table = np.column_stack([trajectory.times, trajectory.positions, scalar_last])
     return write_beside(
@@ -42,6 +46,7 @@ TEXT = Format(
     suffixes=(".csv", ".tsv", ".tum"),
     named_only=(".txt", ".dat", ".log"),
     write=write_text,
+    write_options=VELOCITIES,
     written=(".csv", ".tum"),
 )
 """Some text may be one if it is named; in a folder it mostly is none."""
