@@ -272,7 +272,7 @@ _PARTS: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("p", re.compile(r"()p_(?:.*_)?([xyz])")),
     (
         "p",
-        re.compile(r"(?:(.*)_)?(?:(?:pos|position|p|t|trans|translation|loc|location)_?)?([xyz])"),
+        re.compile(r"(?:(.*?)_)?(?:(?:pos|position|p|t|trans|translation|loc|location)_?)?([xyz])"),
     ),
 )
 """What the end of a name may be: a part of a quaternion, by letter or number; of a rotation vector;
