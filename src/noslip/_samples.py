@@ -191,6 +191,10 @@ class Samples:
         rate, and nothing was lost.
         """
         frozen = np.zeros(len(self), dtype=bool)
+        # Where one number hardly ever repeats, nothing stands still; most recordings end here.
+        again = self.positions[1:, 0] == self.positions[:-1, 0]
+        if again.sum() < fewest - 1:
+            return frozen
         kept = np.flatnonzero(~self._lost())
         if len(kept) < MINIMUM_SAMPLES:
             return frozen
