@@ -12,7 +12,7 @@ SOURCE = Path(noslip.__file__).parent
 LAYERS = [
     {"_arguments", "_extras", "_files", "_supplied", "_typing", "_values", "_version", "errors"},
     {"_pose_checks", "_pose_npz", "_samples", "named_columns", "_dialect", "quaternions"},
-    {"_turns", "_pose_columns", "_exporters", "_pose_text"},
+    {"_turns", "_pose_names", "_pose_columns", "_exporters", "_pose_text"},
     {"trajectory", "rotations", "edge", "boundary"},
     {"scale"},
     {"recordings", "constraints", "law"},

@@ -6,7 +6,8 @@ import re
 from collections.abc import Sequence
 
 from noslip._dialect import Dialect
-from noslip._pose_columns import NOTHING, UNITS, Known
+from noslip._pose_columns import NOTHING, Known
+from noslip._pose_names import UNITS
 from noslip._turns import Turn
 
 _FRANKA = tuple(f"o_t_ee[{k}]" for k in range(16))

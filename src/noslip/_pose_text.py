@@ -11,16 +11,8 @@ import numpy as np
 from noslip._dialect import Dialect
 from noslip._exporters import recognized
 from noslip._pose_checks import Source
-from noslip._pose_columns import (
-    POSE,
-    UNITS,
-    Asked,
-    Column,
-    Known,
-    clock_name,
-    clock_of,
-    layout_of,
-)
+from noslip._pose_columns import Asked, Known, clock_of, layout_of
+from noslip._pose_names import POSE, UNITS, Column, clock_name
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError

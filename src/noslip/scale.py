@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from noslip._pose_columns import SECONDS, SPARSEST
+from noslip._pose_names import SECONDS, SPARSEST
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError, RecordingWarning, warn
 from noslip.trajectory import PoseTrajectory

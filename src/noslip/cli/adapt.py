@@ -23,7 +23,7 @@ import typer
 from noslip import _arguments
 from noslip._files import renewing, write_beside
 from noslip._pose_checks import Source
-from noslip._pose_columns import POSITION, QUATERNION
+from noslip._pose_names import POSITION, QUATERNION
 from noslip._typing import Floats
 from noslip.boundary import Boundary, twist
 from noslip.cli import options, output
@@ -297,7 +297,7 @@ def _via(text: str) -> Boundary:
 
 def _read_goals(path: Path) -> dict[str, Options]:
     """Read the goal and the duration that each row of a CSV asks for, by its name."""
-    table = NamedColumns.open(path)
+    table = NamedColumns.open(path, plain=True)
     columns = _goal_columns(table.where, table.names)
     labelled = ("name",) if "name" in table.names else ()
     lines, of, texts = table.read(columns, labelled)

@@ -13,7 +13,8 @@ import numpy as np
 from noslip._extras import need
 from noslip._files import read_text
 from noslip._pose_checks import Source
-from noslip._pose_columns import Asked, Column, PoseColumns, pose_of
+from noslip._pose_columns import Asked, PoseColumns, pose_of
+from noslip._pose_names import Column
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError

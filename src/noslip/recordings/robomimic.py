@@ -14,7 +14,8 @@ import numpy as np
 from noslip._arguments import MOST_SAMPLES
 from noslip._extras import need
 from noslip._pose_checks import Source, require_few
-from noslip._pose_columns import POSE, Asked, Column, pose_of
+from noslip._pose_columns import Asked, pose_of
+from noslip._pose_names import POSE, Column
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError

@@ -12,7 +12,8 @@ import numpy as np
 from noslip._extras import need
 from noslip._files import read_bytes, write_beside
 from noslip._pose_checks import require_few
-from noslip._pose_columns import Asked, Column, layout_of
+from noslip._pose_columns import Asked, layout_of
+from noslip._pose_names import Column
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from noslip._files import write_beside
-from noslip._pose_columns import Asked, clock_name
+from noslip._pose_columns import Asked
+from noslip._pose_names import clock_name
 from noslip._pose_text import read_text_table
 from noslip._samples import Samples
 from noslip.errors import InputError

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from noslip import _arguments
-from noslip._pose_columns import POSE, clock_name
+from noslip._pose_names import POSE, clock_name
 from noslip._typing import Floats
 from noslip.errors import CompromiseWarning, InputError, warn
 from noslip.named_columns import numbers_text

@@ -243,7 +243,7 @@ def _summary(file: Path) -> dict[str, Any]:
 
 def _joints(file: Path, robot: robots.Robot) -> tuple[Floats, Floats]:
     """Times, shape (N,), and joint positions, shape (N, n), of ``t,q1..,dq1..``."""
-    table = NamedColumns.open(file)
+    table = NamedColumns.open(file, plain=True)
     names = joint_columns(robot)
     if table.names != names:
         raise InputError(
