@@ -119,6 +119,7 @@ class Drawing:
                 trail.points, trail.colors = points.astype(np.float32), colors
             return
         scene = self.server.scene
+        scene.add_frame(f"/motions/{name}", show_axes=False)
         # An arm's model has its own.
         tool = () if isinstance(follower, Arm) else self.tool
         nodes: dict[str, Any] = {
@@ -145,6 +146,12 @@ class Drawing:
         if follower is not None:
             self._followers[name] = follower
             follower.add(scene, f"/motions/{name}/follower")
+
+    def remove(self, name: str) -> None:
+        """Remove a motion, or what there is of it after its drawing failed."""
+        for held in (self._tracks, self._nodes, self._followers):
+            held.pop(name, None)
+        self.server.scene.remove_by_name(f"/motions/{name}")
 
     def draw_path(self, name: str, points: Floats) -> None:
         """Draw a line beside a motion's own trail: where a pushed tool went."""
