@@ -338,6 +338,8 @@ def test_a_file_is_read_without_a_compiler(page: Page, tmp_path: Path) -> None:
         "drawing.server.scene.add_arrows",
         "drawing.put",
         "pushes.choose",
+        "goals.choose",
+        "_describe",
     ],
 )
 def test_a_motion_that_cannot_be_drawn_leaves_no_trace(

@@ -167,7 +167,7 @@ class Drawing:
 
     def clear_path(self, name: str) -> None:
         """Remove that line, if there is one."""
-        if "pushed" in self._nodes[name]:
+        if "pushed" in self._nodes.get(name, {}):
             self._nodes[name].pop("pushed").remove()
 
     # ---------------------------------------------------------------- moving it
