@@ -13,6 +13,7 @@ from refusals import refusal
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
+from noslip.strangers import StrangersReader
 from noslip.viewer.changes import Adapter, PushedRun, Wish
 from noslip.viewer.uploads import read_upload
 
@@ -103,14 +104,15 @@ def test_a_push_is_three_finite_numbers(primitive):
 
 
 def test_an_uploaded_recording_is_the_one_that_was_saved(cut):
-    read = read_upload("runs\\cut 1.csv", cut.csv_text().encode())
+    read, warned = read_upload("runs\\cut 1.csv", cut.csv_text().encode(), StrangersReader())
+    assert not warned
     assert read.name == "cut 1.csv"
     assert read.positions.tolist() == cut.positions.tolist()
 
 
 def test_an_uploaded_primitive_is_read(primitive, tmp_path):
     content = primitive.save(tmp_path / "cut.json").read_bytes()
-    read = read_upload("cut.json", content)
+    read, _ = read_upload("cut.json", content, StrangersReader())
     assert read.rollout().positions.tolist() == primitive.rollout().positions.tolist()
 
 
@@ -126,6 +128,6 @@ def test_an_uploaded_primitive_is_read(primitive, tmp_path):
     ],
 )
 def test_a_broken_file_gives_one_line_that_names_it(name, content, expected):
-    message = refusal(ns.errors.InputError, read_upload, name, content)
+    message = refusal(ns.errors.InputError, read_upload, name, content, StrangersReader())
     assert message.startswith(expected)
     assert tempfile.gettempdir() not in message

@@ -40,6 +40,15 @@ def done(page: Page, action: Callable[[], None] = lambda: None) -> None:
     assert over.wait(PATIENCE)
 
 
+def upload(page: Page, name: str, content: bytes) -> str:
+    """Have a file read, and return what is told of it."""
+    page._upload_note.content = ""
+    page.uploads.take(name, content)
+    until(lambda: page._upload_note.content, f"an answer for {name}")
+    done(page)
+    return page._upload_note.content
+
+
 class Arm:
     """Stands for whatever follows a tool."""
 
@@ -181,7 +190,7 @@ def test_a_file_that_slips_more_changes_the_colors_of_all(demonstrate, primitive
     with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
         before = page._legend.content
         worse = demonstrate(0.6, "worse.csv").csv_text().encode()
-        done(page, lambda: page._check("worse.csv", worse))
+        upload(page, "worse.csv", worse)
         assert page.chosen == "worse.csv" and list(page.entries)[-1] == "worse.csv"
         assert page._legend.content != before
         colors = page.drawing._nodes["slipping.csv"]["trail"].colors
@@ -193,8 +202,7 @@ def test_a_file_that_slips_more_changes_the_colors_of_all(demonstrate, primitive
 
 def test_a_broken_file_is_told_and_changes_nothing(primitive):
     with opened({"cut.json": primitive}) as page:
-        done(page, lambda: page._check("broken.csv", b"t,x\n0,0\n"))
-        assert page._upload_note.content.count("broken.csv: ") == 1
+        assert upload(page, "broken.csv", b"t,x\n0,0\n").count("broken.csv: ") == 1
         assert list(page.entries) == ["cut.json"]
 
 

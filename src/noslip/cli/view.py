@@ -54,7 +54,7 @@ def run(
     ] = None,
     host: Annotated[
         str,
-        typer.Option(help="Address to serve on; 0.0.0.0 lets everyone on the network in."),
+        typer.Option(help="Address to serve on; 0.0.0.0 lets in who has the page's address."),
     ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="If it is taken, the next free one.")

@@ -35,7 +35,7 @@ class Actions:
         notify: Callable[[str], None],
     ) -> None:
         self._playing, self._advance, self._notify = playing, advance, notify
-        self._pending: dict[str, Callable[[], None]] = {}
+        self._pending: dict[object, Callable[[], None]] = {}
         self._lock, self._woken, self._stopped = threading.Lock(), threading.Event(), False
         self._thread = threading.Thread(target=self._work, name="noslip-viewer", daemon=True)
 
@@ -49,7 +49,7 @@ class Actions:
         self._woken.set()
         self._thread.join(timeout=5)
 
-    def post(self, key: str, action: Callable[[], None]) -> None:
+    def post(self, key: object, action: Callable[[], None]) -> None:
         """Have something done before the next frame, in place of what waits under the same key."""
         with self._lock:
             self._pending.pop(key, None)

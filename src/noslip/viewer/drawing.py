@@ -119,6 +119,7 @@ class Drawing:
                 trail.points, trail.colors = points.astype(np.float32), colors
             return
         scene = self.server.scene
+        scene.add_frame(f"/motions/{name}", show_axes=False)
         # An arm's model has its own.
         tool = () if isinstance(follower, Arm) else self.tool
         nodes: dict[str, Any] = {
@@ -146,6 +147,12 @@ class Drawing:
             self._followers[name] = follower
             follower.add(scene, f"/motions/{name}/follower")
 
+    def remove(self, name: str) -> None:
+        """Remove a motion, or what there is of it after its drawing failed."""
+        for held in (self._tracks, self._nodes, self._followers):
+            held.pop(name, None)
+        self.server.scene.remove_by_name(f"/motions/{name}")
+
     def draw_path(self, name: str, points: Floats) -> None:
         """Draw a line beside a motion's own trail: where a pushed tool went."""
         segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
@@ -160,7 +167,7 @@ class Drawing:
 
     def clear_path(self, name: str) -> None:
         """Remove that line, if there is one."""
-        if "pushed" in self._nodes[name]:
+        if "pushed" in self._nodes.get(name, {}):
             self._nodes[name].pop("pushed").remove()
 
     # ---------------------------------------------------------------- moving it

@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from noslip.constraints.declaration import Constraint
-from noslip.errors import InputError, NoslipError, one_line
+from noslip.errors import InputError, one_line
 from noslip.viewer import serving
 from noslip.viewer.actions import Actions
 from noslip.viewer.changes import Wish
@@ -24,7 +24,7 @@ from noslip.viewer.goal_panel import GoalPanel
 from noslip.viewer.push_panel import PushPanel
 from noslip.viewer.texts import note, pad, table
 from noslip.viewer.tool import Part
-from noslip.viewer.uploads import read_upload
+from noslip.viewer.uploads import Upload, Uploads
 
 SWITCHES = {"ghost": "Ghosts", "arrows": "Arrows", "shapes": "Surfaces and zones"}
 """What can be hidden, and how it is called."""
@@ -55,7 +55,7 @@ class Page:
     time : float
         Of the instant that is shown (s).
     address : str
-        To open in a browser.
+        To open in a browser; served beyond this machine, with a token that lets in.
     """
 
     def __init__(
@@ -75,8 +75,7 @@ class Page:
         self.time, self.playing = 0.0, False
         self._actions = Actions(lambda: self.playing, self._advance, self._notify)
         self.post = self._actions.post
-        self.server = serving.serve(host, port)
-        self.address = f"http://{host}:{self.server.get_port()}"
+        self.server, self.address = serving.serve(host, port)
         self.server.gui.configure_theme(
             control_width="large", show_logo=False, show_share_button=False
         )
@@ -101,6 +100,7 @@ class Page:
 
     def stop(self) -> None:
         """Stop serving."""
+        self.uploads.stop()
         self._actions.stop()
         serving.stop(self.server)
 
@@ -143,10 +143,13 @@ class Page:
         actions.on_change(self._slider, "seek", lambda: self._seek(float(self._slider.value)))
         actions.on_click(self._play, "play", self._toggle)
 
-        @upload.on_upload
-        async def _(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
-            file = event.target.value
-            self.post(f"upload {file.name}", lambda: self._check(file.name, file.content))
+        self.uploads = Uploads(
+            self.server,
+            upload,
+            # Each has its own key: none takes another's place.
+            lambda *file: self.post(object(), partial(self._answer_upload, *file)),
+            lambda told: self.post(object(), partial(self._tell_upload, told, False)),
+        )
 
     def _notify(self, message: str) -> None:
         self._notice.content = note(message, "vermillion")
@@ -250,29 +253,37 @@ class Page:
 
     # ---------------------------------------------------------------- files
 
-    def _check(self, name: str, content: bytes) -> None:
-        """Add a file to the page and check it, or tell what is wrong with it."""
+    def _tell_upload(self, text: str, good: bool) -> None:
+        self._upload_note.content = note(text, "black" if good else "vermillion")
+
+    def _answer_upload(self, name: str, upload: Upload) -> None:
+        """Add what was in a file to the page and check it; what cannot be shown leaves no trace."""
+        found, warned = upload
+        node, before = node_name(name, self.entries), self.chosen
         try:
-            found = read_upload(name, content)
             others = [c for e in self.entries.values() for c in e.track.system.constraints]
             (entry,) = entries({name: found}, unique([*self.constraints, *others])).values()
+            self.entries[node] = entry
+            self._redraw(node)
+            self._offer(node)
         except Exception as error:
-            # Whatever a stranger's file does, the page answers it and goes on.
-            told = (
-                str(error) if isinstance(error, NoslipError) else f"{name}: cannot be read: {error}"
-            )
-            self._upload_note.content = note(one_line(told), "vermillion")
+            self.entries.pop(node, None)
+            self.drawing.remove(node)
+            # No scale: all is drawn anew.
+            self._worst = np.nan
+            self._redraw(before)
+            self._offer(before)
+            self._tell_upload(one_line(f"{name}: cannot be shown: {error}"), False)
             return
-        node = node_name(name, self.entries)
-        self.entries[node] = entry
-        self._redraw(node)
-        self._choice.options = tuple(self.entries)
-        self._choice.value = node
-        self._slider.max = self.duration
-        self._choose(node)
         report = entry.track.report
         text = (
             f"{name}: nothing to check; start with --constraint" if report is None else str(report)
         )
-        good = report is None or report.satisfied
-        self._upload_note.content = note(text, "black" if good else "vermillion")
+        self._tell_upload("\n".join([text, *warned]), report is None or report.satisfied)
+
+    def _offer(self, name: str) -> None:
+        """List the motions that there are, and choose one."""
+        self._choice.options = tuple(self.entries)
+        self._choice.value = name
+        self._slider.max = self.duration
+        self._choose(name)

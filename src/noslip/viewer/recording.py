@@ -45,7 +45,7 @@ def save_page(
     prepared = entries(shown, constraints, followers)
     duration = max(entry.track.motion.duration for entry in prepared.values())
     frames = min(max(round(duration * FRAMES_PER_SECOND), 2), MOST_FRAMES)
-    server = serving.serve(serving.LOOPBACK, 0)
+    server, _ = serving.serve(serving.LOOPBACK, 0)
     try:
         drawing = drawn(server, prepared, tool)
         first, track = next((name, entry.track) for name, entry in prepared.items())

@@ -1,15 +1,17 @@
-"""Starting and stopping viser's server, without its messages on standard output."""
+"""Starting and stopping viser's server, without its messages, and who gets in."""
 
 from __future__ import annotations
 
 import contextlib
+import hmac
 import io
+import secrets
 import socket
 import threading
 from collections.abc import Iterator, Sequence
 from http import HTTPStatus
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import viser
 import websockets.asyncio.server
@@ -21,10 +23,14 @@ LOOPBACK = "127.0.0.1"
 _LOCAL = (LOOPBACK, "localhost", "::1")
 _DOOR = threading.Lock()
 """One server starts at a time, since all share what starts them."""
+MOST_IN_A_MESSAGE = 2**20
+"""Bytes: the page sends files in pieces of half of it, and nothing else is as large."""
 
 
-def serve(host: str, port: int) -> viser.ViserServer:
-    """Return a running server; a port that is taken gives way to the next one that is free.
+def serve(host: str, port: int) -> tuple[viser.ViserServer, str]:
+    """Return a running server and its address; a port that is taken gives way to the next one.
+
+    Where more than this machine is served, the address has a token, without which nobody gets in.
 
     Raises
     ------
@@ -41,28 +47,45 @@ def serve(host: str, port: int) -> viser.ViserServer:
             f"--host: nothing can be served at {host} ({error.strerror or error}); give an address "
             f"of this machine, such as {LOOPBACK}"
         ) from error
-    with _DOOR, guarded(host), contextlib.redirect_stdout(io.StringIO()):
-        return viser.ViserServer(host=host, port=port, label="noslip", verbose=False)
+    token = "" if host in _LOCAL else secrets.token_urlsafe()
+    with _DOOR, guarded(host, token), contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=host, port=port, label="noslip", verbose=False)
+    place = f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
+    return server, f"{place}/?token={token}" if token else place
 
 
 @contextlib.contextmanager
-def guarded(host: str) -> Iterator[None]:
-    """Have servers that start meanwhile refuse pages of other sites, which a browser lets connect.
+def guarded(host: str, token: str = "") -> Iterator[None]:
+    """Have servers that start meanwhile refuse strangers, and pages of other sites.
 
     What a browser opens names its site (Origin), which must be the address that it was sent to
     (Host); and where only this machine is served, that must be a name of it, lest another site's
-    name be turned to this address.  viser has no option for it.
+    name be turned to this address.  A token, if there is one, must be in the address or in the
+    cookie that is set where it was, since viser's page connects without what follows its address.
+    viser has no option for any of it.
     """
     serve = websockets.asyncio.server.serve
 
     def guarding(*args: Any, process_request: Any, **options: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
-            if not allowed(
-                host, request.headers.get_all("Host"), request.headers.get_all("Origin")
+            headers = request.headers
+            # A browser sends a cookie to all ports of a machine: others have their own name.
+            port = connection.local_address[1]
+            given = _tokens(request.path, headers.get_all("Cookie"), f"noslip-{port}")
+            if not (
+                allowed(host, headers.get_all("Host"), headers.get_all("Origin"))
+                and (not token or any(hmac.compare_digest(token.encode(), t) for t in given))
             ):
                 return connection.respond(HTTPStatus.FORBIDDEN, "noslip: not from this page\n")
-            return process_request(connection, request)
+            response = process_request(connection, request)
+            if token and response is not None:
+                response.headers["Referrer-Policy"] = "no-referrer"
+                response.headers["Set-Cookie"] = (
+                    f"noslip-{port}={token}; Path=/; HttpOnly; SameSite=Strict"
+                )
+            return response
 
+        options["max_size"] = MOST_IN_A_MESSAGE
         return serve(*args, process_request=process, **options)
 
     websockets.asyncio.server.serve = guarding  # type: ignore[assignment, misc]
@@ -70,6 +93,14 @@ def guarded(host: str) -> Iterator[None]:
         yield
     finally:
         websockets.asyncio.server.serve = serve  # type: ignore[misc]
+
+
+def _tokens(path: str, cookies: Sequence[str], name: str) -> list[bytes]:
+    """Return the tokens in an address, and those in the cookies of a name."""
+    kept = [pair.strip().partition("=") for cookie in cookies for pair in cookie.split(";")]
+    found = parse_qs(path.partition("?")[2]).get("token", [])
+    found += [value for key, _, value in kept if key == name]
+    return [token.encode(errors="replace") for token in found]
 
 
 def allowed(host: str, hosts: Sequence[str], origins: Sequence[str]) -> bool:
