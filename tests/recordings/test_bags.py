@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from noslip import PoseTrajectory, load_demonstrations
+from noslip.errors import RecordingWarning
 from noslip.recordings import bag_topics
 
 pytest.importorskip("rosbags", reason="needs the extra bags")
@@ -361,7 +362,10 @@ def test_a_hole_in_one_link_is_not_bridged(tmp_path, refusal) -> None:
     holed = (slow[0][kept], slow[1][kept], slow[2][kept])
     bag = ROS.write(tmp_path / "b", tf_messages("a", "b", fast) + tf_messages("b", "c", holed))
     message = refusal(bag, child_frame="c")
-    assert "/tf: b -> c: sample 20, stamp of the header: no sample from" in message
+    assert "/tf: sample 48, stamp of the header: no sample from 0.94" in message
+    with pytest.warns(RecordingWarning, match="split into 2 pieces"):
+        before, after = load_demonstrations(bag, child_frame="c", gaps="split")
+    assert before.times[-1] < 0.96 < 3.0 <= after.times[0]
 
 
 def test_a_frame_with_two_parents(tmp_path, refusal) -> None:
@@ -430,6 +434,7 @@ def test_a_path_without_stamps_has_no_times(tmp_path, motion, refusal) -> None:
     assert "carry no stamps" in refusal(bag)
 
 
+@pytest.mark.filterwarnings("ignore:.*was not closed")
 @pytest.mark.parametrize("kind", ["ros1.bag", "as_mcap", "sqlite3"])
 def test_a_damaged_bag_is_one_line(tmp_path, motion, kind) -> None:
     """Cut anywhere, a bag is read or refused, and never anything else."""
