@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from noslip import PoseTrajectory, load_demonstrations
-from noslip.errors import RecordingWarning
-from noslip.recordings import bag_topics
+from noslip.errors import InputError, RecordingWarning
+from noslip.recordings import bag_topics, write_bag
 
 pytest.importorskip("rosbags", reason="needs the extra bags")
 
@@ -24,6 +24,8 @@ Message = tuple[str, str, int, Any]
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
+COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+ARRAY = "geometry_msgs/msg/PoseArray"
 ODOMETRY = "nav_msgs/msg/Odometry"
 PATH = "nav_msgs/msg/Path"
 TF = "tf2_msgs/msg/TFMessage"
@@ -143,6 +145,25 @@ def test_every_kind_of_bag_holds_the_same_poses(tmp_path, motion, same, kind) ->
     assert load(bag, topic="tool", frame="/world").times[0] == pytest.approx(3.7, abs=1e-12)
 
 
+@pytest.mark.parametrize("plugin", ["MCAP", "SQLITE3"])
+@pytest.mark.parametrize("mode", ["FILE", "MESSAGE", "STORAGE"])
+def test_compressed_bags(tmp_path, motion, same, plugin, mode) -> None:
+    if (plugin, mode) == ("SQLITE3", "STORAGE"):
+        return  # there is none
+    writer = rosbag2.Writer(
+        tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin[plugin]
+    )
+    writer.set_compression(rosbag2.CompressionMode[mode], rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/tool", POSE, typestore=ROS.store)
+        for _, kind, received, message in poses(motion):
+            writer.write(connection, received, ROS.store.serialize_cdr(message, kind))
+    same(load(tmp_path / "bag"), motion)
+    if mode == "FILE":
+        (bare,) = (tmp_path / "bag").glob("*.zstd")
+        same(load(bare), motion)
+
+
 @pytest.mark.parametrize("kind", ["bare_mcap", "bare_db3"])
 def test_a_file_without_its_folder(tmp_path, motion, same, kind) -> None:
     ROS.write(tmp_path / kind, poses(motion))
@@ -221,6 +242,98 @@ def test_stamps_since_1970_keep_what_a_float_can(tmp_path, motion) -> None:
     ]
     found = load(ROS.write(tmp_path / "bag", messages)).times
     np.testing.assert_array_equal(found, [stamp / 10**9 for stamp in late])
+
+
+def test_poses_with_covariance_in_arrays_and_without_a_header(tmp_path, motion, same) -> None:
+    messages: list[Message] = []
+    with_covariance = ROS.types["geometry_msgs/msg/PoseWithCovariance"]
+    for stamp, place, turn in each(motion):
+        pose, other = (ROS.pose(stamp, "world", sign * place, turn).pose for sign in (1, -1))
+        header = ROS.header(stamp, "world")
+        stamped = ROS.types[COVARIANCE](header, with_covariance(pose, np.zeros(36)))
+        messages += [
+            ("/cov", COVARIANCE, stamp, stamped),
+            ("/one", ARRAY, stamp, ROS.types[ARRAY](header, [pose])),
+            ("/two", ARRAY, stamp, ROS.types[ARRAY](header, [other, pose])),
+            ("/bare", "geometry_msgs/msg/Pose", stamp, pose),
+        ]
+    bag = ROS.write(tmp_path / "bag", messages)
+    for topic, options in (("/cov", {}), ("/one", {}), ("/two", {"element": 1})):
+        same(load(bag, topic=topic, **options), motion)
+    for options in ({}, {"element": 2}):
+        with pytest.raises(InputError, match=r"/two: arrays of 2 poses; choose one .*--element"):
+            load(bag, topic="/two", **options)
+    with pytest.warns(RecordingWarning, match="/bare: Pose has no stamp; times are those of rec"):
+        same(load(bag, topic="/bare"), motion)
+
+
+@pytest.mark.parametrize("frame", ["body", "world"])
+def test_twists_are_integrated_if_asked(tmp_path, refusal, frame) -> None:
+    """A screw: constant in the body's frame; in the world's the velocity turns with it."""
+    t = np.arange(201) / 100
+    turn = Rotation.from_rotvec(np.outer(t, [0.0, 0.0, 2.0]))
+    speed = np.tile([0.1, 0.0, 0.03], (len(t), 1))
+    place = np.column_stack([0.05 * np.sin(2 * t), 0.05 * (1 - np.cos(2 * t)), 0.03 * t])
+    screw = PoseTrajectory(
+        times=t,
+        positions=place,
+        rotations=turn,
+        linear_velocities=turn.apply(speed),
+        angular_velocities=np.tile([0.0, 0.0, 2.0], (len(t), 1)),
+    )
+    bag = write_bag(tmp_path / "bag", poses=screw, twists=frame)
+    assert "holds geometry_msgs/TwistStamped: velocities, of which integrate=" in refusal(
+        bag, topic="/twist"
+    )
+    found = load(bag, topic="/twist", integrate=frame)
+    np.testing.assert_allclose(found.positions, place, atol=2e-5)
+    np.testing.assert_allclose((found.rotations * turn.inv()).magnitude(), 0, atol=1e-12)
+    (named,) = (topic.frames or () for topic in bag_topics(bag) if topic.name == "/twist")
+    assert named == ()
+    other = {"body": "world", "world": "body"}[frame]
+    assert np.abs(load(bag, integrate=other).positions - place).max() > 0.01
+
+
+# -------------------------------------------------------------------- several publishers
+
+
+def two_publish(path: Path, one: PoseTrajectory, other: PoseTrajectory) -> Path:
+    """Write a ROS 1 bag in which /left and /right publish on one topic."""
+    ros = Ros(1)
+    with rosbag1.Writer(path) as writer:
+        connections = [
+            writer.add_connection("/tool", POSE, typestore=ros.store, callerid=name)
+            for name in ("/left", "/right")
+        ]
+        messages = [
+            (message[2], connection, message[3])
+            for connection, motion in zip(connections, (one, other), strict=True)
+            for message in poses(motion, ros=ros)
+        ]
+        for received, connection, message in sorted(messages, key=lambda each: each[0]):
+            writer.write(connection, received, ros.store.serialize_ros1(message, POSE))
+    return path
+
+
+def test_two_who_publish_at_once_are_told_apart(tmp_path, motion, same, refusal) -> None:
+    other = PoseTrajectory(
+        times=motion.times + 0.01, positions=-motion.positions, rotations=motion.rotations
+    )
+    bag = two_publish(tmp_path / "both.bag", motion, other)
+    assert refusal(bag).endswith(
+        '/tool: several publish at once; choose one with publisher="..." (--publisher): '
+        "/left (40), /right (40)"
+    )
+    same(load(bag, publisher="/left"), motion)
+    same(load(bag, publisher="/right"), other)
+    assert "no publisher /up; there are /left, /right" in refusal(bag, publisher="/up")
+    (told,) = bag_topics(bag)
+    assert told.publishers == ("/left", "/right")
+
+
+def test_a_node_that_was_started_again_goes_on(tmp_path, motion, same) -> None:
+    first, then = motion[:20], motion[20:]
+    same(load(two_publish(tmp_path / "again.bag", first, then)), motion)
 
 
 # -------------------------------------------------------------------- tf
@@ -321,6 +434,29 @@ def test_the_last_of_static_transforms_counts_and_a_moving_one_comes_first(tmp_p
     ]
     trajectory = load(ROS.write(tmp_path / "b", messages), child_frame="c")
     np.testing.assert_allclose(trajectory.positions, link[1] + link[2].apply([0, 0, 1]), atol=1e-12)
+
+
+def test_transforms_out_of_order_are_kept_by_time_as_in_tf2(tmp_path) -> None:
+    link = arm(20, 0.0)
+    messages = tf_messages("map", "robot", link)
+    late = [message for pair in zip(messages[1::2], messages[::2], strict=True) for message in pair]
+    late = [(topic, kind, 10**9 + k, each) for k, (topic, kind, _, each) in enumerate(late)]
+    bag = ROS.write(tmp_path / "late", [*late, late[7]])
+    np.testing.assert_allclose(load(bag).times, link[0], atol=1e-9)
+    np.testing.assert_allclose(load(bag).positions, link[1], atol=1e-12)
+
+
+def test_transforms_that_tf2_ignores_are_counted(tmp_path) -> None:
+    times, places, turns = arm(20, 0.0)
+    messages = tf_messages("map", "robot", (times, places, turns))
+    nan = ROS.transform(nanoseconds(times)[5] + 1, "map", "robot", (np.nan, 0, 0), turns[5])
+    again = ROS.transform(nanoseconds(times)[7], "map", "robot", (9, 9, 9), turns[7])
+    extra = [("/tf", TF, k, ROS.tf(bad)) for k, bad in ((10**10, nan), (10**10 + 1, again))]
+    bag = ROS.write(tmp_path / "odd", [*messages, *extra])
+    with pytest.warns(RecordingWarning, match="1 of 8. transforms ignored, as tf2 does") as told:
+        found = load(bag)
+    assert len(told) == 2
+    np.testing.assert_allclose(found.positions, places, atol=1e-12)
 
 
 def test_a_lone_link_needs_no_names(tmp_path) -> None:
