@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -268,30 +269,21 @@ def test_poses_with_covariance_in_arrays_and_without_a_header(tmp_path, motion, 
 
 
 @pytest.mark.parametrize("frame", ["body", "world"])
-def test_twists_are_integrated_if_asked(tmp_path, refusal, frame) -> None:
-    """A screw: constant in the body's frame; in the world's the velocity turns with it."""
-    t = np.arange(201) / 100
-    turn = Rotation.from_rotvec(np.outer(t, [0.0, 0.0, 2.0]))
-    speed = np.tile([0.1, 0.0, 0.03], (len(t), 1))
-    place = np.column_stack([0.05 * np.sin(2 * t), 0.05 * (1 - np.cos(2 * t)), 0.03 * t])
-    screw = PoseTrajectory(
-        times=t,
-        positions=place,
-        rotations=turn,
-        linear_velocities=turn.apply(speed),
-        angular_velocities=np.tile([0.0, 0.0, 2.0], (len(t), 1)),
-    )
-    bag = write_bag(tmp_path / "bag", poses=screw, twists=frame)
+def test_twists_are_integrated_if_asked(tmp_path, motion, refusal, frame) -> None:
+    bag = write_bag(tmp_path / "bag", poses=motion, twist=frame)
     assert "holds geometry_msgs/TwistStamped: velocities, of which integrate=" in refusal(
         bag, topic="/twist"
     )
     found = load(bag, topic="/twist", integrate=frame)
-    np.testing.assert_allclose(found.positions, place, atol=2e-5)
-    np.testing.assert_allclose((found.rotations * turn.inv()).magnitude(), 0, atol=1e-12)
-    (named,) = (topic.frames or () for topic in bag_topics(bag) if topic.name == "/twist")
-    assert named == ()
+    moved, turned = motion.positions - motion.positions[0], motion.rotations[0].inv()
+    if frame == "body":  # seen from where it began
+        moved, expected = turned.apply(moved), turned * motion.rotations
+    else:
+        expected = motion.rotations * turned
+    np.testing.assert_allclose(found.positions, moved, atol=1e-9)
+    np.testing.assert_allclose((found.rotations * expected.inv()).magnitude(), 0, atol=1e-9)
     other = {"body": "world", "world": "body"}[frame]
-    assert np.abs(load(bag, integrate=other).positions - place).max() > 0.01
+    assert np.abs(load(bag, integrate=other).positions - moved).max() > 0.01
 
 
 # -------------------------------------------------------------------- several publishers
@@ -609,3 +601,15 @@ def test_topics_tell_types_counts_and_frames(tree, tmp_path, motion) -> None:
     note, tool = bag_topics(ROS.write(tmp_path / "b", [*poses(motion), text]))
     assert (note.name, note.messages, note.frames) == ("/note", 1, ())
     assert tool.frames == (("world", ""),)
+
+
+def test_a_bag_takes_no_more_memory_for_what_lies_beside_the_poses(tmp_path, motion) -> None:
+    image = ROS.types[STRING]("." * 500_000)
+    beside = [("/image", STRING, stamp, image) for _, _, stamp, _ in poses(motion)]
+    bag = ROS.write(tmp_path / "large", [*poses(motion), *beside])
+    assert sum(file.stat().st_size for file in bag.iterdir()) > 20e6
+    tracemalloc.start()
+    load(bag)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 10e6

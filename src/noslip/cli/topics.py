@@ -30,15 +30,18 @@ def run(
     ],
     as_json: options.AsJson = False,
 ) -> None:
-    """Show the topics of a bag, their types and counts, and the frames of those that hold poses."""
+    """Show the topics of a bag: types, counts, frames of those with poses, publishers if several."""
     topics = bag_topics(bag)
     if as_json:
         output.print_json([asdict(topic) for topic in topics])
         return
-    table = Table("topic", "type", "messages", "frames", box=None, pad_edge=False)
+    table = Table("topic", "type", "messages", "frames", "publishers", box=None, pad_edge=False)
     for topic in topics:
         frames = links_text(topic.frames)
         kind = topic.type.replace("/msg/", "/")
+        # One is of no interest, and has no name but in ROS 1.
+        publishers = ", ".join(topic.publishers) if len(topic.publishers) > 1 else ""
+        row = (topic.name, kind, topic.messages, frames, publishers)
         # As text: brackets are no markup.
-        table.add_row(*(Text(one_line(x)) for x in (topic.name, kind, topic.messages, frames)))
+        table.add_row(*(Text(one_line(x)) for x in row))
     output.console().print(table)

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,10 +17,10 @@ from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.recordings._bag_files import METADATA
 from noslip.recordings.joints import checked_joints
+from noslip.recordings.twists import Twist, twists
 from noslip.trajectory import PoseTrajectory
 
 Storage = Literal["sqlite3", "mcap"]
-Twists = Literal["body", "world"]
 
 _LAST_STAMP = 2**31
 """Seconds; ROS stores them as int32."""
@@ -40,7 +40,7 @@ def write_bag(
     topic: str = "/pose",
     joint_topic: str = "/joint_states",
     storage: Storage = "sqlite3",
-    twists: Twists | None = None,
+    twist: Twist | None = None,
     twist_topic: str = "/twist",
     body_frame: str = "tool",
 ) -> Path:
@@ -61,9 +61,10 @@ def write_bag(
     frame, topic, joint_topic : str
     storage : {"sqlite3", "mcap"}
         Of a folder.
-    twists : "body" or "world", optional
-        Write the velocities of ``poses`` too, to ``twist_topic`` as ``geometry_msgs/TwistStamped``:
-        in ``body_frame``, which moves with the tool, or in ``frame``.
+    twist : "body" or "world", optional
+        Write what to command at each sample until the next, see
+        :func:`noslip.recordings.twists.twists`, to ``twist_topic`` as
+        ``geometry_msgs/TwistStamped``: in ``body_frame``, which moves with the tool, or ``frame``.
     twist_topic, body_frame : str
 
     Raises
@@ -80,8 +81,8 @@ def write_bag(
         raise InputError(f"{target}: storage must be sqlite3 or mcap, got {storage!r}")
     if poses is None and joint_positions is None:
         raise InputError(f"{target}: nothing to write; give poses, joint_positions or both")
-    if twists is not None and (twists not in get_args(Twists) or poses is None):
-        raise InputError(f"{target}: twists is body or world, of poses; got {twists!r}")
+    if twist is not None and poses is None:
+        raise InputError(f"{target}: twist={twist!r} is that of poses; give them or leave it out")
     taken = f"{target}: exists already; remove it or give another name"
     if target.exists() and (target.is_dir() or not bare):
         raise InputError(taken)
@@ -92,9 +93,9 @@ def write_bag(
     if poses is not None:
         stamps = _stamps(target, poses.times)
         messages += _pose_messages(types, poses, stamps, frame, topic)
-        if twists is not None:
-            named = body_frame if twists == "body" else frame
-            messages += _twist_messages(types, poses, stamps, twists, named, twist_topic)
+        if twist is not None:
+            named = body_frame if twist == "body" else frame
+            messages += _twist_messages(types, twists(poses, twist), stamps, named, twist_topic)
     if joint_positions is not None:
         joints = checked_joints(target, joint_names, joint_times, joint_positions, joint_velocities)
         messages += _joint_messages(target, types, joint_names, *joints, joint_topic)
@@ -154,18 +155,18 @@ def _pose_messages(
 
 
 def _twist_messages(
-    types: Any, poses: PoseTrajectory, stamps: list[int], twists: Twists, frame: str, topic: str
+    types: Any, rows: Floats, stamps: list[int], frame: str, topic: str
 ) -> list[tuple[int, str, Any]]:
-    twist, vector, stamped = (
+    both, vector, stamped = (
         types.types[f"geometry_msgs/msg/{name}"] for name in ("Twist", "Vector3", "TwistStamped")
     )
-    velocities = [poses.linear_velocities, poses.angular_velocities]
-    if twists == "body":
-        velocities = [poses.rotations.apply(each, inverse=True) for each in velocities]
-    rows = zip(stamps, *(each.tolist() for each in velocities), strict=True)
     return [
-        (stamp, topic, stamped(_header(types, stamp, frame), twist(vector(*v), vector(*w))))
-        for stamp, v, w in rows
+        (
+            stamp,
+            topic,
+            stamped(_header(types, stamp, frame), both(vector(*row[:3]), vector(*row[3:]))),
+        )
+        for stamp, row in zip(stamps, rows.tolist(), strict=True)
     ]
 
 

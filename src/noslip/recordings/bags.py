@@ -164,7 +164,7 @@ def read_bag(
         Which pose of a ``PoseArray``, from 0; needed where it holds several.
     integrate : "body" or "world", optional
         Read a topic of ``TwistStamped``: its velocities, in the frame of the body or of the world,
-        integrated from the origin.  Between two messages their mean acts.
+        integrated from the origin.  Each holds until the next message.
 
     Warns
     -----
@@ -465,7 +465,7 @@ BAG = Format(
     folders="ROS 2 bags",
     is_folder=is_bag,
     write=lambda trajectory, path, **named: write_bag(path, poses=trajectory, **named),
-    write_options=("frame", "topic"),
+    write_options=("frame", "topic", "twist"),
     written=(".mcap", ""),
     extra="bags",
 )

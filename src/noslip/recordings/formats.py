@@ -298,7 +298,8 @@ def write_recording(
         Of the ``geometry_msgs/PoseStamped`` messages in a bag or MCAP file.
     twist : "body" or "world", optional
         Of CSV and tables: add ``vx, vy, vz, wx, wy, wz``, the twist to command at each sample
-        until the next, zero at the last; of planar motions ``v`` and ``omega``.
+        until the next, zero at the last; of planar motions ``v`` and ``omega``.  Of bags:
+        ``geometry_msgs/TwistStamped`` on ``/twist``.
     planar : bool
         Of CSV and tables: ``x, y, theta`` instead of the pose.
     wheels : mapping, optional

@@ -106,11 +106,12 @@ def integrated(series: Series, name: str, where: str, frame: str) -> Samples:
     """Return the motion from the origin whose twists messages hold, in the body's frame or the
     world's.
 
-    Over each step the mean of the twists at its ends acts; linear velocities of the body turn with
-    it, and count as they are half way.
+    Each twist holds until the next message, as :func:`noslip.recordings.twists.twists` writes them:
+    of velocities that were measured, the motion is late by half a period.  Linear velocities of the
+    body turn with it, and count as they are half way.
     """
     times, twists = series.times(), series.rows()
-    steps = np.diff(times)[:, None] * (twists[1:] + twists[:-1]) / 2
+    steps = np.diff(times)[:, None] * twists[:-1]
     source = series.source(where)
     source.check_finite({"stamp": times, "twist": twists})
     rotation = Rotation.identity()
