@@ -103,6 +103,21 @@ def test_chunks_that_hold_more_than_they_say(
     assert "a chunk does not hold the" in message or "a chunk says that it holds" in message
 
 
+def test_chunks_of_millions_of_records(tmp_path: Path) -> None:
+    """Ten kilobytes that declare a channel two million times; and a megabyte a thousand times."""
+    declared = record(4, struct.pack("<HH", 0, 0) + text("/t") + text("cdr") + text(""))
+    bomb = tmp_path / "records.mcap"
+    chunk = declared * 2_000_000
+    bomb.write_bytes(mcap_chunk("zstd", zstd(chunk), len(chunk)))
+    assert "unpacks to more than a recording of its size holds" in refusals.refusal(
+        RecordingError, load_demonstrations, bomb
+    )
+    message = declared + record(5, struct.pack("<HIQQ", 0, 0, 0, 0) + bytes(10**8))
+    one = mcap_chunk("zstd", zstd(message), len(message))
+    bomb.write_bytes(one + one.removeprefix(b"\x89MCAP0\r\n") * 30)
+    assert "unpacks to more than a recording of its size holds" in refusal(bomb, 3 * len(message))
+
+
 @pytest.mark.parametrize("size", [2**30, 2**62])
 def test_records_that_claim_to_be_huge(tmp_path: Path, size: int) -> None:
     for op in (3, 4, 5, 6):

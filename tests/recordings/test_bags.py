@@ -323,6 +323,52 @@ def test_two_who_publish_at_once_are_told_apart(tmp_path, motion, same, refusal)
     assert told.publishers == ("/left", "/right")
 
 
+def test_links_that_two_publish_at_once(tmp_path, refusal) -> None:
+    ros, link = Ros(1), arm(20, 0.0)
+    with rosbag1.Writer(tmp_path / "tf.bag") as writer:
+        connections = {
+            name: writer.add_connection("/tf", TF, typestore=ros.store, callerid=name)
+            for name in ("/arm", "/slam", "/old_slam")
+        }
+        for name, parent, child, offset in (
+            ("/arm", "base", "tool", 0.0),
+            ("/slam", "map", "base", 0.0),
+            ("/old_slam", "map", "base", 1.0),
+        ):
+            for _, kind, stamp, message in tf_messages(
+                parent, child, (link[0], link[1] + offset, link[2]), ros
+            ):
+                writer.write(connections[name], stamp, ros.store.serialize_ros1(message, kind))
+    bag = tmp_path / "tf.bag"
+    # Nobody doubts the link that is asked for.
+    np.testing.assert_allclose(load(bag, frame="base", child_frame="tool").positions, link[1])
+    assert refusal(bag, child_frame="tool").endswith(
+        '/tf: map -> base: several publish at once; choose one with publisher="..." '
+        "(--publisher): /old_slam (80), /slam (80)"
+    )
+    found = load(bag, child_frame="tool", publisher="/slam")
+    np.testing.assert_allclose(found.positions, link[1] + link[2].apply(link[1]), atol=1e-12)
+
+
+def test_channels_of_one_topic_in_an_mcap(tmp_path, motion, same, refusal) -> None:
+    """They are called by their place: MCAP does not tell who published."""
+    target = tmp_path / "two.mcap"
+    writing = pytest.importorskip("mcap.writer", reason="needs mcap")
+    with target.open("wb") as file:
+        writer = writing.Writer(file)
+        writer.start(profile="", library="")
+        definition = ROS.store.generate_msgdef(POSE, ros_version=2)[0]
+        schema = writer.register_schema(POSE, "ros2msg", definition.encode())
+        channels = [writer.register_channel("/tool", "cdr", schema) for _ in range(2)]
+        for message in poses(motion):
+            for channel, later in zip(channels, (0, 10**9), strict=True):
+                data = ROS.store.serialize_cdr(message[3], POSE)
+                writer.add_message(channel, message[2] + later, data, message[2] + later)
+        writer.finish()
+    assert refusal(target).endswith("(--publisher): 1 (40), 2 (40)")
+    same(load(target, publisher="2"), motion)
+
+
 def test_a_node_that_was_started_again_goes_on(tmp_path, motion, same) -> None:
     first, then = motion[:20], motion[20:]
     same(load(two_publish(tmp_path / "again.bag", first, then)), motion)

@@ -29,10 +29,10 @@ from noslip.errors import RecordingError
 
 METADATA = "metadata.yaml"
 """What the folder of every ROS 2 bag has, and is known by."""
-MOST_BYTES = 1 << 28
+MOST_BYTES = 1 << 27
 """Of a record or a chunk: recorders cut chunks at a megabyte or a few, and no message of a sensor
-comes near a quarter of a gigabyte; what says that it is larger is damaged, or means to fill the
-memory."""
+comes near an eighth of a gigabyte; what says that it is larger is damaged, or means to fill the
+memory.  Three times as much is taken: packed, unpacked, and the message itself."""
 MOST_UNPACKED = 1 << 34
 """Of a compressed SQLite file, which must be unpacked to the disk; 16 GB, hours of a robot."""
 _BLOCK = 1 << 20
@@ -70,6 +70,7 @@ class Channel:
     publisher: str = "1"
 
 
+Buffer = bytes | memoryview
 Record = tuple[Channel, int, bytes | None]
 """Channel, time of receipt (ns) and message; None where the file only declares the channel."""
 Note = Callable[[str], None]
@@ -78,6 +79,24 @@ Note = Callable[[str], None]
 
 class _TornError(Exception):
     """The file ends within a record."""
+
+
+class _Budget:
+    """What a file may hold: a record for each of its bytes, and a thousand times its size.
+
+    No recording comes near, whose stamps differ; a few kilobytes that unpack to hours of work do.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.left = path, 10**6 + path.stat().st_size
+
+    def spend(self, size: int) -> None:
+        """Count a record."""
+        self.left -= 1 + size // 1000
+        if self.left < 0:
+            raise RecordingError(
+                f"{self.path}: unpacks to more than a recording of its size holds; is it damaged?"
+            )
 
 
 def records(path: Path, note: Note) -> Iterator[Record]:
@@ -133,6 +152,7 @@ def _file(path: Path, note: Note, by_message: str | None) -> Iterator[Record]:
     if whole or path.suffix.lower() == ".active":
         name = path.with_suffix("")
     kind = name.suffix.lower()
+    budget = _Budget(path)
     with ExitStack() as stack:
         if kind == ".db3":
             found = _sqlite(stack.enter_context(_database(path, whole)), path)
@@ -141,13 +161,15 @@ def _file(path: Path, note: Note, by_message: str | None) -> Iterator[Record]:
             file = stack.enter_context(opened)
             mending = "rosbag reindex" if kind == ".bag" else "mcap recover"
             torn = partial(_tell_torn, note, path, mending)
-            found = (_ros1 if kind == ".bag" else _mcap)(file, path, torn)
+            found = (_ros1 if kind == ".bag" else _mcap)(file, budget, torn)
         else:
             raise RecordingError(f"{path}: {kind} is no file of a bag; known are .bag, .db3, .mcap")
         for channel, received, data in found:
             if by_message and data is not None:
                 size = need(path, _ZSTD, "bags").get_frame_info(data).decompressed_size
-                data = _unpacked(path, by_message, data, MOST_BYTES + 1 if size is None else size)
+                size = MOST_BYTES + 1 if size is None else size
+                budget.spend(size)
+                data = _unpacked(path, by_message, data, size)
             yield channel, received, data
 
 
@@ -217,7 +239,8 @@ def _place(channels: dict[int, Channel], topic: str) -> str:
 # ------------------------------------------------------------------------------- ROS 1
 
 
-def _ros1(file: BinaryIO, path: Path, torn: Callable[[], None]) -> Iterator[Record]:
+def _ros1(file: BinaryIO, budget: _Budget, torn: Callable[[], None]) -> Iterator[Record]:
+    path = budget.path
     if file.readline(32) != b"#ROSBAG V2.0\n":
         raise RecordingError(f"{path}: not a ROS bag of version 2.0; rosbag's fixbag converts it")
     channels: dict[int, Channel] = {}
@@ -238,7 +261,7 @@ def _ros1(file: BinaryIO, path: Path, torn: Callable[[], None]) -> Iterator[Reco
                     if size or _u32(header[b"size"]):
                         chunk = _take(file, size, path)
                         chunk = _unpacked(path, kind, chunk, _u32(header[b"size"]))
-                        yield from _ros1_chunk(channels, chunk)
+                        yield from _ros1_chunk(channels, chunk, budget)
                 case _:
                     _skip(file, size)
     except _TornError:
@@ -247,7 +270,7 @@ def _ros1(file: BinaryIO, path: Path, torn: Callable[[], None]) -> Iterator[Reco
         torn()
 
 
-def _ros1_chunk(channels: dict[int, Channel], chunk: bytes) -> Iterator[Record]:
+def _ros1_chunk(channels: dict[int, Channel], chunk: bytes, budget: _Budget) -> Iterator[Record]:
     at = 0
     while at < len(chunk):
         begin = at + 4 + _u32(chunk, at)
@@ -255,6 +278,7 @@ def _ros1_chunk(channels: dict[int, Channel], chunk: bytes) -> Iterator[Record]:
         header = _fields(chunk[at + 4 : begin])
         if end > len(chunk) or header[b"op"][0] not in (2, 7):
             raise ValueError("a chunk holds what is no message")
+        budget.spend(end - at)
         yield _ros1_record(channels, header, chunk[begin + 4 : end])
         at = end
 
@@ -289,7 +313,7 @@ def _fields(data: bytes) -> dict[bytes, bytes]:
     return found
 
 
-def _u32(data: bytes, at: int = 0) -> int:
+def _u32(data: Buffer, at: int = 0) -> int:
     return int(struct.unpack_from("<I", data, at)[0])
 
 
@@ -298,7 +322,8 @@ def _u32(data: bytes, at: int = 0) -> int:
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER, _DATA_END = 3, 4, 5, 6, 2, 15
 
 
-def _mcap(file: BinaryIO, path: Path, torn: Callable[[], None]) -> Iterator[Record]:
+def _mcap(file: BinaryIO, budget: _Budget, torn: Callable[[], None]) -> Iterator[Record]:
+    path = budget.path
     if file.read(8) != b"\x89MCAP0\r\n":
         raise RecordingError(f"{path}: not an MCAP file; check the path")
     found = _Mcap()
@@ -308,7 +333,7 @@ def _mcap(file: BinaryIO, path: Path, torn: Callable[[], None]) -> Iterator[Reco
             if kind in (_DATA_END, _FOOTER):
                 return  # an index follows, which repeats what was there
             if kind == _CHUNK:
-                yield from found.chunk(path, _take(file, size, path))
+                yield from found.chunk(_take(file, size, path), budget)
             elif kind in (_SCHEMA, _CHANNEL, _MESSAGE):
                 yield from found.record(kind, _take(file, size, path))
             else:
@@ -322,12 +347,12 @@ class _Mcap:
         self.schemas: dict[int, tuple[str, str, str]] = {0: ("", "", "")}
         self.channels: dict[int, Channel] = {}
 
-    def chunk(self, path: Path, data: bytes) -> Iterator[Record]:
+    def chunk(self, data: bytes, budget: _Budget) -> Iterator[Record]:
         size, checksum = struct.unpack_from("<QI", data, 16)
         kind, at = _text(data, 28)
         (length,) = struct.unpack_from("<Q", data, at)
         records = data[at + 8 : at + 8 + length]
-        chunk = _unpacked(path, kind, records, size)
+        chunk = memoryview(_unpacked(budget.path, kind, records, size))
         if checksum and zlib.crc32(chunk) != checksum:
             raise ValueError("the checksum of a chunk is wrong")
         at = 0
@@ -336,12 +361,13 @@ class _Mcap:
             begin, at = at + 9, at + 9 + length
             if op not in (_SCHEMA, _CHANNEL, _MESSAGE) or at > len(chunk):
                 raise ValueError("a chunk holds what is no message")
+            budget.spend(length)
             yield from self.record(op, chunk[begin:at])
 
-    def record(self, op: int, data: bytes) -> Iterator[Record]:
+    def record(self, op: int, data: Buffer) -> Iterator[Record]:
         if op == _MESSAGE:
             number, _, received, _ = struct.unpack_from("<HIQQ", data)
-            yield self.channels[number], received, data[22:]
+            yield self.channels[number], received, bytes(data[22:])
         elif op == _SCHEMA:
             (number,) = struct.unpack_from("<H", data)
             name, at = _text(data, 2)
@@ -354,7 +380,7 @@ class _Mcap:
                 self.channels[number] = self._channel(data, *self.schemas[schema])
                 yield self.channels[number], 0, None
 
-    def _channel(self, data: bytes, kind: str, written: str, definition: str) -> Channel:
+    def _channel(self, data: Buffer, kind: str, written: str, definition: str) -> Channel:
         topic, at = _text(data, 4)
         encoding, at = _text(data, at)
         end = at + 4 + _u32(data, at)
@@ -376,12 +402,12 @@ class _Mcap:
         )
 
 
-def _text(data: bytes, at: int) -> tuple[str, int]:
+def _text(data: Buffer, at: int) -> tuple[str, int]:
     """Return a text with its length in front, and where it ends."""
     end = at + 4 + _u32(data, at)
     if end > len(data):
         raise ValueError("a text is cut off")
-    return data[at + 4 : end].decode(errors="replace"), end
+    return bytes(data[at + 4 : end]).decode(errors="replace"), end
 
 
 # ------------------------------------------------------------------------------- SQLite
