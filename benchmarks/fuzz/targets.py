@@ -88,16 +88,47 @@ def tables(folder: Path) -> Target:
 
 
 def bags(folder: Path) -> Target:
-    """A recording in an MCAP file, and in the database of a ROS 2 bag."""
+    """A recording in an MCAP file, in the database of a ROS 2 bag, and in a ROS 1 bag."""
     good = {".mcap": write_recording(motion(), folder / "cut.mcap").read_bytes()}
     (database,) = write_recording(motion(), folder / "bag").glob("*.db3")
     good[".db3"] = database.read_bytes()
+    good[".bag"] = _ros1(folder / "cut.bag")
 
     def damage(rng: np.random.Generator) -> tuple[str, bytes]:
         suffix = tuple(good)[rng.integers(len(good))]
         return suffix, _damage_bytes(rng, good[suffix], False)
 
     return damage, _reader(folder)
+
+
+def _ros1(path: Path) -> bytes:
+    """Return a ROS 1 bag of the recording."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind, types = "geometry_msgs/msg/PoseStamped", store.types
+    pose, point, turn, header, time = (
+        types[name]
+        for name in (
+            "geometry_msgs/msg/Pose",
+            "geometry_msgs/msg/Point",
+            "geometry_msgs/msg/Quaternion",
+            "std_msgs/msg/Header",
+            "builtin_interfaces/msg/Time",
+        )
+    )
+    with Writer(path) as writer:
+        connection = writer.add_connection("/pose", kind, typestore=store)
+        for k, (place, (w, *xyz)) in enumerate(
+            zip(motion().positions.tolist(), motion().quaternions.tolist(), strict=True)
+        ):
+            stamp = 10**9 + k * 10**7
+            message = types[kind](
+                header(k, time(*divmod(stamp, 10**9)), "world"), pose(point(*place), turn(*xyz, w))
+            )
+            writer.write(connection, stamp, store.serialize_ros1(message, kind))
+    return path.read_bytes()
 
 
 def _reader(folder: Path) -> Read:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from noslip import PoseTrajectory, load_demonstrations
-from noslip.recordings import bag_topics
+from noslip.errors import InputError, RecordingWarning
+from noslip.recordings import bag_topics, write_bag
 
 pytest.importorskip("rosbags", reason="needs the extra bags")
 
@@ -23,6 +25,8 @@ Message = tuple[str, str, int, Any]
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
+COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+ARRAY = "geometry_msgs/msg/PoseArray"
 ODOMETRY = "nav_msgs/msg/Odometry"
 PATH = "nav_msgs/msg/Path"
 TF = "tf2_msgs/msg/TFMessage"
@@ -142,6 +146,25 @@ def test_every_kind_of_bag_holds_the_same_poses(tmp_path, motion, same, kind) ->
     assert load(bag, topic="tool", frame="/world").times[0] == pytest.approx(3.7, abs=1e-12)
 
 
+@pytest.mark.parametrize("plugin", ["MCAP", "SQLITE3"])
+@pytest.mark.parametrize("mode", ["FILE", "MESSAGE", "STORAGE"])
+def test_compressed_bags(tmp_path, motion, same, plugin, mode) -> None:
+    if (plugin, mode) == ("SQLITE3", "STORAGE"):
+        return  # there is none
+    writer = rosbag2.Writer(
+        tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin[plugin]
+    )
+    writer.set_compression(rosbag2.CompressionMode[mode], rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/tool", POSE, typestore=ROS.store)
+        for _, kind, received, message in poses(motion):
+            writer.write(connection, received, ROS.store.serialize_cdr(message, kind))
+    same(load(tmp_path / "bag"), motion)
+    if mode == "FILE":
+        (bare,) = (tmp_path / "bag").glob("*.zstd")
+        same(load(bare), motion)
+
+
 @pytest.mark.parametrize("kind", ["bare_mcap", "bare_db3"])
 def test_a_file_without_its_folder(tmp_path, motion, same, kind) -> None:
     ROS.write(tmp_path / kind, poses(motion))
@@ -220,6 +243,135 @@ def test_stamps_since_1970_keep_what_a_float_can(tmp_path, motion) -> None:
     ]
     found = load(ROS.write(tmp_path / "bag", messages)).times
     np.testing.assert_array_equal(found, [stamp / 10**9 for stamp in late])
+
+
+def test_poses_with_covariance_in_arrays_and_without_a_header(tmp_path, motion, same) -> None:
+    messages: list[Message] = []
+    with_covariance = ROS.types["geometry_msgs/msg/PoseWithCovariance"]
+    for stamp, place, turn in each(motion):
+        pose, other = (ROS.pose(stamp, "world", sign * place, turn).pose for sign in (1, -1))
+        header = ROS.header(stamp, "world")
+        stamped = ROS.types[COVARIANCE](header, with_covariance(pose, np.zeros(36)))
+        messages += [
+            ("/cov", COVARIANCE, stamp, stamped),
+            ("/one", ARRAY, stamp, ROS.types[ARRAY](header, [pose])),
+            ("/two", ARRAY, stamp, ROS.types[ARRAY](header, [other, pose])),
+            ("/bare", "geometry_msgs/msg/Pose", stamp, pose),
+        ]
+    bag = ROS.write(tmp_path / "bag", messages)
+    for topic, options in (("/cov", {}), ("/one", {}), ("/two", {"element": 1})):
+        same(load(bag, topic=topic, **options), motion)
+    for options in ({}, {"element": 2}):
+        with pytest.raises(InputError, match=r"/two: arrays of 2 poses; choose one .*--element"):
+            load(bag, topic="/two", **options)
+    with pytest.warns(RecordingWarning, match="/bare: Pose has no stamp; times are those of rec"):
+        same(load(bag, topic="/bare"), motion)
+
+
+@pytest.mark.parametrize("frame", ["body", "world"])
+def test_twists_are_integrated_if_asked(tmp_path, motion, refusal, frame) -> None:
+    bag = write_bag(tmp_path / "bag", poses=motion, twist=frame)
+    assert "holds geometry_msgs/TwistStamped: velocities, of which integrate=" in refusal(
+        bag, topic="/twist"
+    )
+    found = load(bag, topic="/twist", integrate=frame)
+    moved, turned = motion.positions - motion.positions[0], motion.rotations[0].inv()
+    if frame == "body":  # seen from where it began
+        moved, expected = turned.apply(moved), turned * motion.rotations
+    else:
+        expected = motion.rotations * turned
+    np.testing.assert_allclose(found.positions, moved, atol=1e-9)
+    np.testing.assert_allclose((found.rotations * expected.inv()).magnitude(), 0, atol=1e-9)
+    other = {"body": "world", "world": "body"}[frame]
+    assert np.abs(load(bag, integrate=other).positions - moved).max() > 0.01
+
+
+# -------------------------------------------------------------------- several publishers
+
+
+def two_publish(path: Path, one: PoseTrajectory, other: PoseTrajectory) -> Path:
+    """Write a ROS 1 bag in which /left and /right publish on one topic."""
+    ros = Ros(1)
+    with rosbag1.Writer(path) as writer:
+        connections = [
+            writer.add_connection("/tool", POSE, typestore=ros.store, callerid=name)
+            for name in ("/left", "/right")
+        ]
+        messages = [
+            (message[2], connection, message[3])
+            for connection, motion in zip(connections, (one, other), strict=True)
+            for message in poses(motion, ros=ros)
+        ]
+        for received, connection, message in sorted(messages, key=lambda each: each[0]):
+            writer.write(connection, received, ros.store.serialize_ros1(message, POSE))
+    return path
+
+
+def test_two_who_publish_at_once_are_told_apart(tmp_path, motion, same, refusal) -> None:
+    other = PoseTrajectory(
+        times=motion.times + 0.01, positions=-motion.positions, rotations=motion.rotations
+    )
+    bag = two_publish(tmp_path / "both.bag", motion, other)
+    assert refusal(bag).endswith(
+        '/tool: several publish at once; choose one with publisher="..." (--publisher): '
+        "/left (40), /right (40)"
+    )
+    same(load(bag, publisher="/left"), motion)
+    same(load(bag, publisher="/right"), other)
+    assert "no publisher /up; there are /left, /right" in refusal(bag, publisher="/up")
+    (told,) = bag_topics(bag)
+    assert told.publishers == ("/left", "/right")
+
+
+def test_links_that_two_publish_at_once(tmp_path, refusal) -> None:
+    ros, link = Ros(1), arm(20, 0.0)
+    with rosbag1.Writer(tmp_path / "tf.bag") as writer:
+        connections = {
+            name: writer.add_connection("/tf", TF, typestore=ros.store, callerid=name)
+            for name in ("/arm", "/slam", "/old_slam")
+        }
+        for name, parent, child, offset in (
+            ("/arm", "base", "tool", 0.0),
+            ("/slam", "map", "base", 0.0),
+            ("/old_slam", "map", "base", 1.0),
+        ):
+            for _, kind, stamp, message in tf_messages(
+                parent, child, (link[0], link[1] + offset, link[2]), ros
+            ):
+                writer.write(connections[name], stamp, ros.store.serialize_ros1(message, kind))
+    bag = tmp_path / "tf.bag"
+    # Nobody doubts the link that is asked for.
+    np.testing.assert_allclose(load(bag, frame="base", child_frame="tool").positions, link[1])
+    assert refusal(bag, child_frame="tool").endswith(
+        '/tf: map -> base: several publish at once; choose one with publisher="..." '
+        "(--publisher): /old_slam (80), /slam (80)"
+    )
+    found = load(bag, child_frame="tool", publisher="/slam")
+    np.testing.assert_allclose(found.positions, link[1] + link[2].apply(link[1]), atol=1e-12)
+
+
+def test_channels_of_one_topic_in_an_mcap(tmp_path, motion, same, refusal) -> None:
+    """They are called by their place: MCAP does not tell who published."""
+    target = tmp_path / "two.mcap"
+    writing = pytest.importorskip("mcap.writer", reason="needs mcap")
+    with target.open("wb") as file:
+        writer = writing.Writer(file)
+        writer.start(profile="", library="")
+        definition = ROS.store.generate_msgdef(POSE, ros_version=2)[0]
+        schema = writer.register_schema(POSE, "ros2msg", definition.encode())
+        channels = [writer.register_channel("/tool", "cdr", schema) for _ in range(2)]
+        for message in poses(motion):
+            for channel, later in zip(channels, (0, 10**9), strict=True):
+                data = ROS.store.serialize_cdr(message[3], POSE)
+                writer.add_message(channel, message[2] + later, data, message[2] + later)
+        writer.finish()
+    assert refusal(target).endswith("(--publisher): 1 (40), 2 (40)")
+    same(load(target, publisher="2"), motion)
+
+
+def test_a_node_that_was_started_again_goes_on(tmp_path, motion, same) -> None:
+    first, then = motion[:20], motion[20:]
+    same(load(two_publish(tmp_path / "again.bag", first, then)), motion)
 
 
 # -------------------------------------------------------------------- tf
@@ -322,6 +474,29 @@ def test_the_last_of_static_transforms_counts_and_a_moving_one_comes_first(tmp_p
     np.testing.assert_allclose(trajectory.positions, link[1] + link[2].apply([0, 0, 1]), atol=1e-12)
 
 
+def test_transforms_out_of_order_are_kept_by_time_as_in_tf2(tmp_path) -> None:
+    link = arm(20, 0.0)
+    messages = tf_messages("map", "robot", link)
+    late = [message for pair in zip(messages[1::2], messages[::2], strict=True) for message in pair]
+    late = [(topic, kind, 10**9 + k, each) for k, (topic, kind, _, each) in enumerate(late)]
+    bag = ROS.write(tmp_path / "late", [*late, late[7]])
+    np.testing.assert_allclose(load(bag).times, link[0], atol=1e-9)
+    np.testing.assert_allclose(load(bag).positions, link[1], atol=1e-12)
+
+
+def test_transforms_that_tf2_ignores_are_counted(tmp_path) -> None:
+    times, places, turns = arm(20, 0.0)
+    messages = tf_messages("map", "robot", (times, places, turns))
+    nan = ROS.transform(nanoseconds(times)[5] + 1, "map", "robot", (np.nan, 0, 0), turns[5])
+    again = ROS.transform(nanoseconds(times)[7], "map", "robot", (9, 9, 9), turns[7])
+    extra = [("/tf", TF, k, ROS.tf(bad)) for k, bad in ((10**10, nan), (10**10 + 1, again))]
+    bag = ROS.write(tmp_path / "odd", [*messages, *extra])
+    with pytest.warns(RecordingWarning, match="1 of 8. transforms ignored, as tf2 does") as told:
+        found = load(bag)
+    assert len(told) == 2
+    np.testing.assert_allclose(found.positions, places, atol=1e-12)
+
+
 def test_a_lone_link_needs_no_names(tmp_path) -> None:
     bag = ROS.write(tmp_path / "lone", tf_messages("map", "robot", arm(20, 0.0)))
     np.testing.assert_allclose(load(bag).positions, arm(20, 0.0)[1], atol=1e-12)
@@ -361,7 +536,10 @@ def test_a_hole_in_one_link_is_not_bridged(tmp_path, refusal) -> None:
     holed = (slow[0][kept], slow[1][kept], slow[2][kept])
     bag = ROS.write(tmp_path / "b", tf_messages("a", "b", fast) + tf_messages("b", "c", holed))
     message = refusal(bag, child_frame="c")
-    assert "/tf: b -> c: sample 20, stamp of the header: no sample from" in message
+    assert "/tf: sample 48, stamp of the header: no sample from 0.94" in message
+    with pytest.warns(RecordingWarning, match="split into 2 pieces"):
+        before, after = load_demonstrations(bag, child_frame="c", gaps="split")
+    assert before.times[-1] < 0.96 < 3.0 <= after.times[0]
 
 
 def test_a_frame_with_two_parents(tmp_path, refusal) -> None:
@@ -430,6 +608,7 @@ def test_a_path_without_stamps_has_no_times(tmp_path, motion, refusal) -> None:
     assert "carry no stamps" in refusal(bag)
 
 
+@pytest.mark.filterwarnings("ignore:.*was not closed")
 @pytest.mark.parametrize("kind", ["ros1.bag", "as_mcap", "sqlite3"])
 def test_a_damaged_bag_is_one_line(tmp_path, motion, kind) -> None:
     """Cut anywhere, a bag is read or refused, and never anything else."""
@@ -468,3 +647,15 @@ def test_topics_tell_types_counts_and_frames(tree, tmp_path, motion) -> None:
     note, tool = bag_topics(ROS.write(tmp_path / "b", [*poses(motion), text]))
     assert (note.name, note.messages, note.frames) == ("/note", 1, ())
     assert tool.frames == (("world", ""),)
+
+
+def test_a_bag_takes_no_more_memory_for_what_lies_beside_the_poses(tmp_path, motion) -> None:
+    image = ROS.types[STRING]("." * 500_000)
+    beside = [("/image", STRING, stamp, image) for _, _, stamp, _ in poses(motion)]
+    bag = ROS.write(tmp_path / "large", [*poses(motion), *beside])
+    assert sum(file.stat().st_size for file in bag.iterdir()) > 20e6
+    tracemalloc.start()
+    load(bag)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 10e6

@@ -203,3 +203,24 @@ def test_joints_that_are_refused(tmp_path, change, words) -> None:
 def test_joints_of_another_suffix(tmp_path) -> None:
     with pytest.raises(InputError, match=r"cannot write joints as \.npz"):
         write_joints([0.0], ["a"], [[1.0]], None, tmp_path / "joints.npz")
+
+
+@pytest.mark.parametrize("twists", ["body", "world"])
+def test_an_mcap_is_read_by_the_reader_of_its_makers(tmp_path, motion, twists) -> None:
+    """CDR by hand: four bytes of header, the stamp, the frame, then doubles at multiples of 8."""
+    reader = pytest.importorskip("mcap.reader", reason="needs mcap")
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    target = write_bag(tmp_path / "cut.mcap", poses=motion, twist=twists, body_frame="knife")
+    seen: dict[str, list[np.ndarray]] = {}
+    with target.open("rb") as file:
+        for schema, channel, message in reader.make_reader(file).iter_messages():
+            assert channel.message_encoding == "cdr"
+            numbers = 7 if schema.name == "geometry_msgs/msg/PoseStamped" else 6
+            seen.setdefault(channel.topic, []).append(
+                np.frombuffer(message.data[-8 * numbers :], "<f8")
+            )
+            frame = b"knife" if (channel.topic, twists) == ("/twist", "body") else b"world"
+            assert frame in message.data
+    np.testing.assert_array_equal(np.array(seen["/pose"])[:, :3], motion.positions)
+    steps = np.hstack(motion.step_velocities()) if twists == "world" else motion.body_velocities
+    np.testing.assert_array_equal(np.array(seen["/twist"]), [*steps, np.zeros(6)])

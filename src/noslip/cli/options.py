@@ -24,6 +24,7 @@ from noslip.demonstrations.preparation import Order, prepare
 from noslip.errors import InputError
 from noslip.projection.metric import Metric
 from noslip.recordings import load_demonstrations
+from noslip.recordings.bags import Integrate
 from noslip.recordings.twists import Twist
 from noslip.trajectory import PoseTrajectory
 
@@ -82,6 +83,20 @@ Frame = Annotated[
 ChildFrame = Annotated[
     str | None,
     optional("NAME", "Frame of a bag that moves.", _WHERE),
+]
+Publisher = Annotated[
+    str | None,
+    optional("NAME", "Publisher on a topic of a bag, where several alternate.", _WHERE),
+]
+Element = Annotated[
+    int | None,
+    optional("K", "Pose of a bag's PoseArray, from 0.", _WHERE),
+]
+IntegrateChoice = Annotated[
+    Integrate | None,
+    optional(
+        "body|world", "Integrate a bag's TwistStamped, in the frame of the body or world.", _WHERE
+    ),
 ]
 Episode = Annotated[
     list[int],
@@ -217,6 +232,9 @@ class Where:
     topic: Topic = None
     frame: Frame = None
     child_frame: ChildFrame = None
+    publisher: Publisher = None
+    element: Element = None
+    integrate: IntegrateChoice = None
     episode: Episode = field(default_factory=list)
     columns: Columns = None
     time_column: TimeColumn = None
@@ -235,6 +253,9 @@ class Where:
             "topic": self.topic,
             "frame": self.frame,
             "child_frame": self.child_frame,
+            "publisher": self.publisher,
+            "element": self.element,
+            "integrate": self.integrate,
             "episode": self.episode or None,
             "columns": self.columns,
             "time": self.time_column,

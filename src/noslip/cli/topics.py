@@ -30,15 +30,20 @@ def run(
     ],
     as_json: options.AsJson = False,
 ) -> None:
-    """Show the topics of a bag, their types and counts, and the frames of those that hold poses."""
+    """Show the topics of a bag: types, counts, frames of poses, and publishers if several."""
     topics = bag_topics(bag)
     if as_json:
         output.print_json([asdict(topic) for topic in topics])
         return
-    table = Table("topic", "type", "messages", "frames", box=None, pad_edge=False)
+    names = ["topic", "type", "messages", "frames"]
+    # One publisher is of no interest, and has no name but in ROS 1.
+    if any(len(topic.publishers) > 1 for topic in topics):
+        names.append("publishers")
+    table = Table(*names, box=None, pad_edge=False)
     for topic in topics:
-        frames = links_text(topic.frames)
+        frames, publishers = links_text(topic.frames), ", ".join(topic.publishers)
         kind = topic.type.replace("/msg/", "/")
+        row = (topic.name, kind, topic.messages, frames, publishers)[: len(names)]
         # As text: brackets are no markup.
-        table.add_row(*(Text(one_line(x)) for x in (topic.name, kind, topic.messages, frames)))
+        table.add_row(*(Text(one_line(x)) for x in row))
     output.console().print(table)

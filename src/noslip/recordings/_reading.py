@@ -18,7 +18,7 @@ def reading(path: str | Path, kind: str) -> Iterator[None]:
     """
     try:
         yield
-    except NoslipError:
+    except (NoslipError, Warning):
         raise
     except Exception as error:
         what = " ".join(str(error).split())[:200] or type(error).__name__

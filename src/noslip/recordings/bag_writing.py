@@ -1,9 +1,8 @@
-"""Poses and joints -> ROS 2 bags."""
+"""Poses, twists and joints -> ROS 2 bags."""
 
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -13,9 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip._extras import need
+from noslip._files import locked, scratch, write_beside
 from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.recordings._bag_files import METADATA
 from noslip.recordings.joints import checked_joints
+from noslip.recordings.twists import Twist, twists
 from noslip.trajectory import PoseTrajectory
 
 Storage = Literal["sqlite3", "mcap"]
@@ -38,6 +40,9 @@ def write_bag(
     topic: str = "/pose",
     joint_topic: str = "/joint_states",
     storage: Storage = "sqlite3",
+    twist: Twist | None = None,
+    twist_topic: str = "/twist",
+    body_frame: str = "tool",
 ) -> Path:
     """Write poses, joints or both as a ROS 2 bag, which ``ros2 bag play`` replays.
 
@@ -56,6 +61,11 @@ def write_bag(
     frame, topic, joint_topic : str
     storage : {"sqlite3", "mcap"}
         Of a folder.
+    twist : "body" or "world", optional
+        Write what to command at each sample until the next, see
+        :func:`noslip.recordings.twists.twists`, to ``twist_topic`` as
+        ``geometry_msgs/TwistStamped``: in ``body_frame``, which moves with the tool, or ``frame``.
+    twist_topic, body_frame : str
 
     Raises
     ------
@@ -71,25 +81,30 @@ def write_bag(
         raise InputError(f"{target}: storage must be sqlite3 or mcap, got {storage!r}")
     if poses is None and joint_positions is None:
         raise InputError(f"{target}: nothing to write; give poses, joint_positions or both")
-    if target.exists() and not (bare and target.is_file()):
-        raise InputError(f"{target}: exists already; remove it or give another name")
+    if twist is not None and poses is None:
+        raise InputError(f"{target}: twist={twist!r} is that of poses; give them or leave it out")
+    taken = f"{target}: exists already; remove it or give another name"
+    if target.exists() and (target.is_dir() or not bare):
+        raise InputError(taken)
     rosbag2 = need(target, "rosbags.rosbag2", "bags")
     typesys = need(target, "rosbags.typesys", "bags")
     types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     messages: list[tuple[int, str, Any]] = []
     if poses is not None:
-        messages += _pose_messages(target, types, poses, frame, topic)
+        stamps = _stamps(target, poses.times)
+        messages += _pose_messages(types, poses, stamps, frame, topic)
+        if twist is not None:
+            named = body_frame if twist == "body" else frame
+            messages += _twist_messages(types, twists(poses, twist), stamps, named, twist_topic)
     if joint_positions is not None:
         joints = checked_joints(target, joint_names, joint_times, joint_positions, joint_velocities)
         messages += _joint_messages(target, types, joint_names, *joints, joint_topic)
     plugins = rosbag2.StoragePlugin
     plugin = plugins.MCAP if bare or storage == "mcap" else plugins.SQLITE3
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as beside:
-            # A bag names its files after its folder, so the folder has its final name from the
-            # beginning.
-            folder = Path(beside) / (target.stem if bare else target.name)
+        with scratch() as beside:
+            # A bag names its files after its folder, so the folder has its final name already.
+            folder = beside / (target.stem if bare else target.name)
             with rosbag2.Writer(folder, version=_BAG_VERSION, storage_plugin=plugin) as writer:
                 connections: dict[str, Any] = {}
                 for stamp, name, message in sorted(messages, key=lambda each: each[0]):
@@ -99,23 +114,36 @@ def write_bag(
                     data = types.serialize_cdr(message, kind)
                     writer.write(connections[name], stamp, data)
             if bare:
-                (folder / f"{folder.name}.mcap").replace(target)
+                write_beside(target, (folder / f"{folder.name}.mcap").read_bytes())
             else:
-                shutil.move(folder, target)
+                _put(folder, target, taken)
     except (OSError, rosbag2.WriterError) as error:
         raise InputError(f"{target}: cannot be written: {error}") from error
     return target
 
 
+def _put(folder: Path, target: Path, taken: str) -> None:
+    """Copy a bag to its place; what makes a folder a bag comes last."""
+    with locked(target, wait=False):
+        if any(target.iterdir()):  # another process was faster
+            raise InputError(taken)
+        try:
+            for file in sorted(folder.iterdir(), key=lambda each: each.name == METADATA):
+                write_beside(target / file.name, file.read_bytes())
+        except BaseException:
+            shutil.rmtree(target, ignore_errors=True)
+            raise
+
+
 def _pose_messages(
-    target: Path, types: Any, poses: PoseTrajectory, frame: str, topic: str
+    types: Any, poses: PoseTrajectory, stamps: list[int], frame: str, topic: str
 ) -> list[tuple[int, str, Any]]:
     pose, point, quaternion, stamped = (
         types.types[f"geometry_msgs/msg/{name}"]
         for name in ("Pose", "Point", "Quaternion", "PoseStamped")
     )
     scalar_last = np.roll(poses.quaternions, -1, axis=1).tolist()
-    rows = zip(_stamps(target, poses.times), poses.positions.tolist(), scalar_last, strict=True)
+    rows = zip(stamps, poses.positions.tolist(), scalar_last, strict=True)
     return [
         (
             stamp,
@@ -123,6 +151,22 @@ def _pose_messages(
             stamped(_header(types, stamp, frame), pose(point(*place), quaternion(*turn))),
         )
         for stamp, place, turn in rows
+    ]
+
+
+def _twist_messages(
+    types: Any, rows: Floats, stamps: list[int], frame: str, topic: str
+) -> list[tuple[int, str, Any]]:
+    both, vector, stamped = (
+        types.types[f"geometry_msgs/msg/{name}"] for name in ("Twist", "Vector3", "TwistStamped")
+    )
+    return [
+        (
+            stamp,
+            topic,
+            stamped(_header(types, stamp, frame), both(vector(*row[:3]), vector(*row[3:]))),
+        )
+        for stamp, row in zip(stamps, rows.tolist(), strict=True)
     ]
 
 

@@ -18,7 +18,7 @@ from noslip.errors import InputError, RecordingError
 from noslip.named_columns import numbers_text
 from noslip.recordings._format import VELOCITIES, Format
 from noslip.recordings.bag_writing import write_bag
-from noslip.recordings.bags import BAG
+from noslip.recordings.bags import BAG, Integrate
 from noslip.recordings.joints import checked_joints
 from noslip.recordings.lerobot import LEROBOT
 from noslip.recordings.robomimic import HDF5
@@ -60,6 +60,9 @@ def load_demonstrations(
     topic: str | None = None,
     frame: str | None = None,
     child_frame: str | None = None,
+    publisher: str | None = None,
+    element: int | None = None,
+    integrate: Integrate | None = None,
     episode: int | Iterable[int] | None = None,
     columns: str | None = None,
     time: str | None = None,
@@ -84,7 +87,7 @@ def load_demonstrations(
         instead of stamping them (sample ``i`` is then at ``i / rate`` seconds), of tables without
         times, and of robomimic files.  Files with stamps ignore it; beside ``time`` it says that
         this column numbers the samples.
-    topic, frame, child_frame : str, optional
+    topic, frame, child_frame, publisher, element, integrate : optional
         Of ROS bags: where the poses are, see :func:`noslip.recordings.bags.read_bag`.
     episode : int or iterable of int, optional
         Of LeRobot data sets and robomimic files; by default all.
@@ -166,8 +169,8 @@ def load_demonstrations(
     ===================================== ===================================================
     other files                           what is read
     ===================================== ===================================================
-    ``.bag``, ``.mcap``, a folder with    ROS bags: poses, transforms, odometry, paths, tf;
-    ``metadata.yaml``                     :mod:`noslip.recordings.bags`
+    ``.bag``, ``.mcap``, ``.db3``, a      ROS bags: poses, transforms, odometry, paths, tf;
+    folder with ``metadata.yaml``         :mod:`noslip.recordings.bags`
     a folder with ``meta/info.json``      LeRobot data set; :mod:`noslip.recordings.lerobot`
     ``.hdf5``, ``.h5``                    robomimic; :mod:`noslip.recordings.robomimic`
     ``.parquet``, ``.feather``            a CSV's columns; :mod:`noslip.recordings.tables`
@@ -183,6 +186,9 @@ def load_demonstrations(
         "topic": topic,
         "frame": frame,
         "child_frame": child_frame,
+        "publisher": publisher,
+        "element": element,
+        "integrate": integrate,
         "episode": list(episode) if isinstance(episode, Iterable) else episode,
         "columns": columns,
         "time": time,
@@ -292,7 +298,8 @@ def write_recording(
         Of the ``geometry_msgs/PoseStamped`` messages in a bag or MCAP file.
     twist : "body" or "world", optional
         Of CSV and tables: add ``vx, vy, vz, wx, wy, wz``, the twist to command at each sample
-        until the next, zero at the last; of planar motions ``v`` and ``omega``.
+        until the next, zero at the last; of planar motions ``v`` and ``omega``.  Of bags:
+        ``geometry_msgs/TwistStamped`` on ``/twist``.
     planar : bool
         Of CSV and tables: ``x, y, theta`` instead of the pose.
     wheels : mapping, optional

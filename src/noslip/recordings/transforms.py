@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from array import array
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from noslip._pose_checks import MINIMUM_SAMPLES, Source
+from noslip._pose_checks import MAX_GAP, MAX_NORM_ERROR, MINIMUM_SAMPLES, SAME_POSE, Source
 from noslip._samples import Samples
 from noslip._typing import Floats
-from noslip.errors import RecordingError
+from noslip.errors import RecordingError, RecordingWarning, warn
 from noslip.named_columns import listed
 
 Key = tuple[str, str]
@@ -20,30 +23,117 @@ Key = tuple[str, str]
 
 @dataclass
 class Series:
-    """Poses between two frames as messages brought them; times in nanoseconds."""
+    """What one publisher's messages hold between two frames; times in nanoseconds.
 
-    stamps: list[int] = field(default_factory=list)
-    received: list[int] = field(default_factory=list)
-    positions: list[tuple[float, float, float]] = field(default_factory=list)
-    quaternions: list[tuple[float, float, float, float]] = field(default_factory=list)
+    Each takes ``width`` numbers: a position and a quaternion (7), or a twist (6).  Arrays hold
+    them, since as Python's own objects a long recording would take ten times the memory.
+    """
+
+    width: int = 7
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    received: array[int] = field(default_factory=lambda: array("q"))
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+
+    def append(self, stamp: int, received: int, numbers: tuple[float, ...]) -> None:
+        """Add what a message holds."""
+        self.stamps.append(stamp)
+        self.received.append(received)
+        self.numbers.extend(numbers)
+
+    def times(self) -> Floats:
+        """Return seconds: the headers' stamps, or where all are zero, when messages arrived."""
+        # Division of whole numbers rounds once; seconds and nanoseconds apart would round twice.
+        stamps = self.stamps if any(self.stamps) else self.received
+        return np.array([stamp / 10**9 for stamp in stamps])
+
+    def rows(self) -> Floats:
+        """Return the numbers, one row a message."""
+        return np.array(self.numbers).reshape(-1, self.width)
+
+    def source(self, where: str) -> Source:
+        """Return what they are called in messages."""
+        stamps = "stamp of the header" if any(self.stamps) else "time in the bag"
+        return Source(where, stamps, "orientation")
 
     def samples(self, name: str, where: str) -> Samples:
-        """Return them as the samples of a recording, unchecked."""
-        headers = any(self.stamps)
-        source = Source(
-            where, "stamp of the header" if headers else "time in the bag", "orientation"
-        )
-        # Division of whole numbers rounds once; seconds and nanoseconds apart would round twice.
-        stamps = [stamp / 10**9 for stamp in (self.stamps if headers else self.received)]
-        positions = np.array(self.positions, dtype=np.float64).reshape(-1, 3)
-        quaternions = np.array(self.quaternions, dtype=np.float64).reshape(-1, 4)
+        """Return poses as the samples of a recording, unchecked."""
+        rows = self.rows()
         return Samples(
             name=name,
-            source=source,
-            times=np.array(stamps),
-            positions=positions,
-            quaternions=quaternions,
+            source=self.source(where),
+            times=self.times(),
+            positions=rows[:, :3],
+            quaternions=rows[:, 3:],
         )
+
+
+Published = dict[str, Series]
+"""What each publisher sent."""
+
+
+def merged(where: str, published: Published, publisher: str | None) -> Series:
+    """Return the messages of one publisher, or of several that sent one after the other.
+
+    Raises
+    ------
+    InputError
+        If their messages alternate and none is chosen: all are listed.
+    """
+    if publisher in published:
+        return published[publisher]
+    ordered = sorted(published.items(), key=lambda each: min(each[1].received))
+    for (_, before), (_, after) in pairwise(ordered):
+        if min(after.received) <= max(before.received):
+            raise RecordingError(
+                f'{where}: several publish at once; choose one with publisher="..." '
+                "(--publisher): "
+                + ", ".join(f"{name} ({len(each.stamps)})" for name, each in sorted(ordered))
+            )
+    return _joined(one for _, one in ordered)
+
+
+def _joined(each: Iterable[Series]) -> Series:
+    first, *rest = each
+    whole = Series(first.width, first.stamps[:], first.received[:], first.numbers[:])
+    for one in rest:
+        whole.stamps.extend(one.stamps)
+        whole.received.extend(one.received)
+        whole.numbers.extend(one.numbers)
+    return whole
+
+
+def integrated(series: Series, name: str, where: str, frame: str) -> Samples:
+    """Return the motion from the origin whose twists messages hold, in the body's frame or the
+    world's.
+
+    Each twist holds until the next message, as :func:`noslip.recordings.twists.twists` writes them:
+    of velocities that were measured, the motion is late by half a period.  Linear velocities of the
+    body turn with it, and count as they are half way.
+    """
+    times, twists = series.times(), series.rows()
+    steps = np.diff(times)[:, None] * twists[:-1]
+    source = series.source(where)
+    source.check_finite({"stamp": times, "twist": twists})
+    rotation = Rotation.identity()
+    rotations, moves = [rotation], np.zeros((len(times), 3))
+    halves = Rotation.from_rotvec(steps[:, 3:] / 2)
+    for k, half in enumerate(halves):
+        if frame == "body":
+            middle = rotation * half
+            moves[k + 1] = middle.apply(steps[k, :3])
+            rotation = middle * half
+        else:
+            moves[k + 1] = steps[k, :3]
+            rotation = half * half * rotation
+        rotations.append(rotation)
+    return Samples(
+        name=name,
+        source=source,
+        times=times,
+        positions=np.cumsum(moves, axis=0),
+        quaternions=Rotation.concatenate(rotations).as_quat(scalar_first=True),
+        understood=(f"twists in the frame of the {frame}, integrated from the origin",),
+    )
 
 
 @dataclass(frozen=True)
@@ -51,21 +141,50 @@ class Link:
     """A link between two frames; of a static one the last message counts."""
 
     where: str
-    series: Series
+    published: Published
     static: bool
+    publisher: str | None = None
 
     def poses(self, key: Key) -> tuple[Floats, Floats, Rotation]:
-        """Return times, positions and rotations after the checks that recordings get."""
+        """Return times, positions and rotations as tf2's buffer keeps them.
+
+        That is by time, of two at one time the first (that of ROS 2 keeps both, and uses either),
+        and without those that are not finite or whose quaternion is not of length 1.
+        """
         where = f"{self.where}: {key[0]} -> {key[1]}"
-        samples = self.series.samples(where, where)
-        source, times, positions = samples.source, samples.times, samples.positions
-        source.check_finite({"position": positions, "orientation": samples.quaternions})
-        rotations = source.rotations(samples.quaternions)
         if self.static:
-            return times[-1:], positions[-1:], rotations[-1:]
-        kept = source.distinct(times, positions, rotations)
-        source.check_gaps(times, kept)
-        return times[kept], positions[kept], rotations[kept]
+            series = _joined(self.published.values())
+        else:
+            series = merged(where, self.published, self.publisher)
+        source, times, rows = series.source(where), series.times(), series.rows()
+        with np.errstate(over="ignore"):
+            norms = np.linalg.norm(rows[:, 3:], axis=1)
+        good = np.isfinite(rows).all(axis=1) & (np.abs(norms - 1) <= MAX_NORM_ERROR)
+        if not good.any():
+            source.check_finite({"position": rows[:, :3], "orientation": rows[:, 3:]})
+            source.rotations(rows[:, 3:])
+        _tell(where, ~good, "not finite, or with a quaternion that is not of length 1")
+        times, rows = times[good], rows[good]
+        if self.static:
+            times, rows = times[-1:], rows[-1:]
+        else:
+            order = np.argsort(times, kind="stable")
+            times, rows = times[order], rows[order]
+            again = np.append(False, np.diff(times) == 0)
+            moved = np.abs(np.diff(rows, axis=0, prepend=rows[:1])).max(axis=1) > SAME_POSE
+            _tell(where, again & moved, "at the time of another, which came first")
+            times, rows = times[~again], rows[~again]
+            if len(times) < 2:
+                raise RecordingError(f"{where}: one transform, so no motion; record more")
+        return times, rows[:, :3], source.rotations(rows[:, 3:])
+
+
+def _tell(where: str, ignored: NDArray[np.bool_], why: str) -> None:
+    if count := int(np.sum(ignored)):
+        warn(
+            f"{where}: {count} of {len(ignored)} transforms ignored, as tf2 does: {why}",
+            RecordingWarning,
+        )
 
 
 def resolve(
@@ -92,9 +211,8 @@ def resolve(
     Raises
     ------
     InputError
-        If a frame is not there or needed, no links connect them, a frame has two parents, the
-        links on the way share no time or do not move, or for what
-        :func:`noslip.load_demonstrations` names.
+        If a frame is not there or needed, no links connect them, a frame has two parents, several
+        publish a link at once, or the links on the way share no time or do not move.
     """
     parents = _parents(where, links)
     root, tip = _ends(where, links, parents, frame, child_frame)
@@ -109,6 +227,8 @@ def resolve(
     end = min(times[-1] for times in moving.values())
     dense = max(moving.values(), key=lambda times: int(np.sum((times >= start) & (times <= end))))
     times = dense[(dense >= start) & (dense <= end)]
+    for stamps in moving.values():
+        times = _outside_gaps(times, stamps)
     if len(times) < MINIMUM_SAMPLES:
         raise RecordingError(
             f"{where}: the links from {root} to {tip} have {len(times)} samples in the time they "
@@ -194,6 +314,16 @@ def _way(
         )
     way = [((parents[name], name), False) for name in up[: up.index(common)]]
     return way + [((parents[name], name), True) for name in down[: down.index(common)][::-1]]
+
+
+def _outside_gaps(times: Floats, stamps: Floats) -> Floats:
+    """Leave out times within a hole of a link, so that the motion has the hole as well."""
+    periods = np.diff(stamps)
+    holes = np.flatnonzero(periods > MAX_GAP * float(np.median(periods)) * (1 + 1e-9))
+    kept = np.ones(len(times), dtype=bool)
+    for before in holes:
+        kept &= (times <= stamps[before]) | (times >= stamps[before + 1])
+    return times[kept]
 
 
 def _at(
