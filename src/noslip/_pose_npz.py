@@ -60,7 +60,8 @@ def _arrays(path: str | Path) -> dict[str, Floats]:
     What they are is checked before anything is decompressed.
     """
     content = io.BytesIO(read_bytes(path))
-    if not zipfile.is_zipfile(content):
+    # An array with an archive behind it would be loaded as the array.
+    if not (zipfile.is_zipfile(content) and content.getvalue().startswith(b"PK")):
         raise RecordingError(f"{path}: not an npz file; write it with numpy.savez")
     content.seek(0)
     part = "the archive"

@@ -149,6 +149,12 @@ def _checksum(content: dict[str, Any]) -> str:
     return "sha256:" + hashlib.sha256(canonical.encode()).hexdigest()
 
 
+def _brief(error: Exception) -> str:
+    """Return what an error says, but not all of what a file holds."""
+    text = str(error)
+    return text if len(text) <= 500 else f"{text[:500]}..."
+
+
 class Reader:
     """Takes fields out of a document, each by what it must be; an error names file and field.
 
@@ -164,7 +170,7 @@ class Reader:
         except KeyError:
             raise InputError(f"{self.path}: field {name} is missing") from None
         except (TypeError, ValueError) as error:
-            raise InputError(f"{self.path}: field {name} is wrong: {error}") from error
+            raise InputError(f"{self.path}: field {name} is wrong: {_brief(error)}") from error
 
     def part(self, data: dict[str, Any], name: str) -> dict[str, Any]:
         return self.field(data, name, partial(_instance, dict, "an object"))
@@ -247,9 +253,9 @@ class Reader:
         try:
             return ConstraintSystem(map(restore, entries))
         except NoslipError as error:
-            raise InputError(f"{self.path}: field constraints: {error}") from error
+            raise InputError(f"{self.path}: field constraints: {_brief(error)}") from error
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-            reason = f"{type(error).__name__}: {error}"
+            reason = f"{type(error).__name__}: {_brief(error)}"
             raise InputError(f"{self.path}: field constraints is wrong: {reason}") from error
 
     def rule(self, content: dict[str, Any]) -> Rule:

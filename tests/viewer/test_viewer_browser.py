@@ -402,3 +402,15 @@ def test_a_broken_file_gives_its_message_and_breaks_nothing(tab, page):
     expected = page.entry.track.motion.positions[page.entry.track.sample(1.5)]
     assert tool_position(page, chosen) == pytest.approx(expected)
     assert tab.errors == []
+
+
+def test_a_page_for_the_network_opens_with_its_token_alone(chromium, cut):
+    page = Page({"cut.csv": cut}, host="0.0.0.0", port=0)
+    address = page.address.replace("0.0.0.0", "127.0.0.1")
+    tab = Tab(chromium)
+    assert tab.view.goto(address.partition("?")[0]).status == 403
+    tab.view.goto(address)
+    # The panel comes over the page's own connection, which has the cookie alone.
+    tab.view.get_by_role("button", name="Play").wait_for()
+    tab.context.close()
+    page.stop()
