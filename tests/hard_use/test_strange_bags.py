@@ -115,7 +115,7 @@ def test_chunks_of_millions_of_records(tmp_path: Path) -> None:
     message = declared + record(5, struct.pack("<HIQQ", 0, 0, 0, 0) + bytes(10**8))
     one = mcap_chunk("zstd", zstd(message), len(message))
     bomb.write_bytes(one + one.removeprefix(b"\x89MCAP0\r\n") * 30)
-    assert "unpacks to more than a recording of its size holds" in refusal(bomb, 3 * len(message))
+    assert "unpacks to more than a recording of its size holds" in refusal(bomb, 4 * len(message))
 
 
 @pytest.mark.parametrize("size", [2**30, 2**62])

@@ -32,7 +32,7 @@ METADATA = "metadata.yaml"
 MOST_BYTES = 1 << 27
 """Of a record or a chunk: recorders cut chunks at a megabyte or a few, and no message of a sensor
 comes near an eighth of a gigabyte; what says that it is larger is damaged, or means to fill the
-memory.  Three times as much is taken: packed, unpacked, and the message itself."""
+memory.  Up to four times as much is taken: packed, unpacked, and two messages."""
 MOST_UNPACKED = 1 << 34
 """Of a compressed SQLite file, which must be unpacked to the disk; 16 GB, hours of a robot."""
 _BLOCK = 1 << 20
