@@ -214,6 +214,20 @@ def test_metadata_that_leads_out(tmp_path: Path, name: str) -> None:
     assert "outside of the bag" in refusal(bag)
 
 
+@pytest.mark.parametrize("content", ["[" * 50_000, "- " * 50_000, " " * (1 << 22) + "a: 1", None])
+def test_metadata_that_grows(tmp_path: Path, content: str | None) -> None:
+    """The last names ten lists of ten lists of ... by reference: printed, it has no end."""
+    bag = write_bag(tmp_path / "bag", poses=cut())
+    if content is None:
+        lists = ["a0: &a0 [x]"]
+        lists += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 20)]
+        content = "\n".join(
+            [*lists, "rosbag2_bagfile_information:", "  relative_file_paths: [*a19]"]
+        )
+    (bag / "metadata.yaml").write_text(content)
+    refusal(bag, 60_000_000)
+
+
 @pytest.mark.skipif(not hasattr(os, "symlink"), reason="no links here")
 @pytest.mark.parametrize("name", ["bag.db3", "bag.db3-wal"])
 def test_links_that_lead_out(tmp_path: Path, name: str) -> None:

@@ -369,6 +369,36 @@ def test_channels_of_one_topic_in_an_mcap(tmp_path, motion, same, refusal) -> No
     same(load(target, publisher="2"), motion)
 
 
+def test_a_definition_that_cannot_be_parsed_costs_no_other_topic(tmp_path, motion, same) -> None:
+    writing = pytest.importorskip("mcap.writer", reason="needs mcap")
+    target = tmp_path / "one_bad.mcap"
+    with target.open("wb") as file:
+        writer = writing.Writer(file)
+        writer.start(profile="ros2", library="")
+        good = ROS.store.generate_msgdef(POSE, ros_version=2)[0].encode()
+        for topic, definition in (("/bad", b"][ no definition"), ("/good", good)):
+            channel = writer.register_channel(
+                topic, "cdr", writer.register_schema(POSE, "ros2msg", definition)
+            )
+            for _, kind, received, message in poses(motion):
+                data = ROS.store.serialize_cdr(message, kind)
+                writer.add_message(channel, received, data, received)
+        writer.finish()
+    damaged = r"not read: /bad \(geometry_msgs/PoseStamped, whose definition is damaged\)"
+    with pytest.warns(RecordingWarning, match=damaged):
+        same(load(target), motion)
+    with pytest.warns(RecordingWarning, match=damaged):
+        assert [topic.messages for topic in bag_topics(target)] == [40, 40]
+
+
+def test_an_active_bag_is_read_as_far_as_it_is_whole(tmp_path, motion, same) -> None:
+    whole = Ros(1).write(tmp_path / "run.bag", poses(motion, ros=Ros(1)))
+    active = tmp_path / "run.bag.active"
+    active.write_bytes(whole.read_bytes()[:-10])
+    with pytest.warns(RecordingWarning, match="'rosbag reindex' mends it"):
+        same(load(active), motion)
+
+
 def test_a_node_that_was_started_again_goes_on(tmp_path, motion, same) -> None:
     first, then = motion[:20], motion[20:]
     same(load(two_publish(tmp_path / "again.bag", first, then)), motion)
