@@ -245,6 +245,12 @@ def test_stamps_since_1970_keep_what_a_float_can(tmp_path, motion) -> None:
     np.testing.assert_array_equal(found, [stamp / 10**9 for stamp in late])
 
 
+@pytest.mark.parametrize("kind", ["as_mcap", "sqlite3"])
+def test_messages_count_by_when_they_came_not_by_their_place(tmp_path, motion, same, kind) -> None:
+    messages = poses(motion)
+    same(load(ROS.write(tmp_path / kind, messages[20:] + messages[:20])), motion)
+
+
 def test_poses_with_covariance_in_arrays_and_without_a_header(tmp_path, motion, same) -> None:
     messages: list[Message] = []
     with_covariance = ROS.types["geometry_msgs/msg/PoseWithCovariance"]
