@@ -84,6 +84,18 @@ def test_topics(noslip, cut, tmp_path) -> None:
     )  # fmt: skip
 
 
+def test_what_is_chosen_in_a_bag(noslip, cut, tmp_path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    bag, out = tmp_path / "cut.mcap", tmp_path / "out.csv"
+    assert noslip("convert", cut, "--twist", "body", "--out", bag).code == 0
+    assert "integrate=" in noslip("convert", bag, "--topic", "/twist", "--out", out).err
+    assert noslip("convert", bag, "--integrate", "body", "--out", out).code == 0
+    [there], [back] = ns.load_demonstrations(cut), ns.load_demonstrations(out)
+    np.testing.assert_allclose(back.body_velocities, there.body_velocities, atol=1e-6)
+    assert "no publisher 2; there are 1" in noslip("convert", bag, "--publisher", "2").err
+    assert noslip("convert", bag, "--element", "0", "--out", out).code == 0
+
+
 def test_episodes_and_columns(noslip, tmp_path) -> None:
     h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
     path = tmp_path / "can.hdf5"

@@ -245,6 +245,12 @@ def test_stamps_since_1970_keep_what_a_float_can(tmp_path, motion) -> None:
     np.testing.assert_array_equal(found, [stamp / 10**9 for stamp in late])
 
 
+@pytest.mark.parametrize("kind", ["as_mcap", "sqlite3"])
+def test_messages_count_by_when_they_came_not_by_their_place(tmp_path, motion, same, kind) -> None:
+    messages = poses(motion)
+    same(load(ROS.write(tmp_path / kind, messages[20:] + messages[:20])), motion)
+
+
 def test_poses_with_covariance_in_arrays_and_without_a_header(tmp_path, motion, same) -> None:
     messages: list[Message] = []
     with_covariance = ROS.types["geometry_msgs/msg/PoseWithCovariance"]
@@ -367,6 +373,36 @@ def test_channels_of_one_topic_in_an_mcap(tmp_path, motion, same, refusal) -> No
         writer.finish()
     assert refusal(target).endswith("(--publisher): 1 (40), 2 (40)")
     same(load(target, publisher="2"), motion)
+
+
+def test_a_definition_that_cannot_be_parsed_costs_no_other_topic(tmp_path, motion, same) -> None:
+    writing = pytest.importorskip("mcap.writer", reason="needs mcap")
+    target = tmp_path / "one_bad.mcap"
+    with target.open("wb") as file:
+        writer = writing.Writer(file)
+        writer.start(profile="ros2", library="")
+        good = ROS.store.generate_msgdef(POSE, ros_version=2)[0].encode()
+        for topic, definition in (("/bad", b"][ no definition"), ("/good", good)):
+            channel = writer.register_channel(
+                topic, "cdr", writer.register_schema(POSE, "ros2msg", definition)
+            )
+            for _, kind, received, message in poses(motion):
+                data = ROS.store.serialize_cdr(message, kind)
+                writer.add_message(channel, received, data, received)
+        writer.finish()
+    damaged = r"not read: /bad \(geometry_msgs/PoseStamped, whose definition is damaged\)"
+    with pytest.warns(RecordingWarning, match=damaged):
+        same(load(target), motion)
+    with pytest.warns(RecordingWarning, match=damaged):
+        assert [topic.messages for topic in bag_topics(target)] == [40, 40]
+
+
+def test_an_active_bag_is_read_as_far_as_it_is_whole(tmp_path, motion, same) -> None:
+    whole = Ros(1).write(tmp_path / "run.bag", poses(motion, ros=Ros(1)))
+    active = tmp_path / "run.bag.active"
+    active.write_bytes(whole.read_bytes()[:-10])
+    with pytest.warns(RecordingWarning, match="'rosbag reindex' mends it"):
+        same(load(active), motion)
 
 
 def test_a_node_that_was_started_again_goes_on(tmp_path, motion, same) -> None:

@@ -32,9 +32,13 @@ METADATA = "metadata.yaml"
 MOST_BYTES = 1 << 27
 """Of a record or a chunk: recorders cut chunks at a megabyte or a few, and no message of a sensor
 comes near an eighth of a gigabyte; what says that it is larger is damaged, or means to fill the
-memory.  Three times as much is taken: packed, unpacked, and the message itself."""
+memory.  Up to four times as much is taken: packed, unpacked, and two messages."""
 MOST_UNPACKED = 1 << 34
 """Of a compressed SQLite file, which must be unpacked to the disk; 16 GB, hours of a robot."""
+_MOST_METADATA = 1 << 22
+"""Bytes; thousands of topics and files, for which YAML takes some ten seconds a megabyte."""
+_MOST_BRACKETS = 5000
+"""In it: one or two a topic, while YAML takes hours for a megabyte of them within one another."""
 _BLOCK = 1 << 20
 _STEPS_A_BYTE = 100
 """Of SQLite's machine for each byte of the file: a row takes some 30 steps and at least 10 bytes,
@@ -121,11 +125,12 @@ def _metadata(folder: Path) -> dict[str, Any]:
     """Return the files of a ROS 2 bag, and how they are compressed."""
     yaml = need(folder, "ruamel.yaml", "bags").YAML(typ="safe", pure=True)
     text = (folder / METADATA).read_bytes()
-    _require_size(folder / METADATA, "it", len(text))
+    if len(text) > _MOST_METADATA or text.count(b"[") + text.count(b"{") > _MOST_BRACKETS:
+        raise RecordingError(f"{folder}: {METADATA} is too large; give the bag's files one by one")
     found = yaml.load(text.decode())["rosbag2_bagfile_information"]
-    files = [_within(folder, str(name)) for name in found["relative_file_paths"]]
-    mode = str(found.get("compression_mode") or "none").lower()
-    compression = str(found.get("compression_format") or "")
+    files = [_within(folder, name) for name in found["relative_file_paths"]]
+    mode = (found.get("compression_mode") or "none").lower()
+    compression = found.get("compression_format") or ""
     if mode not in ("none", "file", "message") or (mode != "none" and compression != "zstd"):
         raise RecordingError(
             f"{folder}: compressed by {mode} with {compression or 'what it does not say'}; only "

@@ -241,7 +241,8 @@ def _messages(path: Path, wanted: Collection[Channel]) -> Iterator[tuple[Channel
         if data is None or channel not in wanted:
             continue
         if channel.type == PATH:
-            last[channel] = received, data
+            if channel not in last or received >= last[channel][0]:
+                last[channel] = received, data
         else:
             yield channel, received, data
     yield from ((channel, *message) for channel, message in last.items())

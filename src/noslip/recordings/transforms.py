@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -80,7 +80,7 @@ def merged(where: str, published: Published, publisher: str | None) -> Series:
         If their messages alternate and none is chosen: all are listed.
     """
     if publisher in published:
-        return published[publisher]
+        return _joined([published[publisher]])
     ordered = sorted(published.items(), key=lambda each: min(each[1].received))
     for (_, before), (_, after) in pairwise(ordered):
         if min(after.received) <= max(before.received):
@@ -89,17 +89,21 @@ def merged(where: str, published: Published, publisher: str | None) -> Series:
                 "(--publisher): "
                 + ", ".join(f"{name} ({len(each.stamps)})" for name, each in sorted(ordered))
             )
-    return _joined(one for _, one in ordered)
+    return _joined([one for _, one in ordered])
 
 
-def _joined(each: Iterable[Series]) -> Series:
-    first, *rest = each
-    whole = Series(first.width, first.stamps[:], first.received[:], first.numbers[:])
-    for one in rest:
-        whole.stamps.extend(one.stamps)
-        whole.received.extend(one.received)
-        whole.numbers.extend(one.numbers)
-    return whole
+def _joined(parts: Sequence[Series]) -> Series:
+    """Return messages in the order in which they came, which need not be that of the file."""
+    received = np.concatenate([np.array(one.received) for one in parts])
+    order = np.argsort(received, kind="stable")
+    stamps = np.concatenate([np.array(one.stamps) for one in parts])[order]
+    rows = np.concatenate([one.rows() for one in parts])[order]
+    return Series(
+        parts[0].width,
+        array("q", stamps.tobytes()),
+        array("q", received[order].tobytes()),
+        array("d", rows.tobytes()),
+    )
 
 
 def integrated(series: Series, name: str, where: str, frame: str) -> Samples:
@@ -153,7 +157,7 @@ class Link:
         """
         where = f"{self.where}: {key[0]} -> {key[1]}"
         if self.static:
-            series = _joined(self.published.values())
+            series = _joined(list(self.published.values()))
         else:
             series = merged(where, self.published, self.publisher)
         source, times, rows = series.source(where), series.times(), series.rows()
