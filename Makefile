@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep hard-use fuzz docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep hard-use kills fuzz docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -64,6 +64,9 @@ sweep: $(STAMP) ## hold what is said of 2000 random jobs against their files
 
 hard-use: $(VENV)/.dev ## what strangers' files, users' rules and full disks must not do
 	$(BIN)/python -m pytest tests/hard_use
+
+kills: $(STAMP) ## kill processes that write into one folder and one cache, 1000 rounds of 2 and of 10
+	$(BIN)/python -m benchmarks.kills --rounds 1000
 
 fuzz: $(VENV)/.dev ## damage primitives, tables and bags at random, 1e6 times each; hours
 	for target in primitive tables bags; do $(BIN)/python -m benchmarks.fuzz $$target --executions 1000000 || exit 1; done

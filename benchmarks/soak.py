@@ -2,8 +2,9 @@
 
 ``python -m benchmarks.soak --steps 100000000`` (or ``make soak``): random primitives, goals,
 durations, step lengths, late cycles, pushes and hostile states; no number that is not finite, no
-residual above 1e-10, no orientation off SO(3) by more than 1e-12, nothing refused that changes
-anything.  Controllers, on robots that err in every way: no fault, no command beyond its bounds.
+residual or speed sideways above 1e-10 of the motion's top speed, no orientation off SO(3) by more
+than 1e-12, nothing refused that changes anything.  Controllers, on robots that err in every way:
+no fault, no command beyond its bounds.
 """
 
 from __future__ import annotations

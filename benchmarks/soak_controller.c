@@ -15,11 +15,13 @@ static double apart(const double *a, const double *b) {
     return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
 }
 
+/* An arc's cosine would lose half of the digits of a small angle. */
 static double turned(const double *a, const double *b) {
-    double along = 0;
+    double along = 0, chord = 0;
     int i;
     for (i = 0; i < 4; ++i) along += a[i] * b[i];
-    return 2 * acos(fmin(fabs(along), 1));
+    for (i = 0; i < 4; ++i) chord += pow(b[i] - (along < 0 ? -a[i] : a[i]), 2);
+    return 4 * asin(fmin(sqrt(chord) / 2, 1));
 }
 
 int main(int count, char **argument) {
@@ -74,7 +76,7 @@ int main(int count, char **argument) {
         if (c.mode == NOSLIP_MODE_FAULT) ++faults;
         made_good = fmin(elapsed, fmax(0.015, 2 * h)) * (c.mode == NOSLIP_MODE_YIELD ? 2 : 1);
         fastest = fmax(fastest, apart(before, c.state.position) / (c.bounds[0] * made_good));
-        quickest = fmax(quickest, turned(before + 3, c.state.quaternion) / (c.bounds[1] * made_good + 1e-7));
+        quickest = fmax(quickest, turned(before + 3, c.state.quaternion) / (c.bounds[1] * made_good + 1e-15));
         for (i = 0; i < 4; ++i) norm += c.state.quaternion[i] * c.state.quaternion[i];
         off = fmax(off, fabs(sqrt(norm) - 1));
         for (i = 0; i < 6; ++i) norm += c.twist[i];

@@ -8,6 +8,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
@@ -18,8 +20,9 @@ from noslip.constraints.edge_motion import edge_motion, edge_steps, work_moves
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
 from noslip.merit import figures_of_merit
-from noslip.projection.heading import turn_edge_into_path
+from noslip.projection.heading import _smoothed, turn_edge_into_path
 from noslip.projection.trajectory import project_trajectory
+from strategies import seeds
 
 SPEED, SMOOTHING = 0.05, 1e-6
 BELT = (0.0, 0.3, 0.0)
@@ -230,3 +233,15 @@ def test_the_slowest_edge_speed_is_that_of_the_edge_over_the_work(where: str) ->
     steps = edge_steps(motion, blade)
     assert np.abs(steps.slip_angles).max() < 0.02
     np.testing.assert_allclose(np.linalg.norm(steps.velocities, axis=1), SPEED, rtol=0.01)
+
+
+@given(seeds, st.integers(4, 40), st.sampled_from([1e-9, 1e-6, 1e-3]))
+def test_turns_are_smoothed_as_a_dense_solve_does(seed: int, count: int, smoothing: float) -> None:
+    """Least ``sum w |x - value|^2 + smoothing |x''|^2``, time from 0 to 1, as it is written."""
+    rng = np.random.default_rng(seed)
+    values, weights = rng.normal(size=(count, 3)), rng.uniform(0.5, 2.0, count)
+    bent = np.diff(np.eye(count), 2, axis=0) * (count - 1) ** 2
+    rows = np.vstack([np.diag(np.sqrt(weights)), np.sqrt(smoothing) * bent])
+    wanted = np.vstack([np.sqrt(weights)[:, None] * values, np.zeros((count - 2, 3))])
+    dense = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    np.testing.assert_allclose(_smoothed(values, weights, smoothing), dense, atol=1e-5)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import codecs
 import errno
 import os
+import platform
 import stat
 import tempfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,26 +40,64 @@ def write_beside(path: str | Path, content: bytes) -> Path:
         if mode is not None and not (mode & 0o222 and os.access(target, os.W_OK)):
             raise InputError(f"{given}: is read-only; make it writable or give another name")
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        with _beside(target) as beside:
+            beside.write_bytes(content)
+            if mode is None:
+                # What stands beside is private; a result gets what a new file gets here.
+                mask = os.umask(0)
+                os.umask(mask)
+                mode = 0o666 & ~mask
+            beside.chmod(stat.S_IMODE(mode))
+            beside.replace(target)
     except OSError as error:
         raise InputError(f"{given}: cannot be written: {error.strerror or error}") from error
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        if mode is None:
-            # mkstemp makes the file private; a result gets what a new file gets here.
-            mask = os.umask(0)
-            os.umask(mask)
-            mode = 0o666 & ~mask
-        Path(beside).chmod(stat.S_IMODE(mode))
-        Path(beside).replace(target)
-    except OSError as error:
-        Path(beside).unlink(missing_ok=True)
-        raise InputError(f"{given}: cannot be written: {error.strerror}") from error
-    except BaseException:
-        Path(beside).unlink(missing_ok=True)
-        raise
     return given
+
+
+@contextmanager
+def _beside(target: Path) -> Iterator[Path]:
+    """Make the file that is to take a place, for this writer alone.
+
+    It has one name a machine, so that what a killed process left there is used again.  Where the
+    system has no locks each has a name of its own.
+    """
+    try:
+        path, handle = _own(target)
+    except OSError:
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        os.close(handle)
+        path, handle = Path(name), -1
+    try:
+        yield path
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    finally:
+        if handle >= 0:
+            os.close(handle)
+
+
+def _own(target: Path) -> tuple[Path, int]:
+    """Open and lock the file beside a place."""
+    if fcntl is None:
+        raise OSError
+    machine = zlib.crc32(platform.node().encode())
+    path = target.with_name(f".{target.name}.{machine:08x}")
+    while True:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            # Who had it before has renamed it.
+            if path.exists() and os.path.samestat(path.lstat(), os.fstat(handle)):
+                return path, handle
+        except OSError:
+            os.close(handle)
+            path.unlink(missing_ok=True)
+            raise
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
 
 
 @contextmanager

@@ -138,6 +138,31 @@ def test_the_pose_is_that_in_the_middle_of_a_step() -> None:
     assert check(motion, Blade(lateral="x", edge="y")).peak == pytest.approx(1.0)
 
 
+@given(seeds)
+def test_time_and_place_are_those_in_the_middle_of_a_step(seed: int) -> None:
+    times = irregular(seed)
+    ends, periods = times[-1], np.diff(times)
+    # x = t^2 has its mean speed halfway in time; y' = y by halves is (1 + h/2) / (1 - h/2) a step.
+    grown = np.cumprod(np.concatenate([[1.0], (1 + periods / 2) / (1 - periods / 2)]))
+    turns = Rotation.from_rotvec(np.outer(times**2, [0, 0, 1]))
+    motion = PoseTrajectory(times, np.column_stack([times**2, grown, 0 * times]), turns)
+
+    @velocity_constraint
+    def middle(motion: Instant) -> list[Any]:
+        return [
+            motion.linear_velocity[0] - 2 * motion.time,
+            motion.linear_velocity[1] - motion.position[1],
+            motion.angular_velocity[2] - 2 * motion.time,
+        ]
+
+    @position_constraint
+    def end(motion: Instant) -> Any:
+        return motion.position[0] - motion.time**2
+
+    rounding = 1e-13 * max(ends**2, grown[-1]) / periods.min()
+    assert np.abs(step_residuals(motion, [middle, end])).max() < rounding
+
+
 @given(seeds, st.sampled_from([0.0, 0.5, -0.5, 3.0]))
 def test_a_turning_blade_that_leads_its_path_slips_by_the_sine_of_its_lead(
     seed: int, lead: float

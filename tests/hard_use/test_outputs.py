@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
-import signal
 import stat
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -173,38 +173,66 @@ def test_a_name_that_is_not_utf_8_stands_in_the_table(tmp_path: Path) -> None:
 
 
 @posix
-@pytest.mark.parametrize("processes", [2, 10])
-def test_killed_processes_lose_no_row(tmp_path: Path, processes: int) -> None:
-    """Processes write rows of their own; some are killed.  A row that was told stays."""
-    code = """
-import sys; from pathlib import Path
-from noslip.many import learning; from noslip.result_table import RecordingResult
-folder, mine = Path(sys.argv[1]), sys.argv[2]
-learning.FLUSH = learning._FLUSH_SHARE = 1e-9; learning._FLUSH_SHARE = 1e9
-book = learning._Table(folder / "results.csv", [])
-for k in range(1000):
-    book.add(RecordingResult(name=f"{mine}_{k}", status="learned", recording="r"))
-    book.write()
-    print(f"{mine}_{k}", flush=True)
+@pytest.mark.parametrize(("locks", "rounds"), [(True, 15), (False, 4)])
+def test_killed_processes_lose_no_row_and_tear_no_file(locks: bool, rounds: int) -> None:
+    """Two processes, then ten; without locks the same rounds must find what is lost."""
+    code = "" if locks else "learning.locked = lambda folder: contextlib.nullcontext()\n"
+    run = (
+        "import contextlib, sys; from noslip.many import learning; from benchmarks import kills\n"
+        f"{code}sys.exit(kills.main(['--rounds', '{rounds}']))"
+    )
+    # In a process of its own: it forks, which what else runs here may not bear.
+    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=False)
+    told = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [found["processes"] for found in told] == [2, 10], done.stderr
+    assert all(found["killed"] >= rounds and found["rows told"] >= rounds for found in told)
+    if locks:
+        assert [found["faults"] for found in told] == [{}, {}]
+        assert done.returncode == 0
+    else:
+        assert any(kind.startswith("rows lost") for kind in told[1]["faults"])
+        assert done.returncode == 1
+
+
+@posix
+def test_what_a_killed_process_left_is_used_again(tmp_path: Path) -> None:
+    writing = f"""
+import os; from pathlib import Path; from noslip._files import write_beside
+Path.replace = lambda *_: os.kill(os.getpid(), 9)
+write_beside({str(tmp_path / "file")!r}, b"half of a longer one")
 """
-    random = np.random.default_rng(1)
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", code, str(tmp_path), f"p{k}"], stdout=subprocess.PIPE, text=True
-        )
-        for k in range(processes)
-    ]
-    told: set[str] = set()
-    for process in running:
-        assert process.stdout is not None
-        told.add(process.stdout.readline().strip())
-    for process in random.permutation(np.array(running, dtype=object)):
-        time.sleep(float(random.uniform(0.0, 0.1)))
-        process.send_signal(signal.SIGKILL)
-    for process in running:
-        told |= set(process.communicate()[0].split())
-    assert len(told) >= processes
-    assert told <= {row.name for row in read_results(tmp_path / "results.csv")}
+    subprocess.run([sys.executable, "-c", writing], check=False)
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".file.")
+    write_beside(tmp_path / "file", b"whole")
+    assert [file.name for file in tmp_path.iterdir()] == ["file"]
+    assert (tmp_path / "file").read_bytes() == b"whole"
+
+
+@posix
+def test_a_file_without_locks_is_written_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", none)
+    write_beside(tmp_path / "file", b"whole")
+    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"whole"]
+
+
+@posix
+def test_threads_that_write_one_file_wait_for_one_another(tmp_path: Path) -> None:
+    contents = [bytes([65 + k]) * 100_000 for k in range(8)]
+
+    def write(content: bytes) -> None:
+        for _ in range(20):
+            write_beside(tmp_path / "file", content)
+            assert (tmp_path / "file").read_bytes() in contents
+
+    with ThreadPoolExecutor(len(contents)) as pool:
+        list(pool.map(write, contents))
+    assert [file.name for file in tmp_path.iterdir()] == ["file"]
 
 
 # ---------------------------------------------------------------- the machine
