@@ -110,10 +110,8 @@ def furnish(folder: Path, rules: str) -> None:
 
 
 def write_logs(folder: Path) -> None:
-    """Write what a tracker that lost the tool exports, and a log in milliseconds and degrees."""
-    header, *rows = cut().csv_text().splitlines()
-    rows[30] = rows[30].split(",")[0] + "," * 7
-    (folder / "tracker.csv").write_text("\n".join([header, *rows[:100], *rows[140:]]))
+    """Write what a tracker exports, and a log in milliseconds and degrees."""
+    cut().to_csv(folder / "tracker.csv")
     motion = cut()
     angles = motion.rotations.as_euler("ZYX", degrees=True)
     table = np.column_stack([1e3 * motion.times, 1e3 * motion.positions, angles])
