@@ -229,7 +229,7 @@ def test_metadata_that_grows(tmp_path: Path, content: str | None) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "symlink"), reason="no links here")
-@pytest.mark.parametrize("name", ["bag.db3", "bag.db3-wal"])
+@pytest.mark.parametrize("name", ["bag.db3", "bag.db3-wal", "metadata.yaml"])
 def test_links_that_lead_out(tmp_path: Path, name: str) -> None:
     bag = write_bag(tmp_path / "bag", poses=cut())
     elsewhere = tmp_path / "elsewhere"

@@ -695,3 +695,29 @@ def test_a_bag_takes_no_more_memory_for_what_lies_beside_the_poses(tmp_path, mot
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 10e6
+
+
+def test_a_folder_that_a_killed_recorder_left(tmp_path, motion, same) -> None:
+    """Without metadata; its files are named after it, and numbered."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for k, part in enumerate([motion[:25], motion[25:]]):
+        whole = ROS.write(tmp_path / f"run_{k}", poses(part))
+        (whole / f"run_{k}.db3").rename(folder / f"run_{k}.db3")
+    with pytest.warns(RecordingWarning, match="no metadata.yaml.*'ros2 bag reindex' mends it"):
+        same(load(folder), motion)
+
+
+def test_paths_of_two_publishers_are_two_motions(tmp_path, motion, same, refusal) -> None:
+    ros, bag = Ros(1), tmp_path / "two.bag"
+    with rosbag1.Writer(bag) as writer:
+        for k, name in enumerate(["/a", "/b"]):
+            one = writer.add_connection("/plan", PATH, typestore=ros.store, callerid=name)
+            way = [
+                ros.pose(stamp + k * 10**10, "", place + k, turn)
+                for stamp, place, turn in each(motion)
+            ]
+            message = ros.path(1, "map", way)
+            writer.write(one, 1 + k, ros.store.serialize_ros1(message, PATH))
+    assert "(--publisher): /a (40), /b (40)" in refusal(bag)
+    same(load(bag, publisher="/a"), motion)

@@ -11,6 +11,7 @@ http://wiki.ros.org/Bags/Format/2.0; https://mcap.dev/spec; tables of rosbag2_st
 from __future__ import annotations
 
 import bz2
+import re
 import shutil
 import sqlite3
 import struct
@@ -115,16 +116,33 @@ def records(path: Path, note: Note) -> Iterator[Record]:
     if not path.is_dir():
         yield from _file(path, note, None)
         return
+    if not (path / METADATA).exists() and (left := unfinished(path)):
+        note(
+            f"{path}: has no {METADATA}, as if the recorder had been killed; what is whole is "
+            "read, 'ros2 bag reindex' mends it"
+        )
+        for file in left:
+            yield from _file(_within(path, file.name), note, None)
+        return
     said = _metadata(path)
     by_message = said["compression"] if said["mode"] == "message" else None
     for file in said["files"]:
         yield from _file(file, note, by_message)
 
 
+def unfinished(folder: Path) -> list[Path]:
+    """Return the files that a killed recorder left, in order: they are named after the folder."""
+    pattern = re.compile(rf"{re.escape(folder.resolve().name)}_(\d+)\.(db3|mcap)")
+    found = [
+        (match, file) for file in folder.glob("*_*") if (match := pattern.fullmatch(file.name))
+    ]
+    return [file for _, file in sorted(found, key=lambda each: int(each[0][1]))]
+
+
 def _metadata(folder: Path) -> dict[str, Any]:
     """Return the files of a ROS 2 bag, and how they are compressed."""
     yaml = need(folder, "ruamel.yaml", "bags").YAML(typ="safe", pure=True)
-    text = (folder / METADATA).read_bytes()
+    text = _within(folder, METADATA).read_bytes()
     if len(text) > _MOST_METADATA or text.count(b"[") + text.count(b"{") > _MOST_BRACKETS:
         raise RecordingError(f"{folder}: {METADATA} is too large; give the bag's files one by one")
     found = yaml.load(text.decode())["rosbag2_bagfile_information"]

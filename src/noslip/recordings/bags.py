@@ -13,7 +13,7 @@ from noslip._pose_checks import require_few
 from noslip._samples import Samples
 from noslip.errors import InputError, NoslipError, RecordingError, RecordingWarning, warn
 from noslip.named_columns import listed
-from noslip.recordings._bag_files import METADATA, Channel, records
+from noslip.recordings._bag_files import METADATA, Channel, records, unfinished
 from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
 from noslip.recordings.bag_writing import write_bag
@@ -83,7 +83,7 @@ class BagTopic:
 
 def is_bag(folder: Path) -> bool:
     """Whether a folder is a ROS 2 bag."""
-    return (folder / METADATA).is_file()
+    return (folder / METADATA).is_file() or bool(unfinished(folder))
 
 
 def bag_topics(path: str | Path) -> list[BagTopic]:
@@ -210,7 +210,9 @@ def read_bag(
             }
             links |= {key: Link(where, one, False, publisher) for key, one in series.items()}
             return [resolve(str(path), where, links, frame, child_frame)]
-        one = merged(where, _one(where, series, frame, child_frame, publisher), publisher)
+        one = merged(
+            where, _one(where, series, frame, child_frame, publisher), publisher, kind == PATH
+        )
         if not any(one.stamps):
             if kind == PATH:
                 raise RecordingError(f"{where}: the poses of the path carry no stamps, so no times")

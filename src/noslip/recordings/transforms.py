@@ -71,8 +71,10 @@ Published = dict[str, Series]
 """What each publisher sent."""
 
 
-def merged(where: str, published: Published, publisher: str | None) -> Series:
+def merged(where: str, published: Published, publisher: str | None, whole: bool = False) -> Series:
     """Return the messages of one publisher, or of several that sent one after the other.
+
+    Whole motions (paths) of several do not go on where another ends.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def merged(where: str, published: Published, publisher: str | None) -> Series:
         return _joined([published[publisher]])
     ordered = sorted(published.items(), key=lambda each: min(each[1].received))
     for (_, before), (_, after) in pairwise(ordered):
-        if min(after.received) <= max(before.received):
+        if whole or min(after.received) <= max(before.received):
             raise RecordingError(
                 f'{where}: several publish at once; choose one with publisher="..." '
                 "(--publisher): "
