@@ -216,6 +216,7 @@ def test_transforms_odometry_and_paths(tmp_path, motion, same) -> None:
     )
 
 
+@pytest.mark.filterwarnings("ignore:.*all stamps are zero:noslip.errors.RecordingWarning")
 def test_times_of_the_bag_where_all_stamps_are_zero(tmp_path, motion, same) -> None:
     messages = [
         ("/tool", POSE, stamp, ROS.pose(0, "world", place, turn))

@@ -146,8 +146,8 @@ def test_an_option_that_no_file_takes(tmp_path, motion, refusal, option, words) 
 @pytest.mark.parametrize(
     ("name", "module", "extra"),
     [
-        ("run.bag", "rosbags.highlevel", "bags"),
-        ("run.mcap", "rosbags.highlevel", "bags"),
+        ("run.bag", "rosbags.typesys", "bags"),
+        ("run.mcap", "rosbags.typesys", "bags"),
         ("run.hdf5", "h5py", "hdf5"),
         ("run.parquet", "pyarrow.parquet", "tables"),
         ("run.feather", "pyarrow.feather", "tables"),
@@ -166,7 +166,7 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch, name, module, extra) ->
 
 
 def test_a_missing_extra_is_named_elsewhere_too(tmp_path, monkeypatch, motion) -> None:
-    for module in ("rosbags.rosbag2", "rosbags.highlevel", "pyarrow", "pyarrow.parquet"):
+    for module in ("rosbags.rosbag2", "rosbags.typesys", "pyarrow", "pyarrow.parquet"):
         monkeypatch.setitem(sys.modules, module, None)
     (tmp_path / "set" / "meta").mkdir(parents=True)
     (tmp_path / "set" / "meta" / "info.json").write_text("{}")

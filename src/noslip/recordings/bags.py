@@ -216,8 +216,8 @@ def read_bag(
         if not any(one.stamps):
             if kind == PATH:
                 raise RecordingError(f"{where}: the poses of the path carry no stamps, so no times")
-            if kind == POSE:
-                warn(f"{where}: Pose has no stamp; times are those of receipt", RecordingWarning)
+            what = "Pose has no stamp" if kind == POSE else "all stamps are zero"
+            warn(f"{where}: {what}; times are those of receipt", RecordingWarning)
         if integrate:
             return [integrated(one, str(path), where, integrate)]
         return [one.samples(str(path), where)]
