@@ -9,8 +9,11 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from noslip._arguments import number
 from noslip._pose_checks import Source
@@ -42,6 +45,20 @@ _OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")
 """A comma that separates columns, not places in one."""
 
 
+class Kinematics(Protocol):
+    """What is asked of a robot whose joints were recorded."""
+
+    name: str
+    joint_names: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Its joints."""
+
+    def forward(self, joint_positions: ArrayLike) -> tuple[Floats, Rotation]:
+        """Return the tool's position (m) and rotation at joint positions, shape (N, size)."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Asked:
     """What the user says of a table; see :func:`noslip.load_demonstrations`."""
@@ -51,6 +68,7 @@ class Asked:
     units: str | Iterable[str] | None = None
     rotation: str | None = None
     rate: float | None = None
+    robot: Kinematics | None = None
 
     def unit(self, known: Mapping[str, float]) -> str | None:
         """Return the unit that the user states, of those known."""
@@ -201,6 +219,11 @@ class PoseColumns:
         """All of them."""
         return self.position + self.rotation
 
+    @property
+    def planar(self) -> bool:
+        """Whether it is a pose in the plane."""
+        return self.turn.kind == "planar"
+
     def poses(self, source: Source, of: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Return positions (m), (N, 3), and quaternions, (N, 4), from columns, (N, width)."""
         turn, numbers = self.turn, _stacked(self.rotation, of)
@@ -231,6 +254,61 @@ class PoseColumns:
         return lines
 
 
+@dataclass(frozen=True, kw_only=True)
+class JointColumns:
+    """Where the positions of a robot's joints are, from which its tool's pose comes."""
+
+    rotation: list[Place]
+    robot: Kinematics
+    group: str = ""
+    planar: bool = False
+
+    @property
+    def places(self) -> list[Place]:
+        """All of them."""
+        return self.rotation
+
+    def poses(self, source: Source, of: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+        """Return positions (m), (N, 3), and quaternions, (N, 4), from columns, (N, width)."""
+        joints = _stacked(self.rotation, of)
+        whole = np.isfinite(joints).all(axis=1)
+        positions, quaternions = (np.full((len(joints), count), np.nan) for count in (3, 4))
+        if whole.any():
+            places, turns = self.robot.forward(joints[whole])
+            positions[whole], quaternions[whole] = places, turns.as_quat(scalar_first=True)
+        return positions, quaternions
+
+    def understood(self, available: Mapping[str, Column]) -> dict[str, str]:
+        """Return what its columns were taken for."""
+        columns = dict.fromkeys(name for name, _ in self.rotation)
+        return dict.fromkeys(columns, f"joints of {self.robot.name}, rad")
+
+
+def _joints(
+    where: str | object, available: Mapping[str, Column], columns: str | None, robot: Kinematics
+) -> JointColumns:
+    """Return where a robot's joints are: as listed, by their names, or in a column of as many."""
+    named = [name.lower() for name in robot.joint_names]
+    numbered = [f"q{k}" for k in range(1, robot.size + 1)]
+    wide = [name for name, column in available.items() if column.width == robot.size]
+    measured = [name for name in wide if "action" not in name]
+    if columns is not None:
+        entries = [entry.strip() for entry in _OUTSIDE_BRACKETS.split(columns)]
+        chosen = [place for entry in entries for place in _places(where, entry, available)]
+    elif all(name in available for name in named):
+        chosen = [(name, 0) for name in named]
+    elif all(name in available for name in numbered):
+        chosen = [(name, 0) for name in numbered]
+    else:
+        chosen = [(name, k) for name in measured[:1] for k in range(robot.size)]
+    if len(chosen) != robot.size or (columns is None and len(measured) > 1):
+        raise RecordingError(
+            f"{where}: where are the {robot.size} joints of {robot.name}? list them with "
+            f'columns="..." (--columns); found {described(available)}'
+        )
+    return JointColumns(rotation=chosen, robot=robot)
+
+
 def pose_of(
     where: str | object,
     available: Mapping[str, Column],
@@ -238,11 +316,13 @@ def pose_of(
     known: Known = NOTHING,
     *,
     timed: bool = False,
-) -> PoseColumns:
+) -> PoseColumns | JointColumns:
     """Return which columns hold the pose; see :func:`layout_of`.
 
     Where a time is needed too, a message that columns are missing names it.
     """
+    if asked.robot is not None:
+        return _joints(where, available, asked.columns, asked.robot)
     names = list(names_of(available))
     turn = known.euler if asked.rotation is None else parse_turn(asked.rotation)
     poses = poses_of(names)
@@ -434,8 +514,22 @@ def _no_pose(
         f"{listed(found, str)}; needed are t "
         "(or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta (radians) or "
         'x,y,theta_deg; or say which they are with columns="..." (--columns) and rotation="..." '
-        "(--rotation)"
+        f"(--rotation){_of_joints(available)}"
     )
+
+
+def _of_joints(available: Mapping[str, Column]) -> str:
+    """Return what to do with joints, where there are some."""
+    names = [part for name, column in available.items() for part in (name, *column.names)]
+    if not any(_JOINT.search(name.lower()) for name in names):
+        return ""
+    return (
+        "; it holds joints: from them the pose comes through a robot's model, robot=... (--robot)"
+    )
+
+
+_JOINT = re.compile(r"joint|qpos|shoulder|elbow|wrist")
+"""What names of joints hold."""
 
 
 def _require_once(
@@ -548,7 +642,7 @@ class Layout:
     """Which columns hold the time and the pose, and what a user should know of them."""
 
     clock: Clock
-    pose: PoseColumns
+    pose: PoseColumns | JointColumns
     exporter: str = ""
     note: str = ""
 
@@ -611,7 +705,7 @@ class Layout:
                 for key, values in columns.items()
             },
             understood=self.understood(available),
-            planar=self.pose.turn.kind == "planar",
+            planar=self.pose.planar,
             clock_said=self.clock.said,
         )
 

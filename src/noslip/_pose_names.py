@@ -50,7 +50,18 @@ _COUNTS = {"i", "index", "frame", "sample"}
 _NO_POSE = frozenset(
     {"vel", "velocity", "v", "dx", "acc", "accel", "acceleration", "a", "force", "f", "torque"}
     | {"tau", "wrench", "gyro", "mag", "omega", "linear", "angular", "twist", "imu", "error"}
-    | {"err", "std", "cov", "covariance", "residual", "marker", "target", "command", "cmd"}
+    | {
+        "err",
+        "std",
+        "cov",
+        "covariance",
+        "residual",
+        "marker",
+        "target",
+        "command",
+        "cmd",
+        "action",
+    }
 )
 """Words of names whose x, y and z are no position."""
 WIDEST = 1000
@@ -143,6 +154,8 @@ _PARTS: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("q", re.compile(r"()q_(?:.*_)?([wxyz])")),
     ("n", re.compile(r"(?:(.*)_)?q_?([0-9]+)")),
     ("v", re.compile(r"(?:(.*)_)?(?:rotvec_?|rotation_vector_?|axis_angle_?)([xyz])")),
+    # LeRobot's end effectors: x, y, z, wx, wy, wz.
+    ("v", re.compile(r"((?:.*_)?ee)_w([xyz])")),
     ("r", re.compile(r"(?:(.*)_)?(?:r|angle_?|euler_?)([xyz])")),
     ("e", re.compile(r"(?:(.*)_)?(roll|pitch|yaw)")),
     ("m", re.compile(r"(?:(.*)_)?(?:r|m|rot|mat|rotation)_?([0-3]_?[0-3])")),

@@ -309,3 +309,130 @@ def test_robomimic_refusals(robomimic, refusal, tmp_path) -> None:
     assert "no groups data/demo_0 and so on, found 'weights'" in refusal(other)
     other.write_bytes(b"no HDF5")
     assert "cannot be read as HDF5" in refusal(other)
+
+
+# -------------------------------------------------------------------- end effectors and joints
+
+
+def lerobot(root: Path, state: np.ndarray, names: Any) -> Path:
+    """A data set of one episode whose state holds something else."""
+    path = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+    write_info(root, "v2.1", path)
+    info = json.loads((root / "meta" / "info.json").read_text())
+    for key in ("observation.state", "action"):
+        info["features"][key] |= {"shape": [state.shape[1]], "names": names}
+    (root / "meta" / "info.json").write_text(json.dumps(info))
+    states = state.astype(np.float32)
+    content = rows(0, 0) | {"observation.state": states, "action": states + 7}
+    write(root / "data/chunk-000/episode_000000.parquet", table([content]))
+    (root / "meta" / "episodes.jsonl").write_text('{"episode_index": 0}\n')
+    return root
+
+
+NESTED = [["ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz", "ee.gripper_pos"]]
+
+
+@pytest.mark.parametrize("names", [NESTED[0], NESTED, {"motors": NESTED[0]}])
+def test_lerobots_end_effector(tmp_path, names) -> None:
+    positions, scalar_last = episode(0)
+    vector = Rotation.from_quat(scalar_last).as_rotvec()
+    state = np.column_stack([positions, vector, 0 * vector[:, 0]])
+    [found] = load_demonstrations(lerobot(tmp_path / "ee", state, names))
+    np.testing.assert_allclose(found.positions, positions, atol=1e-7)
+    assert (found.rotations * Rotation.from_quat(scalar_last).inv()).magnitude().max() < 1e-6
+
+
+def test_several_arms_are_asked_for(tmp_path, refusal) -> None:
+    positions, scalar_last = episode(0)
+    arm = [f"eef_pos_{a}" for a in "xyz"] + [f"eef_quat_{a}" for a in "xyzw"]
+    names = [f"{side}_{part}" for side in ("left", "right") for part in arm]
+    state = np.hstack([positions + 1, scalar_last, positions, scalar_last])
+    root = lerobot(tmp_path / "arms", state, names)
+    message = refusal(root)
+    assert "which pose? observation_state_left_eef and observation_state_right_eef" in message
+    [found] = load_demonstrations(root, columns="observation.state.right_eef")
+    assert_episode(found, 0)
+
+
+def test_joints_become_poses_through_a_robot(tmp_path, refusal, noslip) -> None:
+    robots = pytest.importorskip("noslip.robots", reason="needs the extra robots")
+    panda = robots.panda()
+    t = np.arange(30)[:, None] / FPS
+    joints = (0.3 * np.sin(t + np.arange(7)) + [0, 0, 0, -1.5, 0, 1.5, 0]).astype(np.float32)
+    places, turns = panda.forward(joints.astype(float))
+    names = [f"joint_{k}.pos" for k in range(7)]
+    root = lerobot(tmp_path / "joints", joints, names)
+    assert "it holds joints" in refusal(root)
+    assert "--robot" in refusal(root)
+    columns = ",".join(f"q{k}" for k in range(1, 8))
+    body = np.column_stack([t[:, 0], joints.astype(float)])
+    text = "\n".join(",".join(map(repr, row)) for row in body.tolist())
+    (tmp_path / "joints.csv").write_text(f"t,{columns}\n{text}\n")
+    for source in (root, tmp_path / "joints.csv"):
+        [found] = load_demonstrations(source, robot=panda)
+        np.testing.assert_allclose(found.positions, places, atol=1e-12)
+        assert (found.rotations * turns.inv()).magnitude().max() < 1e-7
+    told = noslip("convert", tmp_path / "joints.csv", "--robot", "panda")
+    assert told.code == 0
+    assert "q7: joints of panda, rad" in told.out
+    assert "where are the 7 joints of panda?" in refusal(root, robot=panda, columns="action[0:6]")
+
+
+@pytest.mark.recordings
+def test_a_real_data_set_of_joints_says_so(recordings, refusal) -> None:
+    root = recordings / "real" / "lerobot_v21_g1"
+    if not root.is_dir():
+        pytest.skip("the real recordings (../shared/data/real) are absent")
+    assert "it holds joints" in refusal(root)
+
+
+def h5(path: Path, of: dict[str, Any], **attributes: str) -> Path:
+    h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+    with h5py.File(path, "w") as file:
+        for name, values in of.items():
+            file[name] = values
+        if attributes:
+            file["data"].attrs.update(attributes)
+    return path
+
+
+def test_liberos_observations(tmp_path) -> None:
+    positions, scalar_last = episode(1)
+    obs = "data/demo_0/obs"
+    vector = Rotation.from_quat(scalar_last).as_rotvec()
+    of = {f"{obs}/ee_pos": positions, f"{obs}/ee_ori": vector, f"{obs}/gripper": vector[:, :2]}
+    env = json.dumps({"env_kwargs": {"control_freq": FPS}})
+    [found] = load_demonstrations(h5(tmp_path / "libero.hdf5", of, env_args=env))
+    assert_episode(found, 1)
+
+
+def test_droids_trajectory(tmp_path) -> None:
+    positions, scalar_last = episode(2)
+    angles = Rotation.from_quat(scalar_last).as_euler("xyz")
+    stamps = 1_690_000_000_000 + 50 * np.arange(30)
+    state = "observation/robot_state"
+    of = {
+        f"{state}/cartesian_position": np.hstack([positions, angles]),
+        f"{state}/joint_positions": np.zeros((30, 7)),
+        "observation/timestamp/control/step_start": stamps,
+        "action/cartesian_position": np.zeros((30, 6)),
+    }
+    [found] = load_demonstrations(h5(tmp_path / "trajectory.h5", of))
+    np.testing.assert_allclose(found.times - found.times[0], np.arange(30) / FPS, atol=1e-6)
+    np.testing.assert_allclose(found.positions, positions, atol=1e-7)
+    assert (found.rotations * Rotation.from_quat(scalar_last).inv()).magnitude().max() < 1e-6
+
+
+def test_columns_of_any_hdf5_and_alohas_joints(tmp_path, refusal) -> None:
+    positions, scalar_last = episode(0)
+    t = np.arange(30) / FPS
+    of = {"log/time": t, "log/tool": np.hstack([positions, scalar_last])}
+    file = h5(tmp_path / "log.h5", of)
+    [found] = load_demonstrations(file, columns="log/tool", rotation="xyzw")
+    assert_episode(found, 0)
+    of = dict(zip("xyz", positions.T, strict=True)) | {"t": t}
+    of |= dict(zip(["qx", "qy", "qz", "qw"], scalar_last.T, strict=True))
+    [found] = load_demonstrations(h5(tmp_path / "columns.h5", of))
+    assert_episode(found, 0)
+    aloha = {"observations/qpos": np.zeros((30, 14)), "action": np.zeros((30, 14))}
+    assert "it holds joints" in refusal(h5(tmp_path / "episode_0.hdf5", aloha))

@@ -130,6 +130,17 @@ LengthUnit = Annotated[
 RotationKind = Annotated[
     str | None, optional("KIND", f"How rotations are written: {KINDS}.", _TABLE)
 ]
+RobotModel = Annotated[
+    str | None,
+    optional(
+        "NAME|FILE",
+        "Of a file that holds joints: the robot, panda or MJCF or URDF, whose tool's pose it is.",
+        _TABLE,
+    ),
+]
+RobotTool = Annotated[
+    str | None, optional("NAME", "Site or body of --robot FILE that is the tool.", _TABLE)
+]
 _FAULTS = "Faults of a recording"
 """Heading of these options in the help."""
 GapsChoice = Annotated[
@@ -241,6 +252,8 @@ class Where:
     time_unit: TimeUnit = None
     length_unit: LengthUnit = None
     rotation: RotationKind = None
+    robot: RobotModel = None
+    robot_tool: RobotTool = None
     gaps: GapsChoice = "refuse"
     duplicates: DuplicatesChoice = "refuse"
     unsorted: UnsortedChoice = "refuse"
@@ -261,6 +274,7 @@ class Where:
             "time": self.time_column,
             "units": [unit for unit in (self.time_unit, self.length_unit) if unit] or None,
             "rotation": self.rotation,
+            "robot": None if self.robot is None else _robot(self.robot, self.robot_tool),
             "gaps": self.gaps,
             "duplicates": self.duplicates,
             "unsorted": self.unsorted,
@@ -353,6 +367,15 @@ class Loading(Where):
         steps = self.preparation()
         read = load_demonstrations(recordings, **self.loading())
         return [prepare(demonstration, **steps) for demonstration in read]
+
+
+def _robot(name: str, tool: str | None) -> Any:
+    # Its package is large, and few recordings are of joints.
+    from noslip import robots
+
+    if Path(name).suffix:
+        return robots.named("", model=name, tool=tool)
+    return robots.named(name)
 
 
 def grouped(run: Callable[..., None]) -> Callable[..., None]:

@@ -25,6 +25,11 @@ def settings_text(
     options: Mapping[str, Any],
 ) -> str:
     """Return all that a worker needs besides the recording, as JSON."""
+    if loading.get("robot") is not None:
+        raise InputError(
+            "robot: a model cannot be sent to a worker; write the tool's poses first (noslip "
+            "convert ... --robot ... --out ...)"
+        )
     asked = {
         "noslip": __version__,
         "constraints": _specifications(as_system(constraints)),

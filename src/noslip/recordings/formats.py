@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip._files import write_beside
+from noslip._pose_columns import Kinematics
 from noslip._pose_npz import read_npz
 from noslip._samples import Duplicates, Gaps, Interval, Lost, Mending, Samples, Unsorted
 from noslip.errors import InputError, RecordingError
@@ -68,6 +69,7 @@ def load_demonstrations(
     time: str | None = None,
     units: str | Iterable[str] | None = None,
     rotation: str | None = None,
+    robot: Kinematics | None = None,
     gaps: Gaps = "refuse",
     duplicates: Duplicates = "refuse",
     unsorted: Unsorted = "refuse",
@@ -107,6 +109,10 @@ def load_demonstrations(
         ``rotvec``, ``rpy``, ``euler:ZYX`` (capitals: about the moving axes; small letters: about
         the fixed ones; any order), ``matrix:rows``, ``matrix:columns`` (of 3 x 3, or with the
         position 3 x 4 or 4 x 4), ``planar``; followed by ``:deg`` if angles are in degrees.
+    robot : Robot, optional
+        Of tables and data sets that hold joints: the pose is that of the tool of this robot (of
+        :mod:`noslip.robots`).  Joints are found by its names, as ``q1``, ``q2``, ..., or as a
+        column of as many numbers; ``columns`` lists them otherwise.
     gaps : "refuse", "split" or "interpolate"
         More than 10 median periods without a sample: make a recording of each piece, or fill it
         with samples at the median period, on the straight line and the shortest turn.
@@ -194,6 +200,7 @@ def load_demonstrations(
         "time": time,
         "units": units,
         "rotation": rotation,
+        "robot": robot,
     }
     return [trajectory for _, trajectory in loaded(paths, options, mending)]
 

@@ -13,7 +13,7 @@ import numpy as np
 from noslip._extras import need
 from noslip._files import read_text
 from noslip._pose_checks import Source
-from noslip._pose_columns import Asked, PoseColumns, pose_of
+from noslip._pose_columns import Asked, JointColumns, PoseColumns, pose_of
 from noslip._pose_names import Column
 from noslip._samples import Samples
 from noslip._typing import Floats
@@ -106,7 +106,7 @@ def _episode(
     name: str,
     file: Path,
     of: dict[str, Floats],
-    pose: PoseColumns,
+    pose: PoseColumns | JointColumns,
     fps: float,
     understood: dict[str, str],
 ) -> Samples:
@@ -167,6 +167,8 @@ def _features(path: Path, info: dict[str, Any]) -> dict[str, Column]:
         if isinstance(names, dict):  # such as {"motors": [...]}, or {"x": 0, ...}
             lists = [value for value in names.values() if isinstance(value, list)]
             names = [name for one in lists for name in one] if lists else list(names)
+        if isinstance(names, list) and len(names) == 1 and isinstance(names[0], list):
+            (names,) = names
         fits = isinstance(names, list) and len(names) == width
         features[key] = Column(width, tuple(map(str, names)) if fits and width > 1 else ())
     return features
@@ -229,7 +231,7 @@ def _episodes_of_v3(path: Path) -> list[tuple[int, int, int]]:
 LEROBOT = Format(
     name="a LeRobot data set",
     read=read_lerobot,
-    options=("episode", "columns", "units", "rotation"),
+    options=("episode", "columns", "units", "rotation", "robot"),
     folders="LeRobot data sets",
     is_folder=is_lerobot,
     extra="tables",

@@ -1,10 +1,10 @@
-"""robomimic's HDF5 files: ``data/demo_k/obs/robot0_eef_pos`` and ``robot0_eef_quat``."""
+"""HDF5 files: robomimic's and LIBERO's demonstrations, DROID's, and columns of any other."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,18 +14,31 @@ import numpy as np
 from noslip._arguments import MOST_SAMPLES
 from noslip._extras import need
 from noslip._pose_checks import Source, require_few
-from noslip._pose_columns import Asked, pose_of
+from noslip._pose_columns import Asked, layout_of, pose_of
 from noslip._pose_names import POSE, Column
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 from noslip.named_columns import listed
 from noslip.recordings._episodes import chosen_episodes
-from noslip.recordings._format import Format
+from noslip.recordings._format import MAPPING, Format
 from noslip.recordings._reading import reading
 
 EEF_POSE = "robot0_eef_pos,robot0_eef_quat[3,0:3]"
 """The end effector's pose; robosuite's quaternions have the scalar last."""
+LIBERO: dict[str, Any] = {"columns": "ee_pos,ee_ori", "rotation": "rotvec"}
+"""LIBERO's observations keep it as an axis times an angle (robosuite's quat2axisangle)."""
+DROID: dict[str, Any] = {
+    "columns": "observation/robot_state/cartesian_position",
+    "rotation": "euler:xyz:rad",
+    "time": "observation/timestamp/control/step_start",
+    "units": "ms",
+}
+"""DROID's trajectory.h5: position and angles about the fixed axes; stamps in ms since 1970."""
+DEEPEST = 5
+"""Groups within groups that are looked into: DROID's stamps are four deep."""
+MOST_COLUMNS = 1000
+"""Data sets of a file that are looked at."""
 
 
 def read_robomimic(
@@ -59,10 +72,7 @@ def read_robomimic(
         data = _inside(path, file, "data", h5py)
         demos = {} if not isinstance(data, h5py.Group) else _demos(data)
         if not demos:
-            raise RecordingError(
-                f"{path}: no groups data/demo_0 and so on, found "
-                f"{listed(file)}; robomimic's layout is needed"
-            )
+            return [_read_columns(path, file, Asked(rate=rate, **asked), h5py)]
         frequency = _frequency(path, data) if rate is None else rate
         if not (np.isfinite(frequency) and frequency > 0):
             raise RecordingError(f"{path}: rate must be positive, got {frequency:g}")
@@ -113,38 +123,17 @@ def _read_demo(path: Path, number: str, data: Any, rate: float, asked: Asked, h5
         raise RecordingError(
             f"{name}: no observations (obs); extract them with robomimic's dataset_states_to_obs.py"
         )
-    held = {key: _inside(name, observations, key, h5py) for key in observations}
-    available = {
-        key: Column(value.shape[1] if value.ndim == 2 else 1)
-        for key, value in held.items()
-        if isinstance(value, h5py.Dataset) and value.ndim in (1, 2) and value.dtype.kind in "iuf"
-    }
-    if asked.columns is None:
-        asked = replace(asked, columns=EEF_POSE)
-    by_lower = {key.lower(): key for key in available}
-    available = {key: available[name] for key, name in by_lower.items()}
+    held = _held(name, observations, h5py)
+    asked = replace(asked, rate=rate)
+    if asked.columns is None and asked.robot is None:
+        libero = {"ee_pos", "ee_ori"} <= set(held) and "robot0_eef_pos" not in held
+        known: dict[str, Any] = LIBERO if libero else {"columns": EEF_POSE}
+        asked = replace(asked, **known)
+    available = _columns(held)
     pose = pose_of(name, available, asked)
-    lengths = {key: len(held[by_lower[key]]) for key, _ in pose.places}
-    for length in lengths.values():
-        require_few(name, length)
-    if len(set(lengths.values())) > 1:
-        found = ", ".join(f"{key} {length}" for key, length in lengths.items())
-        raise RecordingError(f"{name}: observations of different lengths: {found}")
-
-    def read(key: str) -> Floats:
-        key = by_lower[key]
-        # A chunk, which may be larger than what is in it, is decompressed as a whole.
-        for shape in (held[key].shape, held[key].chunks or ()):
-            if math.prod(shape) > MOST_SAMPLES * len(POSE):
-                raise RecordingError(
-                    f"{name}: {key} has shape or chunks {shape}, more numbers than "
-                    f"{MOST_SAMPLES:,} poses; store the pose in a data set of its own"
-                )
-        values = np.asarray(held[key], dtype=np.float64)
-        return values.reshape(len(values), -1)
-
+    columns = _read(name, held, [key for key, _ in pose.places], h5py)
     source = Source(name, "sample", "quaternion")
-    positions, quaternions = pose.poses(source, {key: read(key) for key in lengths})
+    positions, quaternions = pose.poses(source, columns)
     told = pose.understood(available)
     return Samples(
         name=name,
@@ -156,11 +145,74 @@ def _read_demo(path: Path, number: str, data: Any, rate: float, asked: Asked, h5
     )
 
 
+def _read_columns(path: Path, file: Any, asked: Asked, h5py: Any) -> Samples:
+    """Read a file whose data sets are the columns of one recording."""
+    held = _held(path, file, h5py, DEEPEST)
+    available = _columns(held)
+    if not available:
+        raise RecordingError(
+            f"{path}: no columns of numbers and no groups data/demo_0 and so on, found "
+            f"{listed(file)}"
+        )
+    if DROID["columns"] in available and asked.columns is None and asked.robot is None:
+        known = dict(DROID)
+        if asked.rate is not None or DROID["time"] not in available:
+            del known["time"], known["units"]
+        asked = replace(asked, **{k: v for k, v in known.items() if getattr(asked, k) is None})
+    layout = layout_of(path, available, asked)
+    return layout.samples(path, available, _read(path, held, layout.numbers, h5py), {})
+
+
+def _held(
+    name: str | Path, group: Any, h5py: Any, depth: int = 1, prefix: str = ""
+) -> dict[str, Any]:
+    """Return the data sets of numbers in a group and those in it, by name in lower case."""
+    found: dict[str, Any] = {}
+    for key in group:
+        value = _inside(name, group, key, h5py)
+        if isinstance(value, h5py.Group) and depth > 1:
+            found |= _held(name, value, h5py, depth - 1, f"{prefix}{key.lower()}/")
+        if isinstance(value, h5py.Dataset) and value.ndim in (1, 2) and value.dtype.kind in "iuf":
+            found[f"{prefix}{key.lower()}"] = value
+        if len(found) > MOST_COLUMNS:
+            raise RecordingError(f"{name}: more than {MOST_COLUMNS} data sets; split it")
+    return found
+
+
+def _columns(held: Mapping[str, Any]) -> dict[str, Column]:
+    return {key: Column(value.shape[1] if value.ndim == 2 else 1) for key, value in held.items()}
+
+
+def _read(
+    name: str | Path, held: Mapping[str, Any], keys: Iterable[str], h5py: Any
+) -> dict[str, Floats]:
+    """Return data sets of equal length, shape (N, width), each read once."""
+    wanted = list(dict.fromkeys(keys))
+    lengths = {key: len(held[key]) for key in wanted}
+    for length in lengths.values():
+        require_few(name, length)
+    if len(set(lengths.values())) > 1:
+        found = ", ".join(f"{key} {length}" for key, length in lengths.items())
+        raise RecordingError(f"{name}: observations of different lengths: {found}")
+    columns = {}
+    for key in wanted:
+        # A chunk, which may be larger than what is in it, is decompressed as a whole.
+        for shape in (held[key].shape, held[key].chunks or ()):
+            if math.prod(shape) > MOST_SAMPLES * len(POSE):
+                raise RecordingError(
+                    f"{name}: {key} has shape or chunks {shape}, more numbers than "
+                    f"{MOST_SAMPLES:,} poses; store the pose in a data set of its own"
+                )
+        values = np.asarray(held[key], dtype=np.float64)
+        columns[key] = values.reshape(len(values), -1)
+    return columns
+
+
 HDF5 = Format(
     name="an HDF5 file",
     read=read_robomimic,
-    options=("rate", "episode", "columns", "units", "rotation"),
+    options=("episode", *MAPPING),
     suffixes=(".hdf5", ".h5"),
     extra="hdf5",
 )
-"""As robomimic lays it out."""
+"""As robomimic, LIBERO or DROID lay it out, or of columns."""
