@@ -79,10 +79,10 @@ class Asked:
             given = given.values()
         words = given.split(",") if isinstance(given, str) else given
         units = [UNITS.get(str(word).strip().lower()) for word in words]
-        if None in units or any(unit not in (*SECONDS, *METERS) for unit in units):
+        if None in units:
             raise RecordingError(
                 f"units {self.units!r} are not known; times are in {', '.join(SECONDS)}, lengths "
-                f"in {', '.join(METERS)}"
+                f"in {', '.join(METERS)}, angles in deg or rad"
             )
         return next((unit for unit in units if unit in known), None)
 
@@ -341,6 +341,9 @@ def pose_of(
     stated = {name.place: name.unit for name in names}
     units = {stated.get(place, "") for place in found.position} & set(METERS)
     unit = asked.unit(METERS) or (units.pop() if len(units) == 1 else "") or known.length or "m"
+    angle = asked.unit({"deg": 1, "rad": 1})
+    if angle and found.turn.angular and found.turn.degrees is None:
+        found = replace(found, turn=replace(found.turn, degrees=angle == "deg"))
     return replace(found, length_unit=unit)
 
 

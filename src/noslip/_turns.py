@@ -133,6 +133,9 @@ def parse_turn(text: str) -> Turn:
     words = [word for word in re.split(r"[^A-Za-z]+", text) if word]
     degrees = next((word.lower().startswith("deg") for word in words if _is_angle(word)), None)
     rest = [word for word in words if not _is_angle(word)]
+    for axes, change in (("intrinsic", str.upper), ("extrinsic", str.lower)):
+        if axes in map(str.lower, rest):
+            rest = [change(word) for word in rest if word.lower() != axes]
     lower = "".join(rest).lower()
     known = {
         "wxyz": Turn("quaternion", "wxyz"),
@@ -142,6 +145,7 @@ def parse_turn(text: str) -> Turn:
         "axisangle": Turn("rotvec"),
         "angleaxis": Turn("rotvec"),
         "rpy": Turn("euler", "xyz"),
+        "rollpitchyaw": Turn("euler", "xyz"),
         "ypr": Turn("euler", "ZYX"),
         "planar": Turn("planar"),
         "theta": Turn("planar"),

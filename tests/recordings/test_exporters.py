@@ -148,6 +148,31 @@ def test_a_tum_file_is_read_in_the_order_that_its_header_names(tmp_path: Path, s
     assert_right(file)
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"rotation": "euler:ZYX:deg"},
+        {"rotation": "euler-zyx-intrinsic-deg"},
+        {"rotation": "ZYX", "units": ["mm", "deg"]},
+        {"rotation": "ypr:degrees"},
+        {"rotation": "euler xyz", "units": {"rotation": "deg", "length": "mm"}},
+        {"rotation": "rpy:deg"},
+    ],
+)
+def test_one_rotation_has_several_names(tmp_path: Path, asked: dict) -> None:
+    """About the moving z, y, x, or about the fixed x, y, z: the same."""
+    file = written(tmp_path, ["t,a1,a2,a3,r1,r2,r3"], [T, *MM.T, *ZYX.T])
+    fixed = "xyz" in asked["rotation"] or asked["rotation"].startswith("rpy")
+    columns = ["a1", "a2", "a3", *(["r3", "r2", "r1"] if fixed else ["r1", "r2", "r3"])]
+    assert_right(file, columns=columns, **({"units": "mm"} | asked))
+    with pytest.raises(RecordingError, match="rotation 'euler:xxz' is not known"):
+        ns.load_demonstrations(file, columns=columns, rotation="euler:xxz")
+    with pytest.raises(RecordingError, match=r"angles reach .* add :deg or :rad"):
+        ns.load_demonstrations(file, columns=columns, rotation="ZYX", units="mm")
+    with pytest.raises(RecordingError, match="units 'parsec' are not known"):
+        ns.load_demonstrations(file, columns=columns, rotation="ZYX", units="parsec")
+
+
 def test_text_in_utf_16_and_with_a_line_for_spreadsheets(tmp_path: Path) -> None:
     rows = np.column_stack([T, POSITIONS, XYZW]).tolist()
     lines = [";".join(repr(x).replace(".", ",") for x in row) for row in rows]

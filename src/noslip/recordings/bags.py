@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -209,7 +209,11 @@ def read_bag(
                 for key, one in found.get(fixed, {}).items()
             }
             links |= {key: Link(where, one, False, publisher) for key, one in series.items()}
-            return [resolve(str(path), where, links, frame, child_frame)]
+            moved = resolve(str(path), where, links, frame, child_frame)
+            told = [
+                f"{name} ({_short(kind)}), links {links_text(links)}: times the headers' stamps"
+            ]
+            return [replace(moved, understood=told)]
         one = merged(
             where, _one(where, series, frame, child_frame, publisher), publisher, kind == PATH
         )
@@ -218,9 +222,12 @@ def read_bag(
                 raise RecordingError(f"{where}: the poses of the path carry no stamps, so no times")
             what = "Pose has no stamp" if kind == POSE else "all stamps are zero"
             warn(f"{where}: {what}; times are those of receipt", RecordingWarning)
+        frames = f" of frames {links_text(series)}" if any(map(any, series)) else ""
+        clock = "the headers' stamps" if any(one.stamps) else "of receipt"
+        told = [f"{name} ({_short(kind)}){frames}: times {clock}"]
         if integrate:
-            return [integrated(one, str(path), where, integrate)]
-        return [one.samples(str(path), where)]
+            return [replace(integrated(one, str(path), where, integrate), understood=told)]
+        return [replace(one.samples(str(path), where), understood=told)]
 
 
 def _topics(path: Path) -> Topics:

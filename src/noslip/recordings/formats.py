@@ -65,7 +65,7 @@ def load_demonstrations(
     element: int | None = None,
     integrate: Integrate | None = None,
     episode: int | Iterable[int] | None = None,
-    columns: str | None = None,
+    columns: str | Iterable[str] | None = None,
     time: str | None = None,
     units: str | Iterable[str] | None = None,
     rotation: str | None = None,
@@ -93,7 +93,7 @@ def load_demonstrations(
         Of ROS bags: where the poses are, see :func:`noslip.recordings.bags.read_bag`.
     episode : int or iterable of int, optional
         Of LeRobot data sets and robomimic files; by default all.
-    columns : str, optional
+    columns : str or iterable of str, optional
         Of data sets and tables: where the pose is, names separated by commas, position first, such
         as ``"px,py,pz,qw,qx,qy,qz"``.  Of a column that holds several numbers all of them, or those
         in brackets, by places from 0, slices or names: ``"observation.state[0:3,6,3:6]"``.  Of a
@@ -103,7 +103,8 @@ def load_demonstrations(
         Of tables: the column of time, or two of seconds and nanoseconds, ``"sec,nanosec"``.
     units : str or iterable of str, optional
         Of tables and data sets: the unit of their times (``s``, ``ms``, ``us``, ``ns``) and that
-        of their lengths (``m``, ``cm``, ``mm``, ``in``), if they do not state them: ``"ms,mm"``.
+        of their lengths (``m``, ``cm``, ``mm``, ``in``), if they do not state them: ``"ms,mm"``;
+        ``deg`` or ``rad`` where ``rotation`` leaves it open.
     rotation : str, optional
         Of tables and data sets: how a rotation is written.  ``wxyz`` or ``xyzw`` (quaternions),
         ``rotvec``, ``rpy``, ``euler:ZYX`` (capitals: about the moving axes; small letters: about
@@ -196,7 +197,7 @@ def load_demonstrations(
         "element": element,
         "integrate": integrate,
         "episode": list(episode) if isinstance(episode, Iterable) else episode,
-        "columns": columns,
+        "columns": columns if columns is None or isinstance(columns, str) else ",".join(columns),
         "time": time,
         "units": units,
         "rotation": rotation,
