@@ -21,8 +21,14 @@ from waiting import PATIENCE, until
 
 pytest.importorskip("viser")
 
+import msgspec
+import viser
+import websockets.exceptions
+import websockets.sync.client
+from viser import _messages as messages
+
 from noslip import strangers
-from noslip.viewer import Page, serving
+from noslip.viewer import Page, serving, uploads
 
 
 @pytest.fixture(scope="module")
@@ -325,6 +331,145 @@ def test_a_file_is_read_without_a_compiler(page: Page, tmp_path: Path) -> None:
     assert "HOLDS" in told(page, "good.json", dmp.save(tmp_path / "good.json").read_bytes())
     assert page.entry.primitive is not None
     assert page.entry.primitive.law == dmp.law
+
+
+# ---------------------------------------------------------------- what is sent
+
+
+class Client:
+    """Speaks to a page over a socket of its own, as the page's script does."""
+
+    def __init__(self, page: Page) -> None:
+        self.socket = websockets.sync.client.connect(
+            page.address.replace("http", "ws"),
+            subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+            max_size=None,
+        )
+        (self.button,) = (
+            key
+            for key, handle in page.server.gui._gui_input_handle_from_uuid.items()
+            if isinstance(handle, viser.GuiUploadButtonHandle)
+        )
+        # Only who has said where it looks from is a client.
+        self.send(
+            messages.ViewerCameraMessage(
+                wxyz=(1, 0, 0, 0),
+                position=(1, 0, 0),
+                fov=1,
+                near=0.1,
+                far=10,
+                image_height=100,
+                image_width=100,
+                look_at=(0, 0, 0),
+                up_direction=(0, 0, 1),
+            )
+        )
+        until(page.server.get_clients, "the client")
+
+    def coded(self, message: messages.Message) -> bytes:
+        return msgspec.msgpack.encode({"type": type(message).__name__} | vars(message))
+
+    def send(self, message: messages.Message) -> None:
+        self.socket.send(self.coded(message))
+
+    def begin(self, name: str, size: int, parts: int, transfer: str = "1") -> None:
+        self.send(
+            messages.FileTransferStartUpload(self.button, transfer, name, "text/csv", parts, size)
+        )
+
+    def part(self, content: bytes, index: int = 0, transfer: str = "1") -> None:
+        self.send(messages.FileTransferPart(self.button, transfer, index, content))
+
+
+@pytest.fixture
+def client(page: Page) -> Iterator[Client]:
+    client = Client(page)
+    yield client
+    client.socket.close()
+
+
+def under_way(page: Page) -> int:
+    return len(page.server.gui._current_file_upload_states)
+
+
+def test_a_file_arrives_in_parts(page: Page, client: Client) -> None:
+    half = len(GOOD) // 2
+    client.begin("good.csv", len(GOOD), 2)
+    client.part(GOOD[:half], 0)
+    client.part(GOOD[half:], 1)
+    assert "blade" in answered(page)
+    assert list(page.entries) == ["cut.csv", "good.csv"] and not under_way(page)
+
+
+def test_a_file_of_the_largest_size_is_begun(page: Page, client: Client) -> None:
+    client.begin("large.csv", uploads.MOST_BYTES, 2 * uploads.MOST_BYTES // 2**20)
+    until(lambda: under_way(page), "it to begin")
+    assert not page._upload_note.content
+
+
+@pytest.mark.parametrize(
+    ("size", "parts"),
+    [
+        (uploads.MOST_BYTES + 1, 1),
+        (2**63, 1),
+        (-1, 1),
+        (10, 2 * uploads.MOST_BYTES // 2**20 + 1),
+        (10, 10**9),
+        (10, -1),
+    ],
+)
+def test_too_large_a_file_is_refused_before_it_is_sent(
+    page: Page, client: Client, size: int, parts: int
+) -> None:
+    client.begin("large.csv", size, parts)
+    found = answered(page)
+    assert "large.csv: " in found and "at most 33,554,432 are read" in found
+    # What is sent all the same is kept nowhere.
+    client.part(bytes(2**19))
+    page._upload_note.content = ""
+    client.begin("good.csv", len(GOOD), 1, "2")
+    client.part(GOOD, 0, "2")
+    assert "blade" in answered(page) and not under_way(page)
+    assert list(page.entries) == ["cut.csv", "good.csv"]
+
+
+def test_files_that_are_begun_and_never_sent_are_few(page: Page, client: Client) -> None:
+    for k in range(8):
+        client.begin("half.csv", 10, 1, str(k))
+    client.begin("one more.csv", 10, 1, "more")
+    assert "one more.csv: 8 files are waiting" in answered(page) and under_way(page) == 8
+    # Who leaves takes them along, and makes room for others.
+    client.socket.close()
+    until(lambda: not under_way(page), "them to be dropped")
+    survives(page)
+
+
+def test_files_that_wait_to_be_read_are_few(page: Page, client: Client, child: Path) -> None:
+    # In one burst, of which nothing is counted before all of it is there.
+    for k in range(9):
+        client.begin(f"{k}.csv", 5, 1, str(k))
+        client.part(b"sleep", 0, str(k))
+    assert "8.csv: 8 files are waiting" in answered(page)
+    assert not under_way(page) and list(page.entries) == ["cut.csv"]
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_a_message_that_is_too_large_ends_its_own_connection_alone(
+    page: Page, client: Client, more: int
+) -> None:
+    empty = client.coded(messages.FileTransferPart(client.button, "1", 0, bytes(2**16)))
+    content = bytes(2**20 + more - len(empty) + 2**16)
+    other = Client(page)
+    client.part(content)
+    if more:
+        with pytest.raises(websockets.exceptions.ConnectionClosedError, match="1009"):
+            while True:
+                client.socket.recv(PATIENCE)
+        client = other
+    client.begin("large.csv", -1, 1)
+    assert "large.csv" in answered(page)
+    other.socket.close()
+    survives(page)
 
 
 # ---------------------------------------------------------------- drawing

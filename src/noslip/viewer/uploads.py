@@ -50,6 +50,10 @@ def read_upload(name: str, content: bytes, reader: StrangersReader) -> Upload:
     return (replace(found, name=plain) if isinstance(found, PoseTrajectory) else found), warned
 
 
+def _too_many(name: str) -> str:
+    return one_line(f"{name}: {MOST_WAITING} files are waiting; send it when they were read")
+
+
 class Uploads:
     """Files that come in by a page's button, read one after the other.
 
@@ -81,9 +85,12 @@ class Uploads:
             self.take(event.target.value.name, event.target.value.content)
 
     def take(self, name: str, content: bytes) -> None:
-        """Have a file read."""
-        self._waiting += 1
-        self._thread.submit(self._read, name, content)
+        """Have a file read; what came in one burst was not yet counted when it was begun."""
+        if self._waiting >= MOST_WAITING:
+            self._refuse(_too_many(name))
+        else:
+            self._waiting += 1
+            self._thread.submit(self._read, name, content)
 
     def stop(self) -> None:
         """Read no more, and end what is being read."""
@@ -115,7 +122,7 @@ class Uploads:
                     "check it with noslip check"
                 )
             elif len(gui._current_file_upload_states) + self._waiting >= MOST_WAITING:
-                told = f"{name}: {MOST_WAITING} files are waiting; send it when they were read"
+                told = _too_many(name)
             else:
                 start(client, message)
                 return
