@@ -176,9 +176,9 @@ def test_a_fault_is_told_and_the_page_lives(cut, capsys):
 
 def test_of_what_is_asked_again_only_the_last_is_done(cut):
     with opened({"cut.csv": cut}) as page:
-        held, seen = threading.Event(), []
-        page.post("hold", lambda: held.wait(PATIENCE))
-        time.sleep(0.1)
+        begun, held, seen = threading.Event(), threading.Event(), []
+        page.post("hold", lambda: begun.set() or held.wait(PATIENCE))
+        assert begun.wait(PATIENCE)
         for k in range(20):
             page.post("drag", lambda k=k: seen.append(k))
         held.set()
