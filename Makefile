@@ -62,14 +62,14 @@ soak: $(STAMP) ## step the exported C code 1e8 times and look for what must neve
 sweep: $(STAMP) ## hold what is said of 2000 random jobs against their files
 	$(BIN)/python -m benchmarks.sweep --jobs 2000
 
-hard-use: $(VENV)/.dev ## what strangers' files, users' rules and full disks must not do
+hard-use: $(VENV)/.dev ## what strangers, rules, disks and numbers must not do; a table of trials at the end
 	$(BIN)/python -m pytest tests/hard_use
 
 kills: $(STAMP) ## kill processes that write into one folder and one cache, 1000 rounds of 2 and of 10
 	$(BIN)/python -m benchmarks.kills --rounds 1000
 
-fuzz: $(VENV)/.dev ## damage primitives, tables and bags at random, 1e6 times each; hours
-	for target in primitive tables bags; do $(BIN)/python -m benchmarks.fuzz $$target --executions 1000000 || exit 1; done
+fuzz: $(VENV)/.dev ## damage primitives, tables, bags and what exported C is given at random, 1e6 times each; hours
+	for target in primitive tables bags exported; do $(BIN)/python -m benchmarks.fuzz $$target --executions 1000000 || exit 1; done
 
 docs: $(VENV)/.dev ## build the documentation into docs/_build/html
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html

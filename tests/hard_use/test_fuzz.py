@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from hypothesis import example, given, settings
 
@@ -12,7 +14,11 @@ pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
 
 
-def survived(tally: Tally) -> None:
+Trials = Callable[[int], None]
+
+
+def survived(tally: Tally, trials: Trials) -> None:
+    trials(tally.executions)
     assert (tally.crashes, tally.hangs, tally.not_finite) == (0, 0, 0), tally.found
     assert not tally.found
 
@@ -28,8 +34,8 @@ def hundred(seed: int) -> range:
 @given(seed=seeds)
 @example(seed=0)
 @few
-def test_damaged_primitives_are_refused_or_move(seed: int) -> None:
-    survived(run("primitive", hundred(seed)))
+def test_damaged_primitives_are_refused_or_move(seed: int, trials: Trials) -> None:
+    survived(run("primitive", hundred(seed)), trials)
 
 
 # From 460 on: an npz whose error quoted a kilobyte of the file; 8467: a Parquet file whose column's
@@ -38,12 +44,12 @@ def test_damaged_primitives_are_refused_or_move(seed: int) -> None:
 @example(seed=460)
 @example(seed=8467)
 @few
-def test_damaged_tables_are_refused_or_read(seed: int) -> None:
-    survived(run("tables", hundred(seed)))
+def test_damaged_tables_are_refused_or_read(seed: int, trials: Trials) -> None:
+    survived(run("tables", hundred(seed)), trials)
 
 
 @given(seed=seeds)
 @example(seed=0)
 @few
-def test_damaged_bags_are_refused_or_read(seed: int) -> None:
-    survived(run("bags", hundred(seed)))
+def test_damaged_bags_are_refused_or_read(seed: int, trials: Trials) -> None:
+    survived(run("bags", hundred(seed)), trials)
