@@ -245,3 +245,12 @@ def test_turns_are_smoothed_as_a_dense_solve_does(seed: int, count: int, smoothi
     wanted = np.vstack([np.sqrt(weights)[:, None] * values, np.zeros((count - 2, 3))])
     dense = np.linalg.lstsq(rows, wanted, rcond=None)[0]
     np.testing.assert_allclose(_smoothed(values, weights, smoothing), dense, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [4_001, 12_001, 50_001])
+def test_turns_that_are_steady_are_smoothed_as_they_are_however_many(count: int) -> None:
+    # A straight line has no second derivative, in the means of several samples neither.
+    values = np.linspace(0.0, 1.0, count)[:, None] * [1.0, -2.0, 0.5]
+    found = _smoothed(values, np.ones(count), 1e-8)
+    inner = slice(count // 10, -count // 10)
+    np.testing.assert_allclose(found[inner], values[inner], rtol=0, atol=1e-7)

@@ -115,6 +115,14 @@ def test_a_notebook_shows_a_small_table_that_runs_nothing(name: str) -> None:
     assert len(table) < 2000
 
 
+@pytest.mark.parametrize(("least", "shown"), [(1e-12, "0"), (3.0, "3")])
+def test_a_notebook_shows_the_least_margin_of_a_limit(least: float, shown: str) -> None:
+    motion = ns.learn(cut(), [ns.SpeedLimit(speed=10.0)]).rollout()
+    margins = np.maximum(motion.margins - motion.margins.min(), least)
+    table = replace(motion, margins=margins)._repr_html_()
+    assert f"<td>speed-limit, least margin</td><td>{shown}</td>" in table
+
+
 def test_what_moves_draws_itself() -> None:
     motion, demonstration = things()["motion"], things()["trajectory"]
     report = ns.check(motion, ns.Blade())

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from copy import copy, deepcopy
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -609,6 +610,64 @@ def test_however_late_a_cycle_is_nothing_jumps(late: float, at: int) -> None:
     assert steps.max() <= 3 * FASTER * peaks()["speed"] * H
     assert controller.done
     assert np.linalg.norm(places[-1] - s_cut().goal_position) <= 1e-4 * way()
+
+
+@given(st.floats(0.4, 0.95), st.floats(2e-4, 0.02))
+@settings(max_examples=15)
+def test_every_cycle_keeps_the_bounds_however_long_it_is(faster: float, h: float) -> None:
+    # The whole turn of a cycle is asked, and the way: a motion of 2 s has 5 ms between its samples.
+    controller = ns.Controller(s_cut(), h, faster=faster)
+    states, reached = [controller.reset()], 0.0
+    while not controller.done:
+        states.append(controller.step())
+    for before, after in pairwise(states):
+        way = np.linalg.norm(after.position - before.position) / h
+        turn = float((after.rotation * before.rotation.inv()).magnitude()) / h
+        assert way <= faster * peaks()["speed"] * (1 + 1e-3)
+        assert turn <= faster * peaks()["turn"] * (1 + 1e-3)
+        reached = max(reached, turn / peaks()["turn"])
+    assert reached >= 0.95 * faster
+
+
+@pytest.mark.parametrize("short", [1e-6, 1e-4])
+def test_a_command_that_is_led_to_the_tool_keeps_its_bounds_in_a_short_cycle(short: float) -> None:
+    controller = ns.Controller(s_cut(), H, follows=True)
+    state = controller.reset()
+    for _ in range(100):
+        state = controller.step(state)
+    there = state.position + 0.1 * way() * sideways(100), state.rotation
+    while controller._stage != "move":
+        controller.step(there)
+        assert controller.state.time < 5.0
+    led = []
+    for k in range(2000):
+        before = controller.state.position
+        passed = H if k % 2 else short
+        controller.step(there if controller.mode == "yield" else controller.state, time_step=passed)
+        if controller.mode == "yield":
+            led.append(float(np.linalg.norm(controller.state.position - before)) / passed)
+    assert 0.0 < max(led) <= 2 * 1.3 * peaks()["speed"]
+    assert controller.done
+    assert misses(controller.state, s_cut().goal_position, s_cut().goal_rotation)[0] <= 4e-3 * way()
+
+
+def test_a_plan_from_where_it_stands_finds_it_there() -> None:
+    # A cycle that is very late halts it just when the goal jumps.
+    goal = s_cut().goal_position + 0.1 * way() * np.array([0.5, 0.87, 0])
+    controller = ns.Controller(s_cut(), H, plan_within=0.3)
+    for _ in range(150):
+        controller.step()
+    controller.step(goal=goal, time_step=0.5)
+    stands = controller.state
+    while not controller.replanned:
+        assert controller.speed == 0.0
+        np.testing.assert_array_equal(controller.state.vector()[:7], stands.vector()[:7])
+        controller.step(goal=goal)
+    assert controller.state.time - stands.time <= 0.3 + 2 * H
+    np.testing.assert_allclose(controller.plan.start[:3], stands.position, rtol=0, atol=1e-12)
+    while not controller.done:
+        controller.step(goal=goal)
+    assert misses(controller.state, goal, s_cut().goal_rotation)[0] <= 4e-3 * way()
 
 
 def test_a_rule_that_knows_the_time_knows_the_true_one_after_a_late_cycle() -> None:

@@ -31,6 +31,24 @@ START, GOAL = np.array([0.3, -1.2, 0.5]), np.array([1.0, 2.0, -0.4])
 VELOCITY = np.array([2.0, -1.0, 5.0])
 
 
+@given(st.floats(0.0, 0.999), st.floats(0.101, 99.0), st.floats(0.1, 10.0), st.integers(1, 500))
+def test_a_late_cycle_is_made_good_in_usual_steps_and_ends_with_the_motion(
+    fraction: float, late: float, duration: float, steps: int
+) -> None:
+    count, seconds = Phase().made_good(fraction, late * duration, duration, steps)
+    assert seconds <= duration / steps * (1 + 1e-12)
+    assert count * seconds == pytest.approx(duration * min(late, 1 - fraction), rel=1e-12)
+    # After its end all of it is made good.
+    count, seconds = Phase().made_good(1.0, late * duration, duration, steps)
+    assert count * seconds == pytest.approx(duration * late, rel=1e-12)
+
+
+@pytest.mark.parametrize("knots", [np.ones((2, 3)), np.ones(4), np.ones((0, 4)), [[np.nan] * 4]])
+def test_what_are_no_knots_of_a_winding_is_refused(knots: Any) -> None:
+    with pytest.raises(InputError, match="finite quaternions"):
+        Winding(knots)
+
+
 def companion(attractor: Attractor) -> Floats:
     """Matrix of the homogeneous equation on (x, x') with tau = 1."""
     return np.array([[0.0, 1.0], [-attractor.alpha * attractor.beta, -attractor.alpha]])

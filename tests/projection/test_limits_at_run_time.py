@@ -911,9 +911,13 @@ def holds(dmp: ConstrainedDMP, seed: int) -> int:
 
 
 def cases(count: int) -> list[Any]:
-    """Numbers of compositions; the first two dozen are quick, the others slow."""
+    """Numbers of compositions; the first two dozen are quick, the others slow.
+
+    Quick, too, are two in which a step's passes do not suffice.
+    """
     return [
-        pytest.param(seed, marks=[pytest.mark.slow] if seed >= 24 else []) for seed in range(count)
+        pytest.param(seed, marks=[pytest.mark.slow] if seed >= 24 and seed not in (45, 54) else [])
+        for seed in range(count)
     ]
 
 

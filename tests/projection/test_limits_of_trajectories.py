@@ -229,6 +229,16 @@ def test_the_result_is_the_one_that_ipopt_finds(name: str) -> None:
 # -------------------------------------------------------------------- what gives way
 
 
+@pytest.mark.parametrize("priority", [1, 3])
+def test_a_soft_limit_that_contradicts_a_hard_one_is_left_out(priority: int) -> None:
+    inside = ns.constraints.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
+    outside = ns.constraints.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0), priority=priority)
+    found = project_trajectory(cut(3), [BLADE, inside, outside])
+    assert found.converged
+    assert found.left_out == ("half-space 2",)
+    assert found.trajectory.positions[:, 0].max() <= 0.5 + 1e-7
+
+
 def test_soft_limits_are_left_out_the_least_important_first() -> None:
     demonstration = cut(3)
     inside = ns.constraints.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))

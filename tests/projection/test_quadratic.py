@@ -375,6 +375,26 @@ def test_what_was_pushed_before_counts(seed: int) -> None:
 
 
 @given(seeds)
+def test_what_pushed_before_and_need_not_lets_go(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(1, 6))
+    G = np.array([unit(rng, 6) for _ in range(size)])
+    if np.linalg.cond(G) > 20:
+        return
+    problem = Problem(G, rng.normal(size=size))
+    least = nearest(problem)
+    assert least is not None
+    before = rng.uniform(0.1, 2.0, size)
+    begin = Answer(np.zeros(size), np.ones(size), np.zeros(size), least[0])
+    found = problem.solve(before=before, start=begin)
+    total = before + found.multipliers
+    np.testing.assert_allclose(found.change, least[0], rtol=0, atol=1e-7 * max(1, total.max()))
+    # To nothing, exactly: the smallest rest would be a push that nothing asks for.
+    assert (total[found.pushing == 0] == 0).all()
+    assert total.min() >= 0
+
+
+@given(seeds)
 @settings(max_examples=25)
 def test_the_solution_scales_with_what_is_asked(seed: int) -> None:
     problem = adversarial(np.random.default_rng(seed), parallel=False)

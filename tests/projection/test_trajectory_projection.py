@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -398,6 +399,24 @@ def test_an_end_rotation_is_reached_with_the_position_held() -> None:
     askew = last * Rotation.from_rotvec([0.0, 0.0, 0.3])
     with pytest.raises(ConvergenceError, match="hold_position=False"):
         project_trajectory(motion, BLADE, hold_position=True, end=Boundary(1, rotation=askew))
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+@pytest.mark.parametrize("angle", [0.035, 0.1])
+def test_a_tool_that_would_swing_from_step_to_step_is_refused(end: str, angle: float) -> None:
+    # Held positions say where it heads midway: beside a rotation that does not fit it alternates.
+    # A circle at constant speed: what is off is off for ever.
+    turns = Rotation.from_rotvec(np.outer(np.linspace(0, 1, 201), [0.0, 0.0, 1.0]))
+    motion = PoseTrajectory(np.linspace(0, 2, 201), turns.apply([0.0, -0.1, 0.0]), turns)
+    askew = motion.rotations[{"start": 0, "end": -1}[end]] * Rotation.from_rotvec([0, 0, angle])
+    asked: dict[str, Any] = {end: Boundary(float(end == "end"), rotation=askew)}
+    with pytest.raises(ConvergenceError, match="would swing by") as told:
+        project_trajectory(motion, BLADE, hold_position=True, **asked)
+    swing = float(re.findall(r"by ([0-9.]+) degrees", str(told.value))[0])
+    assert np.radians(swing) == pytest.approx(angle, rel=0.02)
+    # The remedy that is named.
+    found = project_trajectory(motion, BLADE, hold_position=False, **asked).trajectory
+    assert np.abs(slip(found)).max() <= 1e-10
 
 
 def test_velocities_of_the_result_are_those_of_its_motion() -> None:

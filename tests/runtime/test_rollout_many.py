@@ -117,6 +117,7 @@ def test_it_holds_little_more_than_its_result(compiling: Path) -> None:
         ({"goals": [[1, 2, np.nan]]}, r"goals\[0\] is not finite"),
         ({"goals": np.zeros((0, 3))}, "goals is empty"),
         ({"goals": np.zeros((2, 3)), "durations": [1.0]}, "durations has 1 rows, but goals has 2"),
+        ({"durations": [[1.0]]}, r"durations must have shape \(M,\)"),
         ({"durations": [1.0, 0.0]}, r"durations\[1\] is not positive"),
         ({"goal_rotations": Rotation.identity()}, "goal_rotations must be a SciPy Rotation of"),
         ({"starts": "here"}, "starts is not an array"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from noslip import Motion, PoseTrajectory
 from noslip.constraints import AccelerationLimit, AngularRateLimit, ForwardOnly, Instant
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import CompromiseWarning, MissedError
-from noslip.runtime.timing import unhurried
+from noslip.runtime.timing import paces, unhurried
 from refusals import refusal
 
 SLOW = ns.SpeedLimit(0.03)
@@ -51,6 +52,20 @@ def slow() -> ns.ConstrainedDMP:
 @cache
 def free() -> Motion:
     return ns.learn(bend(), [ns.Blade()]).rollout()
+
+
+@pytest.mark.parametrize("jump", [0.2, 1.0])
+def test_the_first_kick_lasts_half_a_step(jump: float) -> None:
+    # From a speed to that of the first step, in the time from the start to the step's middle.
+    motion = free()
+    h, velocities = motion.times[1] - motion.times[0], motion.linear_velocities.copy()
+    velocities[0] = velocities[1] + [0.0, 0.0, jump]
+    jerked = replace(motion, linear_velocities=velocities)
+    most = 0.3 * jump / (h / 2)
+    (found,) = paces(jerked, ConstraintSystem([AccelerationLimit(linear=most)]))
+    assert found is not None
+    # Twice as long is a quarter of the acceleration.
+    assert found.factor == pytest.approx((jump / (h / 2) / most) ** 0.5, rel=1e-6)
 
 
 def peaks(motion: PoseTrajectory) -> dict[str, float]:

@@ -141,12 +141,12 @@ class Schedule(Value):
                     bounds.angular_acceleration / 2 / b,
                 ]
             )
-            # Not within less than a few cycles, even at rest; as at the faster end of each cell.
+            # Not within less than a few cycles, even at rest.
             ramps = np.minimum.reduce(
                 [
                     np.full(CELLS + 1, 1 / (4 * time_step)),
-                    (bounds.acceleration - caps * a) / np.maximum(v, np.append(v[1:], 0.0)),
-                    (bounds.angular_acceleration - caps * b) / np.maximum(w, np.append(w[1:], 0.0)),
+                    (bounds.acceleration - caps * a) / v,
+                    (bounds.angular_acceleration - caps * b) / w,
                 ]
             )
             # From the speed at the end to rest within a cycle, as far as accelerations allow.
@@ -200,12 +200,16 @@ def _remaining(parts: Floats) -> Floats:
 
 
 def _sizes(motion: Motion) -> list[Floats]:
-    """Speeds and accelerations of a motion: linear and angular, shape (N,) each."""
+    """Speeds and accelerations of a motion: linear and angular, shape (N,) each.
+
+    A velocity is that of the step before its sample; a speed here heeds the step after, too.
+    """
     velocities = motion.linear_velocities, motion.angular_velocities
+    speeds = (np.linalg.norm(v, axis=1) for v in velocities)
     # Of steps; at the ends those of the first and of the last one.
     changes = (np.diff(v[1:], axis=0) / motion.period for v in velocities)
-    ends = [np.vstack([c[:1], c, c[-1:]]) for c in changes]
-    return [np.linalg.norm(x, axis=1) for x in (*velocities, *ends)]
+    ends = (np.linalg.norm(np.vstack([c[:1], c, c[-1:]]), axis=1) for c in changes)
+    return [*(np.maximum(s, np.append(s[1:], 0.0)) for s in speeds), *ends]
 
 
 def runs_in_plan_time(system: ConstraintSystem) -> bool:

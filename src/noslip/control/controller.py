@@ -103,8 +103,9 @@ GOAL_SLOW = 0.02
 BETWEEN_PLANS, AFTER_FAILURE = 0.05, 0.1
 """Of the duration; after each failure in a row twice as long."""
 HASTY, MOST_SLOWED = 1.05, 2
-"""Times the speed that a new plan allows at its start, up to which it is handed over; and how often
-it is made anew from where the clock is slower instead, before it is given up for now."""
+"""Times the speed that a new plan allows at its start, up to which it is handed over: by so much
+may a command exceed its bounds for the few cycles that follow.  And how often it is made anew from
+where the clock is slower instead, before it is given up for now."""
 _DETOUR = 3.0
 """Way for which time is allotted to a displacement, over its length: it may lie sideways."""
 _MORE = 1.3
@@ -519,12 +520,14 @@ class Controller:
         fraction, duration = data.item(engine.FRACTION), self._plan_duration
         ramp = schedule.at("ramps", fraction)
         # Where this cycle ends, braking was foreseen; the least keeps it from stopping short.
-        wanted = max(schedule.cap(fraction + speed * h / duration), min(ramp * h, 1.0))
+        wanted = min(schedule.cap(fraction), schedule.cap(fraction + speed * h / duration))
+        wanted = max(wanted, min(ramp * h, 1.0))
         if self._task is not None and self._arrive < 1.0:
             # Slow enough for the new plan where it is handed over.
             way = max(self._hand_over - fraction, 0.0) * duration
             wanted = min(wanted, sqrt(self._arrive**2 + 2 * ramp * way))
-        if halt or self._silent:
+        if halt or self._silent or (self._task is not None and self._due > 0.0):
+            # A plan that begins where it stands finds it there.
             wanted = 0.0
         elif self._observer.seen.item(_SAMPLES):
             wanted = min(wanted, self._observer.seen.item(_PACE))
@@ -702,15 +705,16 @@ class Controller:
             most = self._bounds.speed, self._bounds.rate
             near = 0.1 * self.tolerance * self._length, 0.1 * self.angle_tolerance
             sizes = [float(np.linalg.norm(step)) for step in steps]
-            if sizes[0] < near[0] and sizes[1] < near[1]:
-                # All of it: the plan starts just there.
+            # The last of it whole: the plan starts just there.
+            arrives = sizes[0] < near[0] and sizes[1] < near[1]
+            part = 1.0 if arrives else -expm1(-h / FOLLOW)
+            for i in (0, 1):
+                share, allowed = part, FOLLOW_HASTE * most[i] * h
+                if share * sizes[i] > allowed:
+                    share, arrives = allowed / sizes[i], False
+                steps[i] = share * steps[i]
+            if arrives:
                 self._stage, self._since, self._rest = "look", self._time, -1.0
-            else:
-                for i in (0, 1):
-                    share, allowed = -expm1(-h / FOLLOW), FOLLOW_HASTE * most[i] * h
-                    if share * sizes[i] > allowed:
-                        share = allowed / sizes[i]
-                    steps[i] = share * steps[i]
             data[engine.POSITION] += steps[0]
             turned = Rotation.from_rotvec(steps[1]) * turned
             data[engine.QUATERNION] = turned.as_quat(scalar_first=True)

@@ -65,6 +65,11 @@ static int cell(double fraction) {
     return place < N ? (int)place : N;
 }
 
+/* A velocity is that of the step before its sample: what holds at a sample heeds the step after, too. */
+static double size(const noslip_schedule *s, int k, int part) {
+    return larger(norm(s->velocities[k] + part), norm(s->velocities[k < N ? k + 1 : N] + part));
+}
+
 static double change(const noslip_schedule *s, int k, int part) {
     const int at = k < 1 ? 1 : k > N - 1 ? N - 1 : k;
     return apart(s->velocities[at + 1] + part, s->velocities[at] + part) / (s->duration / N);
@@ -75,8 +80,8 @@ static void bound(noslip_controller *c, const noslip_schedule *s) {
     double v = 0, w = 0, a = 0, b = 0;
     int k;
     for (k = 0; k <= N; ++k) {
-        v = larger(v, norm(s->velocities[k]));
-        w = larger(w, norm(s->velocities[k] + 3));
+        v = larger(v, size(s, k, 0));
+        w = larger(w, size(s, k, 3));
         a = larger(a, change(s, k, 0));
         b = larger(b, change(s, k, 3));
     }
@@ -104,22 +109,19 @@ static void schedule(const noslip_controller *c, noslip_schedule *s, double at_r
     int k;
     s->is_free = 1;
     for (k = 0; k <= N; ++k) {
-        const double v = norm(s->velocities[k]), w = norm(s->velocities[k] + 3);
-        const double a = change(s, k, 0), b = change(s, k, 3);
-        const double next_v = k < N ? norm(s->velocities[k + 1]) : 0;
-        const double next_w = k < N ? norm(s->velocities[k + 1] + 3) : 0;
+        const double v = size(s, k, 0), w = size(s, k, 3), a = change(s, k, 0), b = change(s, k, 3);
         double allowed = smaller(1, (most[0] / v) * (most[0] / v));
         allowed = smaller(allowed, (most[1] / w) * (most[1] / w));
         allowed = smaller(allowed, most[2] / 2 / a);
         allowed = smaller(allowed, most[3] / 2 / b);
         s->caps[k] = allowed;
-        /* Not within less than a few cycles, even at rest; as at the faster end of each cell. */
-        s->ramps[k] = smaller(1 / (4 * c->time_step), (most[2] - allowed * a) / larger(v, next_v));
-        s->ramps[k] = smaller(s->ramps[k], (most[3] - allowed * b) / larger(w, next_w));
+        /* Not within less than a few cycles, even at rest. */
+        s->ramps[k] = smaller(1 / (4 * c->time_step), (most[2] - allowed * a) / v);
+        s->ramps[k] = smaller(s->ramps[k], (most[3] - allowed * b) / w);
     }
     /* From the speed at the end to rest within a cycle, as far as accelerations allow. */
     for (k = 0; k < 2; ++k) {
-        const double v = norm(s->velocities[k * N]), w = norm(s->velocities[k * N] + 3);
+        const double v = size(s, k * N, 0), w = size(s, k * N, 3);
         still[k] = smaller(most[2] / 2 * c->time_step / v, most[3] / 2 * c->time_step / w);
         still[k] = smaller(still[k], 1);
         if (v <= at_rest * c->mean_speed && w <= at_rest * most[1]) still[k] = 1;
@@ -574,13 +576,15 @@ static double track(noslip_controller *c, double h, int halt) {
     if (speed >= 1 && pace >= 1 && s->is_free && !slows) return run(c, h, 1);
     ramp = between(s->ramps, fraction);
     /* Where this cycle ends, braking was foreseen; the least keeps it from stopping short. */
-    wanted = larger(cap(s, fraction + speed * h / c->plan_duration), smaller(ramp * h, 1));
+    wanted = smaller(cap(s, fraction), cap(s, fraction + speed * h / c->plan_duration));
+    wanted = larger(wanted, smaller(ramp * h, 1));
     if (c->pending && c->arrive < 1) {
         /* Slow enough for the new plan where it is handed over. */
         const double way = larger(c->hand_over - fraction, 0) * c->plan_duration;
         wanted = smaller(wanted, sqrt(c->arrive * c->arrive + 2 * ramp * way));
     }
-    if (halt || c->silent) {
+    if (halt || c->silent || (c->pending && c->due > 0)) {
+        /* A plan that begins where it stands finds it there. */
         wanted = 0;
     } else if (c->seen[SEEN_PLACE_SAMPLES] > 0) {
         wanted = smaller(wanted, pace);
@@ -805,23 +809,27 @@ static void wait_for(noslip_controller *c, double calm) {
 /* Move the command to where its plan begins: to a place that is fixed, so that nothing can run away. */
 static void go_there(noslip_controller *c, double h) {
     const double near[2] = {0.1 * c->tolerance * c->length, 0.1 * c->angle_tolerance};
-    double steps[2][3], sizes[2], turn[4], before[4];
-    int k, i;
+    double steps[2][3], sizes[2], turn[4], before[4], part;
+    int k, i, arrives;
     for (i = 0; i < 3; ++i) steps[0][i] = c->held[i] - c->state.position[i];
     turn_between(c->state.quaternion, c->held + 3, steps[1]);
     for (k = 0; k < 2; ++k) sizes[k] = norm(steps[k]);
-    if (sizes[0] < near[0] && sizes[1] < near[1]) {
-        /* All of it: the plan starts just there. */
+    /* The last of it whole: the plan starts just there. */
+    arrives = sizes[0] < near[0] && sizes[1] < near[1];
+    part = arrives ? 1 : -expm1(-h / FOLLOW);
+    for (k = 0; k < 2; ++k) {
+        const double allowed = FOLLOW_HASTE * c->bounds[k] * h;
+        double share = part;
+        if (share * sizes[k] > allowed) {
+            share = allowed / sizes[k];
+            arrives = 0;
+        }
+        for (i = 0; i < 3; ++i) steps[k][i] *= share;
+    }
+    if (arrives) {
         c->stage = LOOK;
         c->since = c->time;
         c->rest = -1;
-    } else {
-        for (k = 0; k < 2; ++k) {
-            const double allowed = FOLLOW_HASTE * c->bounds[k] * h;
-            double share = -expm1(-h / FOLLOW);
-            if (share * sizes[k] > allowed) share = allowed / sizes[k];
-            for (i = 0; i < 3; ++i) steps[k][i] *= share;
-        }
     }
     for (i = 0; i < 3; ++i) c->state.position[i] += steps[0][i];
     quaternion_of(steps[1], turn);
