@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import re
 from collections.abc import Callable
 from dataclasses import FrozenInstanceError, dataclass, fields
@@ -444,15 +443,13 @@ def test_a_failed_write_leaves_the_old_file(
         raise KeyboardInterrupt if failure == "interrupt" else full
 
     if failure == "write":
-        opened = os.fdopen
+        written = Path.write_bytes
 
-        def half(handle: int, mode: str) -> object:
-            file = opened(handle, mode)
-            file.write(b"half of ")
-            file.close()
+        def half(file: Path, content: bytes) -> int:
+            written(file, content[: len(content) // 2])
             raise full
 
-        monkeypatch.setattr("noslip._files.os.fdopen", half)
+        monkeypatch.setattr("noslip._files.Path.write_bytes", half)
     else:
         monkeypatch.setattr(Path, "replace", fail)
 
