@@ -23,6 +23,7 @@ pytestmark = [
 
 RULES: dict[str, Any] = {
     "blade": [ns.Blade()],
+    "blade that is turned": [ns.Blade((0.02, 1, -0.1), (1, 0.3, 0.2))],
     "blade in a frame that breathes": [ns.constraints.InMovingFrame(ns.Blade())],
     "soft limit": [ns.Blade(), ns.SpeedLimit(speed=3.0, priority=1)],
     "nothing": [],

@@ -82,7 +82,7 @@ def test_an_edge_knows_its_axes_and_its_point() -> None:
     [
         (("w", "y"), "travel"),
         (("x", "q"), "lateral"),
-        (("x", "-x"), "different"),
+        (("x", "-x"), "parallel"),
         (("x", "y", (0, 1)), "point"),
     ],
 )

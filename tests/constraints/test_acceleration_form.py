@@ -237,7 +237,7 @@ def test_the_blade_is_the_papers_constraint_for_every_axis(lateral: str, edge: s
 
 def test_the_blade_needs_two_different_axes() -> None:
     for lateral, edge in (("x", "x"), ("y", "-y"), ("-z", "z")):
-        with pytest.raises(ConstraintError, match="must differ"):
+        with pytest.raises(ConstraintError, match="must not be parallel"):
             Blade(lateral=lateral, edge=edge)
 
 

@@ -845,7 +845,7 @@ BAD: list[tuple[type, dict[str, Any], str]] = [
     (ns.constraints.CylinderContact, {"point": None}, "cylinder-contact: point"),
     (ns.constraints.RemoteCenter, {"point": [[0, 0, 0]]}, "remote-center: point"),
     (ns.constraints.RemoteCenter, {"shaft": "shaft"}, "remote-center: shaft"),
-    (ns.constraints.ToolAxis, {"axis": (0, 0, 1)}, "tool-axis: axis"),
+    (ns.constraints.ToolAxis, {"axis": (0, 0, 0)}, "tool-axis: axis"),
     (ns.constraints.ToolAxis, {"direction": (0, 0, 0)}, "tool-axis: direction"),
     (ns.constraints.ToolAxis, {"angle": 45}, "tool-axis: angle"),
     (ns.constraints.ToolAxis, {"angle": -0.1}, "tool-axis: angle"),

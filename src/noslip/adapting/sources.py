@@ -10,7 +10,6 @@ from noslip.adapting import constants
 from noslip.codegen import c99
 from noslip.constraints.declaration import UNITS, Constraint, relative_function
 from noslip.constraints.system import ConstraintSystem
-from noslip.edge import axis_index
 from noslip.law import fitting, forcing, winding
 from noslip.projection import feasibility, heading, nearest, newton, planner, problem, request
 from noslip.projection import trajectory as projecting
@@ -108,15 +107,8 @@ def _graphs(system: ConstraintSystem) -> list[str]:
     if constraint is None or constraint.edge is None or constraint.edge.lateral is None:
         lines.append("#define NOSLIP_HAS_EDGE 0")
     else:
-        travel, sign = axis_index(constraint.edge.travel)
-        lateral, _ = axis_index(constraint.edge.lateral)
-        lines += [
-            "#define NOSLIP_HAS_EDGE 1",
-            f"#define EDGE_TRAVEL {travel}",
-            f"#define EDGE_SIGN {sign!r}",
-            f"#define EDGE_LATERAL {lateral}",
-            f"#define EDGE_THIRD {3 - travel - lateral}",
-        ]
+        frame = constraint.edge.frame.ravel().tolist()
+        lines += ["#define NOSLIP_HAS_EDGE 1", _table("double", "edge_frame", frame)]
         functions["edge"] = _edge(constraint)
     return [*lines, c99.plain(functions, ("given",), ("found",)) if functions else ""]
 

@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import casadi as ca
-import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.instant import Instant
-from noslip.edge import AXES, Edge, axis_index
+from noslip.edge import Axis, Edge, across, checked_axis, unit, unit_axis
 from noslip.errors import ConstraintError, InputError
 
 Triple = Sequence[float]
@@ -42,21 +41,21 @@ def settle(constraint: Constraint, name: str, /, **checks: Check) -> None:
         object.__setattr__(constraint, field, value)
 
 
-def settle_edge(constraint: Constraint, name: str, lateral: str | None, across: str = "") -> None:
+def settle_edge(constraint: Constraint, name: str, lateral: Axis | None, both: str = "") -> None:
     """Make the :class:`Edge` of a constraint whose argument ``edge`` names the axis of travel.
 
-    `across` is what an error calls the lateral axis.
+    `both` is what an error calls the lateral axis and the edge.
     """
     settle(constraint, name, edge=_travel)
-    travel, place = cast(str, constraint.edge), constraint.reference_point  # type: ignore[attr-defined]
-    if lateral is not None and axis_index(lateral)[0] == axis_index(travel)[0]:
-        raise ConstraintError(f"{name}: {across} and the edge must differ, both are {travel!r}")
+    travel, place = cast(Axis, constraint.edge), constraint.reference_point  # type: ignore[attr-defined]
+    if lateral is not None:
+        across(travel, lateral, f"{name}: {both}")
     object.__setattr__(constraint, "edge", Edge(travel, lateral, place))
 
 
-def _travel(name: str, value: Any) -> str:
+def _travel(name: str, value: Any) -> Axis:
     # A copy with other arguments is given the edge that was made before.
-    return axis(name, value.travel if isinstance(value, Edge) else value)
+    return checked_axis(name, value.travel if isinstance(value, Edge) else value)
 
 
 def point(name: str, value: Any, unit: str = "m") -> tuple[float, ...]:
@@ -87,29 +86,14 @@ def number(name: str, value: Any, unit: str = "") -> float:
     return found
 
 
-def axis(name: str, value: Any) -> str:
-    """A body axis with its sign, such as ``"-x"``."""
-    axis_index(value, name)
-    return str(value)
-
-
-def body_axis(motion: Instant, name: str) -> Expression:
-    """World direction of a body axis such as ``"-x"``."""
-    index, sign = axis_index(name)
-    return sign * motion.rotation[:, index]
-
-
-def other_axes(name: str) -> tuple[str, str]:
-    """Return the two body axes perpendicular to one, in cyclic order: z and x for ``"-y"``."""
-    index, _ = axis_index(name)
-    return AXES[(index + 1) % 3], AXES[(index + 2) % 3]
+def body_axis(motion: Instant, axis: Axis) -> Expression:
+    """World direction of a body axis."""
+    return motion.rotation @ ca.sparsify(ca.DM(unit_axis(axis)))
 
 
 def unit_vector(numbers: Triple) -> Expression:
     """Constant column of length 1 along a direction."""
-    # Divided by its largest component first: squares of tiny numbers would vanish.
-    vector = np.array(numbers) / np.max(np.abs(numbers))
-    return ca.DM(list(vector / np.linalg.norm(vector)))
+    return ca.DM(unit(numbers))
 
 
 def safe_norm(vector: Expression) -> Expression:

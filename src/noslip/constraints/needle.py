@@ -5,22 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
-    axis,
     body_axis,
     number,
-    other_axes,
     point,
     settle,
 )
 from noslip.constraints.instant import Instant
-from noslip.edge import AXES, Edge, axis_index
-from noslip.errors import ConstraintError
+from noslip.edge import Axis, Edge, across, checked_axis, other_axes, unit_axis
 
 
 @register
@@ -37,37 +35,34 @@ class Needle(Constraint):
 
     Parameters
     ----------
-    shaft : str
+    shaft : str or 3 numbers
         The body axis along which the needle advances; it may carry a sign, as in ``"-x"``.
     curvature : float or None
         kappa (1/m): the path's turning about the bevel axis, by the right-hand rule, per meter
         forward.  0 or None leaves the rotation free: a straight shaft that is turned from outside,
         two rows.  Otherwise four.
-    bevel : str
-        The body axis about which the tip turns, perpendicular to the shaft; of a straight needle,
-        it only gives the rows their order.
+    bevel : str or 3 numbers
+        The body axis about which the tip turns: its part perpendicular to the shaft.  Of a straight
+        needle it says nothing but which way the shaft's third axis points.
     reference_point : 3 numbers
         The tip, m, body frame.
     """
 
-    shaft: str = "x"
+    shaft: Axis = "x"
     curvature: float | None = 0.0
-    bevel: str = "z"
+    bevel: Axis = "z"
     reference_point: Triple = ORIGIN
 
     name = "needle"
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, shaft=axis, curvature=_curvature, bevel=axis, reference_point=point)
-        shaft, bevel = axis_index(self.shaft)[0], axis_index(self.bevel)[0]
-        if shaft == bevel:
-            raise ConstraintError(
-                f"needle: bevel must be perpendicular to the shaft {self.shaft!r}, "
-                f"got {self.bevel!r}"
-            )
+        axes = {"shaft": checked_axis, "bevel": checked_axis}
+        settle(self, self.name, curvature=_curvature, reference_point=point, **axes)
         # The shaft leads, and the path bends to the side that is perpendicular to the bevel axis.
-        lateral = AXES[3 - shaft - bevel]
+        bevel = across(self.bevel, self.shaft, "needle: bevel and shaft")
+        lateral = np.cross(unit_axis(self.shaft), bevel)
+        lateral *= np.sign(lateral[np.argmax(np.abs(lateral))])
         object.__setattr__(self, "edge", Edge(self.shaft, lateral, self.reference_point))
         if self.curvature:
             object.__setattr__(self, "unit", "m/s, rad/s")
@@ -75,11 +70,11 @@ class Needle(Constraint):
     def residual(self, motion: Instant) -> Expression:
         """Both lateral speeds (m/s); of a curved one, two angular speeds (rad/s) too."""
         velocity = motion.at(self.reference_point).linear_velocity
-        sideways = [body_axis(motion, name) for name in other_axes(self.shaft)]
+        sideways = [body_axis(motion, axis) for axis in other_axes(self.shaft)]
         rows = [ca.dot(axis, velocity) for axis in sideways]
         if self.curvature:
             forward = ca.dot(body_axis(motion, self.shaft), velocity)
-            turn = self.curvature * forward * body_axis(motion, self.bevel)
+            turn = self.curvature * forward * body_axis(motion, across(self.bevel, self.shaft))
             rows += [ca.dot(axis, motion.angular_velocity - turn) for axis in sideways]
         return ca.vertcat(*rows)
 

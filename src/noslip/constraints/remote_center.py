@@ -8,9 +8,10 @@ import casadi as ca
 
 from noslip._typing import Expression
 from noslip.constraints.declaration import Constraint, register
-from noslip.constraints.fields import ORIGIN, Triple, axis, body_axis, other_axes, point, settle
+from noslip.constraints.fields import ORIGIN, Triple, body_axis, point, settle
 from noslip.constraints.instant import Instant
 from noslip.constraints.shape import Mark
+from noslip.edge import Axis, checked_axis, other_axes
 
 
 @register
@@ -25,21 +26,21 @@ class RemoteCenter(Constraint):
     ----------
     point : 3 numbers
         c, the incision, m, world frame.
-    shaft : str
+    shaft : str or 3 numbers
         The body axis along the shaft.
     reference_point : 3 numbers
         p, any point of the shaft's line, m, body frame.
     """
 
     point: Triple = ORIGIN
-    shaft: str = "z"
+    shaft: Axis = "z"
     reference_point: Triple = ORIGIN
 
     name = "remote-center"
     level = "position"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, point=point, shaft=axis, reference_point=point)
+        settle(self, self.name, point=point, shaft=checked_axis, reference_point=point)
 
     def shape(self) -> Mark:
         return Mark(self.point)

@@ -11,7 +11,6 @@ from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
-    axis,
     body_axis,
     direction,
     length,
@@ -21,6 +20,7 @@ from noslip.constraints.fields import (
     unit_vector,
 )
 from noslip.constraints.instant import Instant
+from noslip.edge import Axis, checked_axis
 
 
 @register
@@ -37,7 +37,7 @@ class RollingDisc(Constraint):
     ----------
     radius : float
         m.
-    axle : str
+    axle : str or 3 numbers
         The body axis about which the disc is round.
     normal : 3 numbers
         Of the plane, away from it towards the disc, world frame, any length.
@@ -46,7 +46,7 @@ class RollingDisc(Constraint):
     """
 
     radius: float = 0.1
-    axle: str = "y"
+    axle: Axis = "y"
     normal: Triple = (0.0, 0.0, 1.0)
     reference_point: Triple = ORIGIN
 
@@ -54,7 +54,14 @@ class RollingDisc(Constraint):
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, radius=length, axle=axis, normal=direction, reference_point=point)
+        settle(
+            self,
+            self.name,
+            radius=length,
+            axle=checked_axis,
+            normal=direction,
+            reference_point=point,
+        )
 
     def residual(self, motion: Instant) -> Expression:
         """Velocity of the disc's lowest point (m/s), world frame."""

@@ -13,11 +13,9 @@ from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
-    axis,
     body_axis,
     direction,
     number,
-    other_axes,
     point,
     safe_norm,
     settle,
@@ -25,6 +23,7 @@ from noslip.constraints.fields import (
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_normal
 from noslip.constraints.instant import Instant
+from noslip.edge import Axis, checked_axis, other_axes
 from noslip.errors import ConstraintError
 from noslip.rotations import quaternion_log
 
@@ -51,7 +50,7 @@ class ToolAxis(Constraint):
 
     Parameters
     ----------
-    axis : str
+    axis : str or 3 numbers
         The body axis.
     direction : 3 numbers
         d, world frame, any length.
@@ -64,7 +63,7 @@ class ToolAxis(Constraint):
         Where the surface's normal is taken, m, body frame.
     """
 
-    axis: str = "z"
+    axis: Axis = "z"
     direction: Triple = (0.0, 0.0, 1.0)
     angle: float = 0.0
     surface: Surface | None = None
@@ -75,7 +74,14 @@ class ToolAxis(Constraint):
     unit = "rad"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, axis=axis, direction=direction, angle=_angle, reference_point=point)
+        settle(
+            self,
+            self.name,
+            axis=checked_axis,
+            direction=direction,
+            angle=_angle,
+            reference_point=point,
+        )
         if self.surface is not None:
             settle(self, self.name, surface=checked_surface)
 

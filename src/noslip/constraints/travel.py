@@ -15,7 +15,6 @@ from noslip.constraints.declaration import register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
-    axis,
     body_axis,
     length,
     point,
@@ -24,8 +23,7 @@ from noslip.constraints.fields import (
 )
 from noslip.constraints.instant import Instant
 from noslip.constraints.limit import Limit
-from noslip.edge import Edge, axis_index
-from noslip.errors import ConstraintError
+from noslip.edge import Axis, Edge, across, checked_axis
 
 
 @register
@@ -35,7 +33,7 @@ class ForwardOnly(Limit):
 
     Parameters
     ----------
-    edge : str
+    edge : str or 3 numbers
         e_b, the body axis that leads; ``"-x"`` for a tool recorded backwards.
     minimum : float
         s (m/s), the least speed along the edge.  A motion that starts or ends at rest satisfies no
@@ -44,7 +42,7 @@ class ForwardOnly(Limit):
         The point of the tool that must not back up (m, body frame).
     """
 
-    edge: Edge | str = "x"  # type: ignore[assignment]
+    edge: Edge | Axis = "x"  # type: ignore[assignment]
     minimum: float = 0.0
     reference_point: Triple = ORIGIN
 
@@ -75,39 +73,36 @@ class TurningRadius(Limit):
     ----------
     radius : float
         r (m).
-    edge : str
+    edge : str or 3 numbers
         e_b, the body axis that leads.
-    up : str
-        u_b, the body axis about which the tool turns into the bend.
+    up : str or 3 numbers
+        u_b, the body axis about which the tool turns into the bend: its part perpendicular to
+        the edge.
     reference_point : 3 numbers
         The point of the tool whose path it is (m, body frame).
     """
 
     radius: float = 0.05
-    edge: Edge | str = "x"  # type: ignore[assignment]
-    up: str = "z"
+    edge: Edge | Axis = "x"  # type: ignore[assignment]
+    up: Axis = "z"
     reference_point: Triple = ORIGIN
 
     name = "turning-radius"
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, radius=length, up=axis, reference_point=point)
+        settle(self, self.name, radius=length, up=checked_axis, reference_point=point)
         settle_edge(self, self.name, None)
-        if axis_index(self.up)[0] == axis_index(_travel(self))[0]:
-            raise ConstraintError(
-                f"turning-radius: up and edge must be different axes, got {self.up!r} and "
-                f"{_travel(self)!r}"
-            )
+        across(self.up, _travel(self), "turning-radius: up and edge")
 
     def residual(self, motion: Instant) -> Expression:
         """Forward speed beyond what bends to the left, and to the right, need (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
         forward = ca.dot(body_axis(motion, _travel(self)), velocity)
-        turning = ca.dot(body_axis(motion, self.up), motion.angular_velocity)
+        turning = ca.dot(body_axis(motion, across(self.up, _travel(self))), motion.angular_velocity)
         return [forward - self.radius * turning, forward + self.radius * turning]
 
 
-def _travel(limit: Limit) -> str:
+def _travel(limit: Limit) -> Axis:
     assert limit.edge is not None
     return limit.edge.travel

@@ -11,7 +11,6 @@ from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
-    axis,
     body_axis,
     direction,
     point,
@@ -20,7 +19,7 @@ from noslip.constraints.fields import (
     unit_vector,
 )
 from noslip.constraints.instant import Instant
-from noslip.edge import Edge
+from noslip.edge import Axis, Edge, checked_axis
 
 
 @register
@@ -34,9 +33,9 @@ class Wheel(Constraint):
 
     Parameters
     ----------
-    axle : str
+    axle : str or 3 numbers
         The body axis along the axle, which must not move along itself.
-    edge : str
+    edge : str or 3 numbers
         The body axis that leads, as for :class:`noslip.Blade`; ``"-x"`` for a vehicle in reverse.
     normal : 3 numbers or None
         Of the ground, world frame, any length; None leaves the height free (one row).
@@ -44,8 +43,8 @@ class Wheel(Constraint):
         A point of the axle, m, body frame.
     """
 
-    axle: str = "y"
-    edge: Edge | str = "x"  # type: ignore[assignment]
+    axle: Axis = "y"
+    edge: Edge | Axis = "x"  # type: ignore[assignment]
     normal: Triple | None = (0.0, 0.0, 1.0)
     reference_point: Triple = ORIGIN
 
@@ -53,10 +52,10 @@ class Wheel(Constraint):
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, axle=axis, reference_point=point)
+        settle(self, self.name, axle=checked_axis, reference_point=point)
         if self.normal is not None:
             settle(self, self.name, normal=direction)
-        settle_edge(self, self.name, self.axle, "the axle")
+        settle_edge(self, self.name, self.axle, "the axle and the edge")
 
     def residual(self, motion: Instant) -> Expression:
         """Speed along the axle, and off the ground (m/s)."""

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 from noslip._typing import Floats
 from noslip.boundary import Boundary
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.edge import Edge, axis_vectors
+from noslip.edge import Axis, Edge, unit_axis
 from noslip.errors import InputError
 from noslip.figures import style
 from noslip.figures.quantities import Constraints, Motions, named, scaled_unit, value_text
@@ -259,7 +259,7 @@ def _draw_paths(
         if motion is not original:
             # Fewer of a motion that rests; the last one lies at its end.
             where = equally_far_apart(motion, count + 1)[1:]
-            along = TICK * reach * axis_vectors(motion.rotations[where], axis)
+            along = TICK * reach * motion.rotations[where].apply(unit_axis(axis))
             middle = motion.positions[where]
             ticks = scale * np.stack([middle - along, middle + along], axis=1)[:, :, columns]
             ax.add_collection(LineCollection(list(ticks), colors=color, linewidths=0.8))
@@ -281,14 +281,15 @@ def _draw_paths(
 
 def _tool_axis(
     system: ConstraintSystem, family: Sequence[PoseTrajectory], columns: Sequence[int]
-) -> tuple[str, str]:
+) -> tuple[Axis, str]:
     """Body axis that ticks show, and what it is: the lateral one, unless it points at the eye."""
     tool = system.edged.edge if system.edged and system.edged.edge else Edge()
-    lateral, edge = (axis.removeprefix("-") for axis in (tool.lateral or "y", tool.travel))
-    across = np.concatenate([axis_vectors(motion.rotations, lateral) for motion in family])
+    lateral, edge = tool.lateral or "y", tool.travel
+    across = np.concatenate([motion.rotations.apply(unit_axis(lateral)) for motion in family])
     seen = np.median(np.linalg.norm(across[:, columns], axis=1)) >= SEEN
     axis, role = (lateral, "lateral axis") if seen else (edge, "edge")
-    return axis, f"{HATS[axis]}, the tool's {role}"
+    hat = f"{HATS[axis.removeprefix('-')]}, " if isinstance(axis, str) else ""
+    return axis, f"{hat}the tool's {role}"
 
 
 def _draw_sizes(

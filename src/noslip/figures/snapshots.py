@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 from noslip._typing import Floats
 from noslip.constraints.blade import Blade
 from noslip.constraints.edge_motion import edge_steps
-from noslip.edge import axis_vectors
+from noslip.edge import Edge
 from noslip.errors import InputError
 from noslip.figures import style
 from noslip.figures.quantities import Motions, extent, length_unit, named, value_text
@@ -157,7 +157,7 @@ def plot_blades(
     size = size or BLADE_LENGTH * extent(motion) or BLADE_LENGTH
     where = equally_far_apart(motion, blades)
     tips, corners = motion.positions[where], blade_corners(motion, where, size)
-    arrows = 0.45 * size * axis_vectors(motion.rotations[where], "y")
+    arrows = 0.45 * size * Edge().lateral_axes(motion.rotations[where])
 
     (path,) = ax.plot(*(scale * motion.positions.T), zorder=2, **PATH)
     polygons = Poly3DCollection(

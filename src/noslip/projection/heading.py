@@ -11,7 +11,6 @@ from scipy.linalg import solveh_banded
 from noslip._typing import Floats
 from noslip.constraints.edge_motion import edge_motion
 from noslip.constraints.system import ConstraintSystem
-from noslip.edge import axis_index
 from noslip.trajectory import PoseTrajectory
 
 REACH = 0.005
@@ -70,11 +69,8 @@ def turn_edge_into_path(
     speed = np.linalg.norm(velocities, axis=1)
     if speed.max() == 0:
         return none
-    body = seen.rotations.inv().apply(velocities)
-    edge, edge_sign = axis_index(constraint.edge.travel)
-    lateral, _ = axis_index(constraint.edge.lateral)
-    third = 3 - edge - lateral
-    ahead, aside, across = edge_sign * body[:, edge], body[:, lateral], body[:, third]
+    frame = constraint.edge.frame
+    ahead, aside, across = frame @ seen.rotations.inv().apply(velocities).T
 
     # By distance, not by time: rests and single wrong stamps say nothing.
     typical = float(np.sum(speed**2) / np.sum(speed))
@@ -103,11 +99,7 @@ def turn_edge_into_path(
         last = angle[-1]
         angles[stretch] = angle
         # The axis is perpendicular to the lateral axis and to that direction.
-        axes[stretch, third] = edge_sign * lead[:, 0]
-        axes[stretch, edge] = -lead[:, 1]
-    if (edge, lateral) not in ((0, 1), (1, 2), (2, 0)):
-        axes = -axes
-    # An edge along a negative axis turns the other way round.
+        axes[stretch] = lead @ [frame[2], -frame[0]]
     turns = trajectory.rotations.apply(axes * angles[:, None])
     sure = np.minimum(speed, 2 * typical) ** 2
     weights = np.where(moving, sure / sure.mean(), 0.0)

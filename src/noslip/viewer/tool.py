@@ -10,7 +10,6 @@ import numpy as np
 import trimesh
 import viser
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
@@ -84,9 +83,7 @@ def scalpel(length: float, edge: Edge | None = None, *, flip: bool = False) -> l
     """
     blade = _wedge(np.array(_CUTTING + _BACK), [_SHARP] * len(_CUTTING) + [_SPINE] * len(_BACK))
     shaft = _wedge(np.array(_SHAFT), [_SHAFT_HALF] * len(_SHAFT))
-    edge, still = edge or Edge(), Rotation.identity()
-    travel, lateral = edge.travel_axes(still), edge.lateral_axes(still)
-    frame = np.array([travel, lateral, np.cross(travel, lateral)])
+    frame = (edge or Edge()).frame
     if flip:
         # A half turn about the edge: the lateral axis changes its sign alone, and it has none.
         frame[1:] *= -1

@@ -437,7 +437,6 @@ static int guess_turns(const room *r, int count, double step, double smoothing) 
     double *spare = weights + count;
     unsigned char *is_open = (unsigned char *)(spare + 3 * count);
     double low[3], high[3], reach = 0, sum = 0, squares = 0, typical, mean = 0, last = 0;
-    const double handed = (EDGE_LATERAL - EDGE_TRAVEL + 3) % 3 == 1 ? 1 : -1;
     int first, after, i, k, any = 0;
 #else
     int k;
@@ -472,7 +471,8 @@ static int guess_turns(const room *r, int count, double step, double smoothing) 
             velocity[i] = (points[3 * ahead + i] - points[3 * behind + i]) / ((ahead - behind) * step);
         }
         speed[k] = norm(velocity);
-        for (i = 0; i < 3; ++i) body[3 * k + i] = dot(found + 3 + 3 * i, velocity);
+        for (i = 0; i < 3; ++i) given[i] = dot(found + 3 + 3 * i, velocity);
+        for (i = 0; i < 3; ++i) body[3 * k + i] = dot(edge_frame + 3 * i, given);
         sum += speed[k];
         squares += speed[k] * speed[k];
     }
@@ -484,33 +484,34 @@ static int guess_turns(const room *r, int count, double step, double smoothing) 
         if (!(speed[first] > REST * typical)) continue;
         while (after < count && speed[after] > REST * typical) ++after;
         for (k = first; k < after; ++k) {
-            forward += EDGE_SIGN * body[3 * k + EDGE_TRAVEL];
+            forward += body[3 * k];
             all += speed[k];
         }
         if (forward < -BACKWARDS * all) facing = -1, ++backing;
         for (k = first; k < after; ++k) {
-            const double along = facing * EDGE_SIGN * body[3 * k + EDGE_TRAVEL];
-            const double plunge = facing * body[3 * k + EDGE_THIRD];
+            const double along = facing * body[3 * k];
+            const double plunge = facing * body[3 * k + 2];
             const double within = hypot(along, plunge), side = along >= -PLUNGING * within ? 1 : -1;
             tilt[k] = atan2(side * plunge, side * along);
             is_open[k] = within < SIDEWAYS * speed[k];
         }
         fill_open(tilt, is_open, first, after);
         for (k = first; k < after; ++k) {
-            const double along = facing * EDGE_SIGN * body[3 * k + EDGE_TRAVEL];
-            const double plunge = facing * body[3 * k + EDGE_THIRD];
+            const double along = facing * body[3 * k];
+            const double plunge = facing * body[3 * k + 2];
             const double forth = cos(tilt[k]) * along + sin(tilt[k]) * plunge;
-            const double raw = atan2(facing * body[3 * k + EDGE_LATERAL], forth);
+            const double raw = atan2(facing * body[3 * k + 1], forth);
             if (k > first && fabs(raw - before) > PI) unwound += raw > before ? -2 * PI : 2 * PI;
             before = raw;
             angle[k] = raw + unwound;
         }
         unwound = 2 * PI * rint((last - angle[first]) / (2 * PI));
         for (k = first; k < after; ++k) {
-            double axis[3] = {0, 0, 0};
+            double axis[3];
             angle[k] += unwound;
-            axis[EDGE_THIRD] = handed * EDGE_SIGN * cos(tilt[k]) * angle[k];
-            axis[EDGE_TRAVEL] = -handed * sin(tilt[k]) * angle[k];
+            for (i = 0; i < 3; ++i) {
+                axis[i] = angle[k] * (cos(tilt[k]) * edge_frame[6 + i] - sin(tilt[k]) * edge_frame[i]);
+            }
             turn_by(r->quaternions + 4 * (k + 1), axis, z + UNKNOWNS * k);
             for (i = 0; i < 3; ++i) any |= z[UNKNOWNS * k + i] < 0 || z[UNKNOWNS * k + i] > 0;
         }
