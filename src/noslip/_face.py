@@ -27,6 +27,7 @@ from noslip.recordings import load_demonstrations
 from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 from noslip.saving import load_primitive
+from noslip.shielding import Shield
 from noslip.trajectory import PoseTrajectory
 
 __all__ = [
@@ -42,6 +43,7 @@ __all__ = [
     "NoslipError",
     "NoslipWarning",
     "PoseTrajectory",
+    "Shield",
     "SpeedLimit",
     "State",
     "Wheel",
