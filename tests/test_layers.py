@@ -18,7 +18,7 @@ LAYERS = [
     {"recordings", "constraints", "law"},
     {"codegen"},
     {"projection", "demonstrations"},
-    {"rule"},
+    {"rule", "identification"},
     {"runtime"},
     {"verification"},
     {"adapting"},

@@ -19,6 +19,7 @@ from noslip.constraints.check import check
 from noslip.control import Controller
 from noslip.demonstrations import prepare, segment
 from noslip.errors import NoslipError, NoslipWarning
+from noslip.identification import identify
 from noslip.learning import learn
 from noslip.many import learn_each
 from noslip.primitive import ConstrainedDMP
@@ -52,6 +53,7 @@ __all__ = [
     "constraints",
     "demonstrations",
     "errors",
+    "identify",
     "keep_nonnegative",
     "learn",
     "learn_each",

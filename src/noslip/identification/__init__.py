@@ -1,0 +1,6 @@
+"""From recordings to what holds in them: which constraint, along which axes, about which point."""
+
+from noslip.identification.identified import Identified, Place, Row
+from noslip.identification.identify import identify
+
+__all__ = ["Identified", "Place", "Row", "identify"]
