@@ -219,6 +219,11 @@ def remote_center(rng: Rng) -> Case:
     return c, oracle
 
 
+def fixed_point(rng: Rng) -> Case:
+    c = ns.constraints.FixedPoint(three(rng), three(rng))
+    return c, lambda i: i.at(c.reference_point).p - c.point
+
+
 def turn_onto(i: Instant, axis: str, d: Floats) -> list[float]:
     """Rotation vector of the least turn of a body axis onto a direction, along d as sines are."""
     across = np.cross(i.axis(axis), d)
@@ -300,6 +305,7 @@ CASES: dict[str, Callable[[Rng], Case]] = {
     "cylinder contact": cylinder_contact,
     "surface contact": surface_contact,
     "remote center": remote_center,
+    "fixed point": fixed_point,
     "parallel tool axis": parallel_axis,
     "tilted tool axis": tilted_axis,
     "tool axis on a surface": axis_on_surface,
@@ -399,8 +405,8 @@ def test_no_world_frame_is_special(name: str, seed: int) -> None:
     Q, s = Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)
     moved = Instant(i.t, Q @ i.p + s, Q @ i.R, Q @ i.v, Q @ i.w)
     before, after = residual(constraint, i), residual(turned_world(constraint, Q, s), moved)
-    if "rolling" in name:
-        # Its rows are a velocity in the world.
+    if "rolling" in name or name == "fixed point":
+        # Its rows are a vector in the world.
         before = Q @ before
     np.testing.assert_allclose(after, before, rtol=0, atol=1e-10 * max(1, np.abs(before).max()))
 
@@ -845,6 +851,7 @@ BAD: list[tuple[type, dict[str, Any], str]] = [
     (ns.constraints.CylinderContact, {"point": None}, "cylinder-contact: point"),
     (ns.constraints.RemoteCenter, {"point": [[0, 0, 0]]}, "remote-center: point"),
     (ns.constraints.RemoteCenter, {"shaft": "shaft"}, "remote-center: shaft"),
+    (ns.constraints.FixedPoint, {"point": (0, 0)}, "fixed-point: point"),
     (ns.constraints.ToolAxis, {"axis": (0, 0, 0)}, "tool-axis: axis"),
     (ns.constraints.ToolAxis, {"direction": (0, 0, 0)}, "tool-axis: direction"),
     (ns.constraints.ToolAxis, {"angle": 45}, "tool-axis: angle"),
@@ -1027,6 +1034,8 @@ def starting_on(name: str, rng: Rng, i: Instant) -> Any:
         # Leaning, but not lying.
         upward = unit(np.cross(i.axis(c.axle), n)) + rng.uniform(-0.5, 0.5) * i.axis(c.axle)
         return replace(c, normal=upward, **({} if name == "wheel" else {"radius": radius}))
+    if name == "fixed point":
+        return replace(c, point=p)
     if name == "plane contact":
         return replace(c, point=p + np.cross(c.normal, n))
     if name == "sphere contact":

@@ -14,6 +14,7 @@ from noslip.constraints.decorators import (
     position_constraint,
     velocity_constraint,
 )
+from noslip.constraints.fixed_point import FixedPoint
 from noslip.constraints.instant import Instant
 from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
@@ -36,6 +37,7 @@ __all__ = [
     "ConstraintSystem",
     "CylinderContact",
     "DepthLimit",
+    "FixedPoint",
     "ForwardOnly",
     "HalfSpace",
     "InMovingFrame",
