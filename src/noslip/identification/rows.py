@@ -96,9 +96,7 @@ def moment(steps: Steps, lines: Floats, slip: float) -> Floats:
     return np.asarray(whitened - (own @ inverse) * np.diag(shares))
 
 
-def fit(
-    whitened: Floats, rows: int, unknown: Floats = NOTHING, start: Floats | None = None
-) -> Fit:
+def fit(whitened: Floats, rows: int, unknown: Floats = NOTHING, start: Floats | None = None) -> Fit:
     """Return the rows through one point of which a whitened moment is least, for its speed.
 
     The point is sought from `start`, or everywhere; it stays at 0 along directions given as
@@ -109,8 +107,7 @@ def fit(
     # Turns of the axes that change nothing, and points of which nothing is told, stay as they are.
     prior = np.diag([1.0, 1.0, 1.0, *np.full(3, 1 / LEVER)])
     prior[3:, 3:] += _FIRM * unknown.T @ unknown
-    still = np.linalg.lstsq(*_linear(root, np.eye(3), np.zeros(3), prior), rcond=None)[0][3:]
-    starts = [np.zeros(3), still] if start is None else [start]
+    starts = [start] if start is not None else [np.zeros(3), _stillest(root, prior)]
     tried = [_descended(root, rows, start, prior) for start in starts]
     _, axes, point, covariance = min(tried, key=lambda found: found[0])
     spreads, directions = np.linalg.eigh(covariance[3:, 3:])
@@ -120,6 +117,12 @@ def fit(
         prior[3:, 3:] += _FIRM * unknown.T @ unknown
         _, axes, point, covariance = _descended(root, rows, point, prior)
     return Fit(axes, point - unknown.T @ (unknown @ point), covariance, unknown)
+
+
+def _stillest(root: Floats, prior: Floats) -> Floats:
+    """Return the point that moves least in all directions."""
+    jacobian, wanted = _linear(root, np.eye(3), np.zeros(3), prior)
+    return np.asarray(np.linalg.lstsq(jacobian, wanted, rcond=None)[0][3:])
 
 
 def _linear(root: Floats, axes: Floats, point: Floats, prior: Floats) -> tuple[Floats, Floats]:

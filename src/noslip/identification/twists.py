@@ -52,8 +52,10 @@ def steps_of(recording: PoseTrajectory, noise: tuple[float, float] | None = None
     """
     poses = np.hstack([recording.positions, recording.quaternions])
     kept = np.flatnonzero(np.concatenate([[True], np.any(np.diff(poses, axis=0) != 0, axis=1)]))
+    if len(kept) < FEWEST_SAMPLES:
+        return []
     periods = np.diff(recording.times[kept])
-    cuts = np.flatnonzero(periods > LONGEST_GAP * np.median(periods)) + 1 if len(kept) > 1 else []
+    cuts = np.flatnonzero(periods > LONGEST_GAP * np.median(periods)) + 1
     pieces = [
         PoseTrajectory(
             recording.times[piece], recording.positions[piece], recording.rotations[piece]
