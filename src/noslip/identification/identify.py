@@ -89,6 +89,7 @@ def identify(
         noise=(float(noises[0]), float(noises[1])),
         speed=float(np.sqrt(max(np.trace(told.fast.total[:3, :3]), 0.0))),
         names=tuple(recording.name for recording in recordings),
+        recordings=tuple(recordings),
         notes=tool.notes,
     )
 
