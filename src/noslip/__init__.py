@@ -62,4 +62,17 @@ def _plot_report(report: CheckReport) -> Any:
     return _plot(report.trajectory, report.system)
 
 
-Supplied.functions.update({"PoseTrajectory.plot": _plot, "CheckReport.plot": _plot_report})
+def _plot_identified(found: Any) -> Any:
+    """Draw why: slip of each direction, the point and its region; return the figure."""
+    from noslip.figures import identified_constraint
+
+    return identified_constraint(found)
+
+
+Supplied.functions.update(
+    {
+        "PoseTrajectory.plot": _plot,
+        "CheckReport.plot": _plot_report,
+        "Identified.plot": _plot_identified,
+    }
+)

@@ -25,7 +25,7 @@ EXIT_VIOLATED, EXIT_USAGE = 1, 2
 
 PANELS = {
     "Start here": ("demo", "doctor"),
-    "Recordings": ("topics", "convert", "segment", "check"),
+    "Recordings": ("topics", "convert", "segment", "check", "identify"),
     "Primitives": ("learn", "rollout", "adapt"),
     "Look at them": ("plot", "view", "report"),
     "To the robot": ("simulate", "export"),
@@ -120,6 +120,8 @@ def _noslip(
     recording of your own:
 
       noslip check cut.csv --constraint blade               does the hand slip?
+
+      noslip identify cut.csv                               what holds instead?
 
       noslip learn cut.csv --constraint blade --out cut.json
 

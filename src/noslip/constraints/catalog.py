@@ -16,6 +16,7 @@ from noslip.constraints.declaration import (
     DeclaredConstraint,
     constraint_function,
     declared,
+    given_arguments,
     of_a_user,
 )
 from noslip.constraints.expression import Instructions, Opaque
@@ -82,6 +83,26 @@ def specification(constraint: Constraint) -> dict[str, Any]:
         # Its other parts are arguments too.
         values["edge"] = constraint.edge.travel
     return {"type": type(constraint).name, "arguments": values}
+
+
+def constraint_text(constraint: Constraint) -> str:
+    """Return the text from which :func:`parse_constraint` makes one of the catalog.
+
+    Numbers have six digits, and none beyond a nanometer.
+    """
+    name = constraint.name.replace("-", "_")
+    values = given_arguments(constraint).items()
+    return f"{name}({', '.join(f'{key}={_written(value)}' for key, value in values)})".replace(
+        "()", ""
+    )
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{round(value, 9) + 0.0:.6g}"
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(_written, value))})"
+    return repr(value)
 
 
 def restore(data: dict[str, Any]) -> Constraint:

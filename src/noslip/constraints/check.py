@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from noslip._typing import Floats
 from noslip._values import html_table
 from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, row_units
 from noslip.constraints.edge_motion import edge_steps
+from noslip.constraints.remedy import BetterPoint, better_point
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError, one_line
 from noslip.scale import require_motion
@@ -67,6 +68,9 @@ class ConstraintCheck:
         some moment, it had no speed.
     margin, margin_time : float or None
         Least margin of a limit, below zero where it is violated, and when (s).
+    better_point : BetterPoint or None
+        Of a tool's constraint that is violated: another of its points (m, body frame), about which
+        the same axes slip clearly less, and the way slipped there (m).
     """
 
     name: str
@@ -84,6 +88,7 @@ class ConstraintCheck:
     verdict: Verdict
     margin: float | None = None
     margin_time: float | None = None
+    better_point: BetterPoint | None = None
 
     @property
     def satisfied(self) -> bool:
@@ -114,6 +119,13 @@ class ConstraintCheck:
             found += (
                 "; the whole motion is slower than that tolerance, which says nothing of it: give "
                 "a smaller one"
+            )
+        if self.better_point is not None and self.slip_distance is not None:
+            place = ", ".join(f"{value:g}" for value in self.better_point.point)
+            found += (
+                f"; with reference_point=({place}) it slips "
+                f"{1e3 * self.better_point.slip_distance:.3g} mm instead of "
+                f"{1e3 * self.slip_distance:.3g}"
             )
         return found
 
@@ -242,6 +254,8 @@ def check(
     Returns
     -------
     CheckReport
+        Where a tool's constraint is violated, with the point about which it slips clearly less, if
+        there is one.
 
     Raises
     ------
@@ -259,7 +273,14 @@ def check(
     system = as_system(constraints)
     if not system.constraints:
         raise InputError("check needs at least one constraint")
-    return checked(trajectory, system, tolerance=tolerance, slip_share=slip_share)
+    report = checked(trajectory, system, tolerance=tolerance, slip_share=slip_share)
+    found = (
+        replace(each, better_point=better_point(trajectory, constraint))
+        if each.verdict == "violated"
+        else each
+        for each, constraint in zip(report.constraints, system.constraints, strict=True)
+    )
+    return replace(report, constraints=tuple(found))
 
 
 def checked(

@@ -7,6 +7,7 @@ The others draw into axes and return what they drew.
 from noslip.figures.arm import executed_slip, joint_limits
 from noslip.figures.family import adapted_family
 from noslip.figures.history import constraint_history, plot_constraint
+from noslip.figures.identified import identified_constraint
 from noslip.figures.learned_spread import learned_spread, plot_ellipses, plot_learned_spread
 from noslip.figures.motion import (
     compare_motions,
@@ -30,6 +31,7 @@ __all__ = [
     "constraint_history",
     "demonstration_spread",
     "executed_slip",
+    "identified_constraint",
     "joint_limits",
     "learned_spread",
     "orientation_adjustments",

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
 from noslip._supplied import Supplied
 from noslip._typing import Floats
-from noslip._values import Value
+from noslip._values import Value, html_table
+from noslip.constraints.catalog import constraint_text
 from noslip.constraints.declaration import Constraint
+from noslip.edge import AXES
+from noslip.trajectory import PoseTrajectory
+
+ALONG, FAR = np.radians([0.05, 20.0])
+"""Radians from a body axis within which a direction is called that axis, and beyond which it is
+told by its numbers: between, by the axis and the angle."""
+MOSTLY = 0.9
+"""Length of a body axis's part along directions of which nothing is told, from which nothing is
+told along that axis."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,6 +128,8 @@ class Identified(Value):
         Of the recordings.
     notes : tuple of str
         What would tell more, a sentence each.
+    recordings : tuple of PoseTrajectory
+        What it was found in, in the order of the names.
     """
 
     constraints: tuple[Constraint, ...]
@@ -134,6 +147,7 @@ class Identified(Value):
     speed: float
     names: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    recordings: tuple[PoseTrajectory, ...] = ()
 
     plot = Supplied(
         "Draw why: slip of each direction, the point and its region; return the figure."
@@ -154,3 +168,131 @@ class Identified(Value):
         )
         matrix[:3, 3] = self.reference_point
         return matrix
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON: constraints as texts for the command line, arrays as lists."""
+        data = {f.name: _plain(getattr(self, f.name)) for f in fields(self)}
+        del data["recordings"]
+        return data | {"tool_frame": _plain(self.tool_frame)}
+
+    def __str__(self) -> str:
+        return "\n".join(f"{'  ' * (k > 0)}{line}" for k, line in enumerate(self.sentences))
+
+    def _repr_html_(self) -> str:
+        return html_table(self.sentences[0], [(line,) for line in self.sentences[1:]])
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What was found, and how surely; numbers after a ± are standard errors."""
+        held = [place for place in self.surfaces if place.holds]
+        kinds = " and ".join([*self.kinds, *(place.kind for place in held)]) or "no constraint"
+        count = len(self.names)
+        lines = [f"{kinds} in {count} recording{'s' if count > 1 else ''}"]
+        if self.rows:
+            lines += [self._axes, self._place]
+            if self.curvature is not None:
+                error = f" ± {self.curvature_error:.2g}" if self.curvature_error else ""
+                lines.append(f"its path bends by {self.curvature:.3g}{error} 1/m")
+            if self.turning_radius is not None:
+                lines.append(f"turns no tighter than {1e3 * self.turning_radius:.3g} mm")
+        rows = self.rows or self.candidates[:1]
+        if rows:
+            given, slip, holdout = (
+                100 * np.sqrt(sum(getattr(row, name) ** 2 for row in rows))
+                for name in ("given", "slip", "holdout")
+            )
+            least = "" if self.rows else f"the stillest direction is {axis_text(rows[0].axis)}: "
+            lines.append(
+                f"{least}slips {slip:.2g} % of its speed, {given:.2g} % about the origin; "
+                f"{holdout:.2g} % where it was not fitted"
+            )
+        for place in held:
+            lines.append(f"{place.kind}: {1e3 * place.residual:.2g} mm off (rms)")
+            lines += place.notes
+        return (*lines, *self.notes)
+
+    @property
+    def _axes(self) -> str:
+        """Which way it must not move, and which way it does, with the axes' standard errors."""
+        assert self.lateral is not None and self.travel is not None
+        needle = "needle" in self.kinds
+        texts = (
+            [] if needle else [f"lateral axis {axis_text(self.lateral, self._error(self.lateral))}"]
+        )
+        travel = axis_text(self.travel, self._error(self.travel) if needle else None)
+        return ", ".join([*texts, f"{'shaft' if needle else 'travel'} {travel}"])
+
+    def _error(self, axis: Floats) -> float:
+        """Largest standard error (rad) of an axis, by those of the rows that are turned with it."""
+        own = [row.axis_covariance for row in self.rows if np.allclose(row.axis, axis)]
+        if own:
+            return float(np.sqrt(max(np.linalg.eigvalsh(own[0])[-1], 0.0)))
+        return float(np.sqrt(max(axis @ row.axis_covariance @ axis for row in self.rows)))
+
+    @property
+    def _place(self) -> str:
+        """Where its point is, along the axes that are told, and what would tell the others."""
+        # The ground of a wheel tells nothing of its point.
+        rows = self.rows if "needle" in self.kinds else self.rows[:1]
+        row = rows[0]
+        if len(row.unknown) == 3:
+            return "nothing tells where its point is: turn it as it moves"
+        errors = 1e3 * np.sqrt(np.maximum(np.diag(row.point_covariance), 0))
+        told = np.linalg.norm(row.unknown, axis=0) < MOSTLY if len(row.unknown) else [True] * 3
+        places = [
+            f"{letter} {1e3 * row.point[k]:.1f} ± {errors[k]:.1g}"
+            for k, letter in enumerate(AXES)
+            if told[k]
+        ]
+        texts = [f"its point is at {', '.join(places)} mm"]
+        # What may not move makes no difference along itself: that direction first.
+        for direction in np.linalg.svd((row.unknown @ row.axis)[None])[2] @ row.unknown:
+            turns = [np.cross(direction, other.axis) for other in rows]
+            about = [roughly(turn) for turn in turns if np.linalg.norm(turn) > MOSTLY / 2]
+            tells = f"nothing tells where it is: turn about {' or '.join(about)}"
+            texts.append(f"along {roughly(direction)} {tells if about else 'it may be anywhere'}")
+        return "; ".join(texts)
+
+
+def _off(axis: Floats) -> tuple[str, float]:
+    """The signed letter nearest to a direction of the body, and the angle between them (rad)."""
+    nearest = int(np.argmax(np.abs(axis)))
+    beside = np.linalg.norm(np.delete(axis, nearest))
+    return ("-" if axis[nearest] < 0 else "") + AXES[nearest], np.arctan2(
+        beside, abs(axis[nearest])
+    )
+
+
+def roughly(axis: Floats) -> str:
+    """Say about which body axis a direction is, up to its sign, or else its numbers."""
+    letter, angle = _off(axis)
+    return letter[-1] if angle < FAR else axis_text(axis)
+
+
+def axis_text(axis: Floats, error: float | None = None) -> str:
+    """Say a direction of the body: a letter and by how much it is turned, or its numbers.
+
+    `error` is its standard error (rad).
+    """
+    letter, angle = _off(axis)
+    more = "" if error is None else f" ± {np.degrees(error):.1g}"
+    if angle > FAR:
+        numbers = ", ".join(f"{value:.3g}" for value in np.round(axis, 3) + 0.0)
+        return f"({numbers})" + (more and f"{more} degrees")
+    if angle < ALONG and not more:
+        return letter
+    return f"{letter} turned by {np.degrees(angle):.1f}{more} degrees"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Constraint):
+        return constraint_text(value)
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(each) for each in value]
+    return value.item() if isinstance(value, np.generic) else value

@@ -7,10 +7,43 @@ level by ``noslip.identification.places.fit_places(trajectories, noise)``, a lis
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
-from noslip.identification.identified import Identified
+import numpy as np
+
+from noslip._typing import Floats
+from noslip.constraints.blade import Blade
+from noslip.constraints.declaration import Constraint
+from noslip.constraints.needle import Needle
+from noslip.constraints.wheel import Wheel
+from noslip.demonstrations._several import several
+from noslip.errors import InputError
+from noslip.identification.identified import Identified, Row
+from noslip.identification.rows import Evidence, Trial, bend, evidence, screws, tried
+from noslip.identification.twists import FEWEST_SAMPLES, Steps, steps_of
+from noslip.scale import require_motion
 from noslip.trajectory import PoseTrajectory
+
+HELD = 0.125
+"""Share of its speed that a tool may slip along a row, on recordings that the row was not fitted
+to.  Hands that follow a contour slip 3 to 9 %, a robot that drives a needle 7 to 11 %; a peg being
+aligned, free to go where it likes, 27 % and more along its stillest direction."""
+ALIKE = 3.0
+"""A row is not believed that slips more than so many times another: it is a habit, as that of a
+blade which hardly plunges."""
+NEGLIGIBLE = 0.01
+"""Share of the speed below which slips are alike."""
+TURNED = 0.05
+"""Radians (rms) that a row's direction must have turned in the world: one that kept its direction
+may be a wall's, or a habit."""
+LEVEL = 0.1
+"""Of the largest turn of a body axis in the world, that of the ground's normal: floors and trolleys
+tilt."""
+LONGEST = 0.5, 0.05
+"""Meters, and share of the path: a point farther from the body's origin is none of the tool."""
+_PARTS = 10, 5
+"""Most parts that are held out in turn; and those of a single recording, blocks of its time."""
 
 
 def identify(
@@ -33,4 +66,231 @@ def identify(
     InputError
         If they are no recordings, stand still or are too short.
     """
-    raise NotImplementedError
+    recordings = several(trajectories, 1, "identify")
+    for recording in recordings:
+        require_motion(recording)
+    parts = _parts(recordings, noise)
+    told = evidence(parts)
+    tool = _tool(told, recordings)
+    holds = bool(tool.constraints)
+    noises = np.median([steps.noise for part in parts for steps in part], axis=0)
+    return Identified(
+        constraints=tool.constraints,
+        kinds=tuple(type(constraint).name for constraint in tool.constraints),
+        travel=tool.axes[-1] if holds else None,
+        lateral=tool.axes[0] if holds else None,
+        reference_point=tool.trial.fit.point if holds else None,
+        rows=tuple(_row(tool.trial, axis) for axis in tool.axes[: tool.rows]),
+        candidates=tuple(_row(tool.trial, axis) for axis in tool.axes),
+        surfaces=(),
+        curvature=tool.curvature,
+        curvature_error=tool.curvature_error,
+        turning_radius=None,
+        noise=(float(noises[0]), float(noises[1])),
+        speed=float(np.sqrt(max(np.trace(told.fast.total[:3, :3]), 0.0))),
+        names=tuple(recording.name for recording in recordings),
+        recordings=tuple(recordings),
+        notes=tool.notes,
+    )
+
+
+# ---------------------------------------------------------------- what is told
+
+
+def _parts(
+    recordings: Sequence[PoseTrajectory], noise: tuple[float, float] | None
+) -> list[list[Steps]]:
+    """Parts that are held out in turn: recordings, or blocks of time of a single one."""
+    most, blocks = _PARTS
+    each = [pieces for recording in recordings if (pieces := steps_of(recording, noise))]
+    if not each:
+        raise InputError(
+            f"{recordings[0].name}: {len(recordings[0])} samples tell nothing of noise; give a "
+            f"recording of {FEWEST_SAMPLES} poses or more"
+        )
+    if len(each) == 1:
+        count = sum(len(steps.ways) for steps in each[0])
+        each = [
+            [Steps(ways, periods, steps.noise)]
+            for steps in each[0]
+            for ways, periods in zip(
+                *(
+                    np.array_split(values, max(2, round(blocks * len(steps.ways) / count)))
+                    for values in (steps.ways, steps.periods)
+                ),
+                strict=True,
+            )
+        ]
+    return [
+        [steps for piece in each[k::most] for steps in piece] for k in range(min(most, len(each)))
+    ]
+
+
+def _sweeps(recordings: Sequence[PoseTrajectory]) -> Floats:
+    """How far the body's axes turn in the world: ``a . S a`` is the mean square of a's way (rad^2).
+
+    From their mean direction in each recording, by the way that the body went.
+    """
+    total, ways = np.zeros((3, 3)), 0.0
+    for recording in recordings:
+        weights = np.linalg.norm(np.diff(recording.positions, axis=0), axis=1)
+        turns = recording.step_middles()[2].as_matrix()
+        away = turns - np.average(turns, axis=0, weights=weights + 1e-12)
+        total += np.einsum("k,kij,kil->jl", weights, away, away)
+        ways += weights.sum()
+    return np.asarray(total / max(ways, 1e-12))
+
+
+def _normal(recordings: Sequence[PoseTrajectory], ground: Floats) -> Floats | None:
+    """World direction of a body's axis, shape (3,); None, if recordings differ in it."""
+    means = np.array([recording.rotations.apply(ground).mean(axis=0) for recording in recordings])
+    mean = means.mean(axis=0)
+    length = np.linalg.norm(mean)
+    return mean / length if length > np.cos(2 * LEVEL) else None
+
+
+# ---------------------------------------------------------------- what holds
+
+
+@dataclass(frozen=True, eq=False)
+class Tool:
+    """What holds at velocity level: orthonormal `axes`, shape (3, 3), of which the first `rows` are
+    free of slip: the lateral axis is the first, and the travel axis the last.
+    """
+
+    trial: Trial
+    axes: Floats
+    rows: int = 0
+    constraints: tuple[Constraint, ...] = ()
+    curvature: float | None = None
+    curvature_error: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+def _tool(told: Evidence, recordings: Sequence[PoseTrajectory]) -> Tool:
+    """Choose between needle, wheel, blade and nothing."""
+    longest = max(LONGEST[0], LONGEST[1] * sum(recording.path_length for recording in recordings))
+    sweeps = _sweeps(recordings)
+    turned, directions = np.linalg.eigh(sweeps)
+    one, two = (_best(told, rows, longest) for rows in (1, 2))
+    if turned[2] < TURNED**2:
+        degrees = np.degrees(np.sqrt(max(turned[2], 0.0)))
+        note = f"turned by {degrees:.1f} degrees (rms) only: turn the tool as it moves"
+        return Tool(one, _axes(one), notes=(note,))
+    level = turned[0] < LEVEL**2 * turned[2]
+    alike = HELD if level else max(ALIKE * one.worst, NEGLIGIBLE + two.doubt)
+    if _holds(two, alike):
+        axes = _axes(two)
+        bends, error, left = bend(two, axes[2])
+        size = float(np.linalg.norm(bends))
+        if left < HELD and error < HELD * size:
+            lateral = np.cross(bends / size, axes[2])
+            axes = np.array([lateral, bends / size, axes[2]])
+            return _needle(two, axes, size, error)
+        if not level:
+            return _needle(two, axes)
+        ground = directions[:, 0]
+        normal = _normal(recordings, ground)
+        if (ground if normal is None else normal)[2] < 0:
+            ground, normal = -ground, None if normal is None else -normal
+        wheel = _best(told, 1, longest, ground)
+        if _holds(wheel, HELD) and np.linalg.norm(two.fit.axes @ ground) > np.cos(2 * LEVEL):
+            return _wheel(wheel, ground, normal)
+    if _holds(one, HELD) and one.fit.axes[0] @ sweeps @ one.fit.axes[0] > TURNED**2:
+        axes = _axes(one)
+        blade = Blade(
+            lateral=_numbers(axes[0]),
+            edge=_numbers(axes[2]),
+            reference_point=_numbers(one.fit.point),
+        )
+        return Tool(one, axes, 1, (blade,))
+    return Tool(one, _axes(one), notes=("slips along every direction",))
+
+
+def _best(told: Evidence, rows: int, longest: float, ground: Floats | None = None) -> Trial:
+    """Fit rows, about the body's origin if another point is too far or does worse held out."""
+    found = tried(told, rows, ground=ground)
+    rigid = tried(told, rows, np.eye(3), ground)
+    far = np.linalg.norm(found.fit.point) > longest
+    return rigid if far or found.worst > 1.2 * rigid.worst + found.doubt else found
+
+
+def _holds(trial: Trial, most: float) -> bool:
+    return max(trial.worst, trial.doubt) < min(HELD, most)
+
+
+def _needle(
+    trial: Trial, axes: Floats, curvature: float | None = None, error: float | None = None
+) -> Tool:
+    needle = Needle(
+        shaft=_numbers(axes[2]),
+        curvature=curvature,
+        bevel=_numbers(axes[1]),
+        reference_point=_numbers(trial.fit.point),
+    )
+    return Tool(trial, axes, 2, (needle,), curvature, error)
+
+
+def _wheel(trial: Trial, ground: Floats, normal: Floats | None) -> Tool:
+    lateral = trial.fit.axes[0]
+    axes = np.array([lateral, ground, np.cross(lateral, ground)])
+    axes[[0, 2]] *= np.sign(_net_way(trial, axes[2])) or 1.0
+    wheel = Wheel(
+        axle=_numbers(axes[0]),
+        edge=_numbers(axes[2]),
+        normal=None if normal is None else _numbers(normal),
+        reference_point=_numbers(trial.fit.point),
+    )
+    return Tool(trial, axes, 2, (wheel,))
+
+
+def _axes(trial: Trial) -> Floats:
+    """Lateral axis, the one across both, and the travel axis, shape (3, 3), right-handed."""
+    rows, point = trial.fit.axes, trial.fit.point
+    if len(rows) == 2:
+        travel = np.cross(*rows)
+        # Of a shaft's two, the lateral axis is the body's y, as near as may be.
+        near = np.eye(3)[1 if abs(travel[1]) < np.sqrt(0.5) else 2]
+        lateral = near - travel * (near @ travel)
+        lateral /= np.linalg.norm(lateral)
+    else:
+        lateral = rows[0] * (np.sign(rows[0][np.argmax(np.abs(rows[0]))]))
+        across = np.linalg.svd(lateral[None])[2][1:]
+        lines = screws(across, point)
+        moved = lines @ trial.evidence.fast.total @ lines.T
+        travel = np.linalg.eigh(moved)[1][:, -1] @ across
+    travel = travel * (np.sign(_net_way(trial, travel)) or 1.0)
+    return np.array([lateral, np.cross(travel, lateral), travel])
+
+
+def _net_way(trial: Trial, axis: Floats) -> float:
+    """Meters that the point moved along an axis, less those back."""
+    line = screws(axis[None], trial.fit.point)[0]
+    return float(
+        sum(steps.ways.sum(axis=0) @ line for part in trial.evidence.parts for steps in part)
+    )
+
+
+def _row(trial: Trial, axis: Floats) -> Row:
+    found = trial.fit
+    turn = -np.cross(np.eye(3), axis)
+    across = np.eye(3) - found.unknown.T @ found.unknown
+    free = np.eye(3)
+    if len(found.axes) == 2:
+        shaft = np.cross(*found.axes)
+        free -= np.outer(shaft, shaft)
+    turn = turn @ free
+    return Row(
+        axis=axis,
+        point=found.point,
+        axis_covariance=turn @ found.covariance[:3, :3] @ turn.T,
+        point_covariance=across @ found.covariance[3:, 3:] @ across,
+        unknown=found.unknown,
+        given=trial.share(axis, np.zeros(3)),
+        slip=trial.share(axis),
+        holdout=trial.holdout(axis),
+    )
+
+
+def _numbers(vector: Floats) -> tuple[float, ...]:
+    return tuple(vector.tolist())
