@@ -19,8 +19,9 @@ from noslip.constraints.needle import Needle
 from noslip.constraints.wheel import Wheel
 from noslip.demonstrations._several import several
 from noslip.errors import InputError
+from noslip.identification.bent import BentTrial, bent_needle
 from noslip.identification.identified import Identified, Row
-from noslip.identification.rows import Evidence, Trial, bend, evidence, screws, tried
+from noslip.identification.rows import NOTHING, Evidence, Trial, evidence, screws, tried
 from noslip.identification.twists import FEWEST_SAMPLES, Steps, steps_of
 from noslip.scale import require_motion
 from noslip.trajectory import PoseTrajectory
@@ -40,6 +41,8 @@ may be a wall's, or a habit."""
 LEVEL = 0.1
 """Of the largest turn of a body axis in the world, that of the ground's normal: floors and trolleys
 tilt."""
+GAINED = 0.8
+"""Of the slip held out that a needle's tip beside the body's origin must leave at most."""
 LONGEST = 0.5, 0.05
 """Meters, and share of the path: a point farther from the body's origin is none of the tool."""
 _PARTS = 10, 5
@@ -179,14 +182,11 @@ def _tool(told: Evidence, recordings: Sequence[PoseTrajectory]) -> Tool:
         return Tool(one, _axes(one), notes=(note,))
     level = turned[0] < LEVEL**2 * turned[2]
     alike = HELD if level else max(ALIKE * one.worst, NEGLIGIBLE + two.doubt)
+    bent = _bent(told, longest)
+    if bent and _holds(bent.trial, HELD):
+        return _needle(bent.trial, bent.bent.frame, bent.bent.curvature, bent.error)
     if _holds(two, alike):
         axes = _axes(two)
-        bends, error, left = bend(two, axes[2])
-        size = float(np.linalg.norm(bends))
-        if left < HELD and error < HELD * size:
-            lateral = np.cross(bends / size, axes[2])
-            axes = np.array([lateral, bends / size, axes[2]])
-            return _needle(two, axes, size, error)
         if not level:
             return _needle(two, axes)
         ground = directions[:, 0]
@@ -213,6 +213,15 @@ def _best(told: Evidence, rows: int, longest: float, ground: Floats | None = Non
     rigid = tried(told, rows, np.eye(3), ground)
     far = np.linalg.norm(found.fit.point) > longest
     return rigid if far or found.worst > 1.2 * rigid.worst + found.doubt else found
+
+
+def _bent(told: Evidence, longest: float) -> BentTrial | None:
+    """Fit a bent needle, about the body's origin unless another point does better held out."""
+    rigid, free = (bent_needle(told, HELD, unknown) for unknown in (np.eye(3), NOTHING))
+    if free and np.linalg.norm(free.bent.tip) < longest:
+        gained = not rigid or free.trial.worst < GAINED * rigid.trial.worst
+        rigid = free if gained else rigid
+    return rigid if rigid and rigid.error < HELD * rigid.bent.curvature else None
 
 
 def _holds(trial: Trial, most: float) -> bool:

@@ -37,9 +37,9 @@ _WEIGHINGS = 3
 """Fits, each weighed by the slip of the one before."""
 _ROUNDS = 50
 """Of Gauss-Newton; ten do where the rows are well told."""
-_SETTLED = 1e-9
+SETTLED = 1e-9
 """Meters and radians of its last step."""
-_FIRM = 1e6
+FIRM = 1e6
 """1/m: holds a point where it is along a direction, firmer than data to a micrometer."""
 NOTHING: Floats = np.zeros((0, 3))
 """No direction."""
@@ -106,7 +106,7 @@ def fit(whitened: Floats, rows: int, unknown: Floats = NOTHING, start: Floats | 
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     # Turns of the axes that change nothing, and points of which nothing is told, stay as they are.
     prior = np.diag([1.0, 1.0, 1.0, *np.full(3, 1 / LEVER)])
-    prior[3:, 3:] += _FIRM * unknown.T @ unknown
+    prior[3:, 3:] += FIRM * unknown.T @ unknown
     starts = [start] if start is not None else [np.zeros(3), _stillest(root, prior)]
     tried = [_descended(root, rows, start, prior) for start in starts]
     _, axes, point, covariance = min(tried, key=lambda found: found[0])
@@ -114,7 +114,7 @@ def fit(whitened: Floats, rows: int, unknown: Floats = NOTHING, start: Floats | 
     if np.any(spreads > TOLD**2):
         unknown = np.vstack([unknown, directions.T[spreads > TOLD**2]])
         unknown = np.linalg.svd(unknown, full_matrices=False)[2]
-        prior[3:, 3:] += _FIRM * unknown.T @ unknown
+        prior[3:, 3:] += FIRM * unknown.T @ unknown
         _, axes, point, covariance = _descended(root, rows, point, prior)
     return Fit(axes, point - unknown.T @ (unknown @ point), covariance, unknown)
 
@@ -152,12 +152,12 @@ def _descended(
         while True:
             turned = axes @ Rotation.from_rotvec(change[:3]).as_matrix().T
             linear = _linear(root, turned, point + change[3:], prior)
-            if np.sum(linear[1] ** 2) <= np.sum(wanted**2) or np.abs(change).max() < _SETTLED:
+            if np.sum(linear[1] ** 2) <= np.sum(wanted**2) or np.abs(change).max() < SETTLED:
                 break
             change = change / 4
         axes, point = turned, point + change[3:]
         jacobian, wanted = linear
-        if np.abs(change).max() < _SETTLED:
+        if np.abs(change).max() < SETTLED:
             break
     inverse = np.linalg.pinv(jacobian)
     return float(np.sum(wanted**2)), axes, point, inverse @ inverse.T
@@ -190,8 +190,8 @@ class Spread:
 
     def density(self, lines: Floats) -> float:
         """Spectral density of slip along rows (m^2/s) beyond what noise may feign."""
-        noise = _squares(self.noise, lines).mean() * np.sqrt(2 / (self.count * len(lines)))
-        return self.window * float(_squares(self.total, lines).mean() - 2 * noise)
+        noise = squares(self.noise, lines).mean() * np.sqrt(2 / (self.count * len(lines)))
+        return self.window * float(squares(self.total, lines).mean() - 2 * noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,12 +266,12 @@ class Trial:
         """The same, of the parts held out: along the axis that the others have in its place."""
         inside = self.fit.axes.T @ self.fit.axes
         among = np.linalg.norm(inside @ axis) > np.sqrt(0.5)
-        squares = np.zeros(2)
+        sums = np.zeros(2)
         for other, part in zip(self.others, self.evidence.fast.parts, strict=True):
             plane = other.axes.T @ other.axes
             along = plane @ axis if among else axis - plane @ axis
-            squares += _squared(part, along / np.linalg.norm(along), other.point)
-        return _share(*squares)
+            sums += _squared(part, along / np.linalg.norm(along), other.point)
+        return _share(*sums)
 
     @property
     def worst(self) -> float:
@@ -283,7 +283,7 @@ class Trial:
         """By how much noise alone may raise a share, at two standard errors."""
         fast, fit = self.evidence.fast, self.fit
         _, speed = _squared(fast.total, fit.axes[0], fit.point)
-        noise = _squares(fast.noise, screws(fit.axes, fit.point)).max()
+        noise = squares(fast.noise, screws(fit.axes, fit.point)).max()
         return _share(2 * noise * np.sqrt(2 / fast.count), speed)
 
 
@@ -291,15 +291,15 @@ def _share(square: float, of: float) -> float:
     return float(np.sqrt(max(square, 0.0) / max(of, FINEST_SPEED**2)))
 
 
-def _squares(moment: Floats, lines: Floats) -> Floats:
+def squares(moment: Floats, lines: Floats) -> Floats:
     """Mean squares of rows."""
     return np.asarray(np.einsum("ki,ij,kj->k", lines, moment, lines))
 
 
 def _squared(moment: Floats, axis: Floats, point: Floats) -> Floats:
     """Mean square of a point's speed along an axis, and of all of it, shape (2,)."""
-    squares = _squares(moment, screws(np.vstack([axis, np.eye(3)]), point))
-    return np.array([squares[0], squares[1:].sum()])
+    own, *each = squares(moment, screws(np.vstack([axis, np.eye(3)]), point))
+    return np.array([own, sum(each)])
 
 
 def tried(
@@ -319,7 +319,7 @@ def tried(
     def solved(moment: Floats, start: Floats | None = None) -> Fit:
         # Rows out of the plane cost more than any in it.
         free = confined @ moment @ confined
-        return fit(free + _FIRM * np.trace(free) * (np.eye(6) - confined), rows, unknown, start)
+        return fit(free + FIRM * np.trace(free) * (np.eye(6) - confined), rows, unknown, start)
 
     found = solved(evidence.fast.total / FINEST_SPEED**2)
     for _ in range(_WEIGHINGS):
@@ -329,25 +329,3 @@ def tried(
         found = solved(total)
     unknown = found.unknown
     return Trial(evidence, found, tuple(solved(total - own, found.point) for own in moments))
-
-
-def bend(trial: Trial, shaft: Floats) -> tuple[Floats, float, float]:
-    """How a shaft turns as it advances: ``w = k (shaft . v)`` across it.
-
-    Returns
-    -------
-    array, shape (3,), float, float
-        k (1/m), perpendicular to the shaft, the standard error of each of its components, and the
-        rms of the turning that it leaves, over that of all turning across the shaft.
-    """
-    fast = trial.evidence.fast.total
-    across = np.linalg.svd(shaft[None])[2][1:]
-    turns, ahead = np.hstack([0 * across, across]), screws(shaft[None], trial.fit.point)
-    bends = (turns @ fast @ ahead.T) / (ahead @ fast @ ahead.T)
-    for _ in range(_WEIGHINGS):
-        rows = turns - bends * ahead
-        total = trial.evidence.moments(rows, trial.evidence.slip(rows)).sum(axis=0)
-        square = float((ahead @ total @ ahead.T)[0, 0])
-        bends = (turns @ total @ ahead.T) / square
-    left, all_ = (_squares(fast, lines).sum() for lines in (turns - bends * ahead, turns))
-    return bends[:, 0] @ across, square**-0.5, float(np.sqrt(max(left, 0) / max(all_, 1e-12)))
