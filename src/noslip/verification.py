@@ -22,7 +22,7 @@ from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY
 from noslip.rule import Rule
 from noslip.runtime.batch import Motions
-from noslip.runtime.motion import Motion
+from noslip.runtime.motion import Asked, Motion
 from noslip.runtime.rollout import rollout
 from noslip.trajectory import PoseTrajectory
 
@@ -187,7 +187,10 @@ def tell(law: Law, rule: Rule, motion: Motion) -> None:
 
 def _same_task(motion: Motion, other: Motion) -> bool:
     """Whether two motions of a law have the same start, goal and duration."""
-    same_start = np.array_equal(motion.asked.start.vector(), other.asked.start.vector())
+    one, another = motion.asked, other.asked
+    assert isinstance(one, Asked)
+    assert isinstance(another, Asked)
+    same_start = np.array_equal(one.start.vector(), another.start.vector())
     same_time = abs(motion.duration - other.duration) <= 1e-9 * other.duration
     return same_start and same_time and _goal_of(motion) == _goal_of(other)
 
@@ -240,8 +243,7 @@ def require_hard_limits(law: Law, rule: Rule) -> None:
 
 
 def _goal_of(motion: Motion) -> Boundary:
-    goal = motion.asked.start
-    return Boundary(1.0, goal.goal_position, goal.goal_rotation)
+    return Boundary(1.0, *motion.asked.goal)
 
 
 def _wrong(

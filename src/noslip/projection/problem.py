@@ -69,7 +69,7 @@ class Problem:
         self.equalities, self.limits = system.equalities, system.limits
         count = self.count = len(trajectory)
         self.time_step = trajectory.duration / (count - 1)
-        self.length = trajectory.path_length or 1.0
+        self.length = request.length or trajectory.path_length or 1.0
         self.levels = np.array(self.equalities.row_levels + self.limits.row_levels, dtype=object)
         self.is_limit = np.arange(system.size) >= self.equalities.size
 
@@ -154,10 +154,12 @@ class Problem:
         for k, boundary in boundaries.items():
             holds_position = boundary.position is not None or hold_position
             decided[k] = holds_position and boundary.rotation is not None
-        for k in takewhile(lambda k: decided[k], range(self.count)):
-            active[k] = False
+        done = len(list(takewhile(lambda k: decided[k], range(self.count))))
+        active[:done] = False
         # An acceleration is that from the step before a sample to the step after it.
         active[-1] &= self.levels != "acceleration"
+        if 1 < done < self.count:
+            active[done - 1] = self.levels == "acceleration"
         return active
 
     def _clearance(self, request: Request) -> Floats:

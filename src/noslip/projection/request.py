@@ -100,6 +100,8 @@ class Request(Value):
         Newton steps in the first attempt.
     clearance : float
         Kept from limits that the reference violates, where they are lengths (m).
+    length : float
+        L (m); 0 is the reference's path.
 
     Raises
     ------
@@ -116,6 +118,7 @@ class Request(Value):
     begin: float = 0.0
     max_iterations: int = MAX_ITERATIONS
     clearance: float = 0.0
+    length: float = 0.0
 
     def __post_init__(self) -> None:
         reference = self.reference

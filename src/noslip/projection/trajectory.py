@@ -33,7 +33,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError
 from noslip.projection.blend import spread
 from noslip.projection.detour import around
-from noslip.projection.heading import turn_edge_into_path
+from noslip.projection.heading import Heading, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
@@ -123,8 +123,10 @@ def project_trajectory(
     return result if on_failure == "return" else _converged(result, request)
 
 
-def project(request: Request) -> ProjectedTrajectory:
+def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
     """Solve a request; the best that was found if nothing converges.
+
+    It begins with the edge turned into the path, or with the reference's own rotations.
 
     What the reference leads straight into it passes on one side, see :func:`detour.around`.
 
@@ -133,7 +135,7 @@ def project(request: Request) -> ProjectedTrajectory:
     if not request.hold_position and "position" in request.system.limits.row_levels:
         passed = around(request.reference, request.system, request.begin)
         request = replace(request, reference=passed)
-    best = _attempt(replace(request, system=request.system.equalities))
+    best = _attempt(replace(request, system=request.system.equalities), turn)
     if best.converged and request.system.limits.size:
         best = _heed_limits(request, best)
     if _swing(best, request):
@@ -226,7 +228,7 @@ def _with_twists(trajectory: PoseTrajectory, request: Request) -> PoseTrajectory
 # ---------------------------------------------------------------- attempts
 
 
-def _attempt(request: Request) -> ProjectedTrajectory:
+def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
     """Attempt after attempt at the equalities; the best result if none converges."""
     best: ProjectedTrajectory | None = None
     moved = _moved(request.reference, request.fixed)
@@ -235,7 +237,9 @@ def _attempt(request: Request) -> ProjectedTrajectory:
         if len(request.reference) > weights.most_samples and best is not None:
             break
         smoother = replace(request, weights=weights)
-        heading = turn_edge_into_path(moved, request.system, weights.rotation_smoothing)
+        heading = Heading(np.zeros((len(moved), 3)), 0)
+        if turn:
+            heading = turn_edge_into_path(moved, request.system, weights.rotation_smoothing)
         problem = Problem(smoother, heading.turns)
         found = problem.solve(patience * request.max_iterations, careful)
         result = replace(found, backing=heading.backing)

@@ -60,6 +60,11 @@ class Asked(Value):
     start: State
     steps: Floats
 
+    @property
+    def goal(self) -> tuple[Floats, Rotation]:
+        """Where it should end: position (m) and rotation."""
+        return self.start.goal_position, self.start.goal_rotation
+
     @cached_property
     def _alone(self) -> tuple[Floats, Floats]:
         stepper, first = stepper_of(Rule()), self.start.vector()
@@ -72,6 +77,28 @@ class Asked(Value):
         """Positions at these times if nothing constrained the law (m), shape (N, 3)."""
         own, positions = self._alone
         return np.column_stack([np.interp(times, own, column) for column in positions.T])
+
+
+@dataclass(frozen=True, eq=False)
+class Commanded(Value):
+    """What was commanded pose by pose.
+
+    Attributes
+    ----------
+    poses : PoseTrajectory
+    """
+
+    poses: PoseTrajectory
+
+    @property
+    def goal(self) -> tuple[Floats, Rotation]:
+        """The last pose: position (m) and rotation."""
+        return self.poses.positions[-1], self.poses.rotations[-1]
+
+    def alone(self, times: Floats) -> Floats:
+        """Positions commanded at these times (m), shape (N, 3)."""
+        own, columns = self.poses.times, self.poses.positions.T
+        return np.column_stack([np.interp(times, own, column) for column in columns])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -96,8 +123,8 @@ class Motion(PoseTrajectory):
     limit_names : tuple of str
     row_forces : array, shape (N, m + k, 6)
         The part of ``constraint_forces`` that each equality, then each limit, causes.
-    asked : Asked
-        Where it should end, and what the law wants on the way.
+    asked : Asked or Commanded
+        Where it should end, and what the law, or whoever commands it, wants on the way.
     """
 
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros((0, 0)))
@@ -108,7 +135,7 @@ class Motion(PoseTrajectory):
     limit_multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     limit_names: tuple[str, ...] = ()
     row_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 6)))
-    asked: Asked
+    asked: Asked | Commanded
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -186,16 +213,16 @@ class Motion(PoseTrajectory):
     @property
     def end_error(self) -> float:
         """Distance from where it ends to its goal (m)."""
-        return float(np.linalg.norm(self.positions[-1] - self.asked.start.goal_position))
+        return float(np.linalg.norm(self.positions[-1] - self.asked.goal[0]))
 
     @property
     def end_rotation_error(self) -> float:
         """The same of the rotation (rad)."""
-        return float((self.rotations[-1] * self.asked.start.goal_rotation.inv()).magnitude())
+        return float((self.rotations[-1] * self.asked.goal[1].inv()).magnitude())
 
     @property
     def path_error(self) -> float:
-        """Largest distance from where the law alone would be at the same time (m).
+        """Largest distance from where the law alone, or the command, is at the same time (m).
 
         That is how far constraints and limits push the motion off its way.
         """
