@@ -29,7 +29,7 @@ the constraints' own units."""
 _WILD = 4
 """Speed over the command's, or over :data:`PACE` if that is more, at which a motion is none."""
 _FAR = 0.2
-"""Radians, or levers, from the command at a chunk's end that are told: 11 degrees, 20 mm."""
+"""Radians, or levers, from the command at a chunk's end that are told: 11 degrees, 10 mm."""
 _SPACED = 1e-3
 """Share of the period by which the poses of a chunk may be spaced otherwise."""
 _BRAKING = (1 / 2, 1 / 4, 1 / 8)
