@@ -110,7 +110,7 @@ def _graphs(system: ConstraintSystem) -> list[str]:
         frame = constraint.edge.frame.ravel().tolist()
         lines += ["#define NOSLIP_HAS_EDGE 1", _table("double", "edge_frame", frame)]
         functions["edge"] = _edge(constraint)
-    return [*lines, c99.plain(functions, ("given",), ("found",)) if functions else ""]
+    return [*lines, c99.plain(c99.Plain(functions, ("given",), ("found",))) if functions else ""]
 
 
 def _edge(constraint: Constraint) -> ca.Function:

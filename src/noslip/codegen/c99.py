@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from types import ModuleType
 from typing import Any
@@ -54,8 +55,8 @@ def header(equalities: int, limits: int, bound: str = "") -> str:
         "EQUALITIES": str(equalities),
         "LIMITS": str(limits),
         "ROWS": str(max(1, rows)),
-        "PRIMITIVE": _fields(PRIMITIVE),
-        "STATE": _fields(memory_fields(rows)),
+        "PRIMITIVE": declared(PRIMITIVE),
+        "STATE": declared(memory_fields(rows)),
     }.items():
         text = text.replace(f"@{name}@", value)
     return text.replace("\n@BOUND@ */", f"{bound} */")
@@ -87,15 +88,16 @@ def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
         [*(offsets(name, each) for name, each in layouts.items()), *defined({clock: _STEPS})]
     )
     text = template("noslip.c").replace("@OUTPUTS@", str(outputs)).replace("@OFFSETS@", places)
-    return text + "\n" + _core(function, outputs)
+    free = Plain({"free": step_function(None, 0)}, *_STEPPING)
+    return text + "\n" + core(function, outputs, free)
 
 
-def _fields(fields: Sequence[Field]) -> str:
+def declared(fields: Sequence[Field]) -> str:
     """Declarations of a struct's fields."""
     lines = []
     for field in fields:
         shape = "".join(f"[{size}]" for size in field.shape)
-        declared = {
+        text = {
             "int": f"int {field.name};",
             "real": f"noslip_real {field.name}{shape};",
             "array": f"const noslip_real (*{field.name}){shape};"
@@ -103,7 +105,7 @@ def _fields(fields: Sequence[Field]) -> str:
             else f"const noslip_real *{field.name};",
         }[field.kind]
         comment = f"/* {field.comment} */" if field.comment else ""
-        lines.append(f"    {declared:<{_COMMENT_COLUMN}}{comment}".rstrip())
+        lines.append(f"    {text:<{_COMMENT_COLUMN}}{comment}".rstrip())
     return "\n".join(lines)
 
 
@@ -122,23 +124,31 @@ def offsets(prefix: str, layout: Layout) -> str:
     return "\n".join(f"#define {prefix}_{name.upper()} {at}" for name, at in places.items())
 
 
-def _core(function: ca.Function, outputs: int) -> str:
-    """The step's expression graphs in C; ``noslip_core``, of plain arrays, is the step."""
+def core(function: ca.Function, outputs: int, *others: Plain) -> str:
+    """A step's expression graphs in C; ``noslip_core``, of plain arrays, is the step.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        As for :func:`source`.
+    outputs : int
+        How many of its outputs are wanted.
+    others : Plain
+        What stands beside it.
+    """
     alone = function.is_a("SXFunction")
     parts = [function] if alone else [function.find_function(name) for name in ("short", "whole")]
     for index, part in enumerate(parts):
         if outputs != part.numel_out(1):
             state, step = (ca.SX.sym(name, part.numel_in(i)) for i, name in enumerate("st"))
-            after, output, *others = part(state, step)
-            found = [after, output[:outputs], *others]
+            after, output, *more = part(state, step)
+            found = [after, output[:outputs], *more]
             parts[index] = ca.Function(part.name(), [state, step], ca.cse(found))
-    names = ("state", "step"), ("after", "output")
-    free = step_function(None, 0)
     if alone:
-        return plain({"core": parts[0], "free": free}, *names)
-    helpers, _ = _generated([*parts, free])
+        return plain(Plain({"core": parts[0]}, *_STEPPING), *others)
+    helpers, _ = _generated([*parts, *(f for each in others for f in each.functions.values())])
     _, text = _generated(parts)
-    texts = [helpers, _screened(text, *parts), *_plain({"free": free}, *names)]
+    texts = [helpers, _screened(text, *parts), *(line for each in others for line in each.lines())]
     return "\n".join(texts).replace("casadi_", "noslip_")
 
 
@@ -154,18 +164,35 @@ def _generated(functions: Iterable[ca.Function]) -> tuple[str, str]:
     return "\n".join([told, *helpers, ""]), text
 
 
-def plain(functions: dict[str, ca.Function], inputs: Sequence[str], outputs: Sequence[str]) -> str:
-    """Expression graphs that call no others as C functions of plain arrays.
+@dataclass(frozen=True)
+class Plain:
+    """Expression graphs that call no others, as C functions of plain arrays.
 
-    Parameters
+    Attributes
     ----------
     functions : dict of casadi.Function
         By what they are called after ``noslip_``.
-    inputs, outputs : sequence of str
+    inputs, outputs : tuple of str
         Names of the arrays; of inputs, a function with fewer takes the first ones.
     """
-    helpers, _ = _generated(functions.values())
-    return "\n".join([helpers, *_plain(functions, inputs, outputs)]).replace("casadi_", "noslip_")
+
+    functions: dict[str, ca.Function]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def lines(self) -> Iterator[str]:
+        """Their code, of CasADi's names."""
+        return _plain(self.functions, self.inputs, self.outputs)
+
+
+_STEPPING = ("state", "step"), ("after", "output")
+
+
+def plain(*several: Plain) -> str:
+    """Code of expression graphs that call no others."""
+    helpers, _ = _generated(f for each in several for f in each.functions.values())
+    lines = (line for each in several for line in each.lines())
+    return "\n".join([helpers, *lines]).replace("casadi_", "noslip_")
 
 
 def _with_types(code: str) -> str:

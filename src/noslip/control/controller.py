@@ -47,7 +47,7 @@ from noslip.rule import Rule
 from noslip.runtime import engine
 from noslip.runtime.engine import Compiled, Memory
 from noslip.runtime.rollout import initial_state, rollout
-from noslip.runtime.state import State
+from noslip.runtime.state import State, write_pose
 from noslip.runtime.stepper import stepper_of
 
 Mode = Literal["track", "yield", "hold", "fault"]
@@ -612,28 +612,9 @@ class Controller:
 
     def _take(self, measured: Pose) -> bool:
         """Take over a measured pose; whether it is one."""
-        if isinstance(measured, State):
-            place, quaternion = measured.position, measured.quaternion
-            w, i, j, k = quaternion.tolist()
-        elif isinstance(measured, tuple) and len(measured) == 2:
-            given, rotation = measured
-            if not isinstance(rotation, Rotation):
-                raise InputError(
-                    f"measured_state: a Rotation stands second, got {type(rotation).__name__}"
-                )
-            place = np.asarray(given, dtype=np.float64)
-            if place.shape != (3,):
-                raise InputError(f"measured_state: a position has shape (3,), got {place.shape}")
-            i, j, k, w = rotation.as_quat().tolist()
-        else:
-            raise InputError(
-                "measured_state must be a State or a pair (position, Rotation), got "
-                f"{type(measured).__name__}"
-            )
-        x, y, z = place.tolist()
         pose = self._pose
-        pose[0], pose[1], pose[2] = x, y, z
-        pose[3], pose[4], pose[5], pose[6] = w, i, j, k
+        write_pose("measured_state", measured, pose)
+        x, y, z, w, i, j, k = pose.tolist()
         # Written so that NaN fails.
         if not _SMALLEST < w * w + i * i + j * j + k * k < 1 / _SMALLEST:
             return False

@@ -221,11 +221,10 @@ def _native() -> Native[Callable[..., None]]:
     """Observe by machine code, in a hundredth of the time."""
 
     def load() -> Callable[..., None]:
-        graphs = dict(zip(("moved", "measured"), functions(), strict=True))
         code = [
             '#include "inside.h"',
             f"#define SIZE {SEEN.size}",
-            c99.plain(graphs, ("seen", "given"), ("found",)),
+            c99.plain(plain()),
             c99.template("observed.c"),
         ]
         texts = {
@@ -244,6 +243,12 @@ def _native() -> Native[Callable[..., None]]:
 def compile_now() -> None:
     """Have the observer compiled, if that may be, so that none waits for it."""
     _native().wait()
+
+
+def plain() -> c99.Plain:
+    """Return both graphs for C: ``noslip_moved`` and ``noslip_measured``."""
+    graphs = dict(zip(("moved", "measured"), functions(), strict=True))
+    return c99.Plain(graphs, ("seen", "given"), ("found",))
 
 
 @lru_cache(maxsize=1)

@@ -32,7 +32,6 @@ def sources(law: Law, rule: Rule) -> dict[str, str]:
     """The controller's files for a primitive."""
     reachable = planning.reachable(rule, initial_state(law, rule))
     rows = ", ".join("{" + ", ".join(map(repr, row)) + "}" for row in reachable.tolist())
-    moved, measured = observer.functions()
     lines = [
         *c99.defined(_CONSTANTS),
         f"#define RUNS_IN_PLAN_TIME {int(clock.runs_in_plan_time(rule.system))}",
@@ -40,7 +39,7 @@ def sources(law: Law, rule: Rule) -> dict[str, str]:
         "/* What rules do not forbid for good of a displacement. */",
         f"static const double reachable[3][3] = {{{rows}}};",
         "",
-        c99.plain({"moved": moved, "measured": measured}, ("seen", "given"), ("found",)),
+        c99.plain(observer.plain()),
     ]
     values = {
         "FUNCTIONS": law.basis.count,

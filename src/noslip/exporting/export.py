@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import re
-import shutil
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from noslip._files import scratch, write_beside
+from noslip._files import write_beside
 from noslip.adapting.sources import sources
 from noslip.codegen import c99
 from noslip.control.sources import sources as controller_sources
 from noslip.errors import InputError
+from noslip.exporting.counting import most_instructions
 from noslip.exporting.names import checked, named, prefixed
 from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
@@ -174,25 +172,5 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
 
 def _instructions(texts: dict[str, str], name: str, example: str, function: str) -> int | None:
     """Most instructions of a call of a function while an example runs."""
-    compiler, valgrind = shutil.which("cc"), shutil.which("valgrind")
-    if compiler is None or valgrind is None:
-        return None
-    with scratch() as at:
-        for file, text in texts.items():
-            (at / file).write_text(text, encoding="utf-8")
-        sources = ["noslip.c", "plan.c", "replan.c", f"{name}.c", f"{example}.c"]
-        build = [compiler, "-std=c99", "-O2", *sources, "-lm", "-o", "example"]
-        count = [
-            *(valgrind, "--tool=callgrind", f"--toggle-collect={function}"),
-            *(f"--dump-after={function}", "./example"),
-        ]
-        for command in (build, count):
-            done = subprocess.run(command, cwd=at, capture_output=True, check=False)
-            if done.returncode not in (0, _NO_PLAN):
-                return None
-        counts = [
-            int(found[1])
-            for dump in at.glob("callgrind.out.*.*")
-            if (found := re.search(r"^(?:summary|totals): (\d+)", dump.read_text(), re.M))
-        ]
-    return max(counts, default=None)
+    sources = ["noslip.c", "plan.c", "replan.c", f"{name}.c", f"{example}.c"]
+    return most_instructions(texts, sources, function, _NO_PLAN)

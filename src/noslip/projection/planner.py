@@ -145,9 +145,11 @@ def sources(stage: Stage) -> dict[str, str]:
         generated.append(f"static const int {name}[] = {{{numbers}}};")
     generated.append(
         c99.plain(
-            {name: stage.functions[k] for name, k in names.items()},
-            ("z", "q", "p", "at", "multipliers"),
-            ("found",),
+            c99.Plain(
+                {name: stage.functions[k] for name, k in names.items()},
+                ("z", "q", "p", "at", "multipliers"),
+                ("found",),
+            )
         )
     )
     header = c99.template("plan.h")

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.constraints.system import ConstraintSystem
+from noslip.errors import InputError
 
 
 class _Turn:
@@ -121,3 +123,38 @@ class State(Value):
             # A state made by hand may come without.
             parts.append(given if given.size == part.size else np.zeros(part.size))
         return np.concatenate(parts)
+
+
+def write_pose(name: str, given: Any, into: Floats) -> None:
+    """Write a State, or a pair (position, Rotation), to a row of 7: x, y, z, qw, qx, qy, qz.
+
+    For loops: whether its numbers are finite is not looked at.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if isinstance(given, State):
+        place, (w, i, j, k) = given.position, given.quaternion.tolist()
+    elif isinstance(given, tuple) and len(given) == 2:
+        position, rotation = given
+        if not isinstance(rotation, Rotation):
+            raise InputError(f"{name}: a Rotation stands second, got {type(rotation).__name__}")
+        if not rotation.single:
+            raise InputError(f"{name}: one rotation stands second, got {len(rotation)}")
+        try:
+            place = np.asarray(position, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{name}: a position is 3 numbers, got {_arguments.short(position)}"
+            ) from None
+        if place.shape != (3,):
+            raise InputError(f"{name}: a position has shape (3,), got {place.shape}")
+        i, j, k, w = rotation.as_quat().tolist()
+    else:
+        raise InputError(
+            f"{name} must be a State or a pair (position, Rotation), got {type(given).__name__}"
+        )
+    into[0], into[1], into[2] = place.tolist()
+    into[3], into[4], into[5], into[6] = w, i, j, k

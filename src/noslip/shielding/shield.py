@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
@@ -12,11 +12,13 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.exporting.export import Exported
 from noslip.projection.metric import Metric
 from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 from noslip.shielding.chunks import Chunks
-from noslip.shielding.follower import Follower
+from noslip.shielding.exporting import export_c
+from noslip.shielding.follower import Follower, Pose
 from noslip.shielding.poses import pose_of
 from noslip.trajectory import PoseTrajectory
 
@@ -113,6 +115,61 @@ class Shield:
         """
         return self._chunks.next(poses, executed)
 
-    def step(self, command: Any, measured: Any = None) -> State:
-        """Return where to go in the next period, for a command that comes at each."""
+    def step(self, command: Pose | None = None, measured: Pose | None = None) -> State:
+        """Return where to go in the next period (1 / rate), for a stream of commands.
+
+        The tool follows a smoothed hand, lags behind it by 60 ms where it is fast to 0.2 s where it
+        rests, keeps to at most twice its peak speeds, and makes up for what the constraints forbid
+        by steering as it moves (:mod:`noslip.shielding.following`).  Some places it cannot reach:
+        :attr:`distance` and :attr:`angle` say how far away the command is.
+
+        The first step under given constraints builds their graphs; machine code is compiled beside
+        the loop, and taken once it is there.
+
+        Parameters
+        ----------
+        command : State, or (position, Rotation), optional
+            Where the hand is (m, world frame).  None: none came, and the last one stands.
+        measured : State, or (position, Rotation), optional
+            Where the tool was seen to be, if it was since the last step.  A tool that is far from
+            where it was commanded to is waited for, beyond lag, noise and bias; a command does not
+            start from what is measured.  What is not finite is a sample that was lost.
+
+        Raises
+        ------
+        InputError
+            If the command is not finite, or none came yet; the state is as it was.
+        """
         return self._follower.step(command, measured)
+
+    @property
+    def distance(self) -> float:
+        """From where the tool is commanded to, to the last command of the stream (m)."""
+        return self._follower.distance
+
+    @property
+    def angle(self) -> float:
+        """The same of the orientation (rad)."""
+        return self._follower.angle
+
+    def export_c(self, folder: str | Path, *, prefix: str = "noslip") -> Exported:
+        """Write :meth:`step` as C99: no heap, nothing but libm.
+
+        Parameters
+        ----------
+        folder : path
+            Made if it is missing.
+        prefix : str
+            Of all names: two exports with different ones can be linked into one program.
+
+        Returns
+        -------
+        Exported
+            ``shield.h`` and ``shield.c``, ``shield_example.c`` and ``shield_test.c``.
+
+        Raises
+        ------
+        InputError
+            If the prefix is no C identifier or is taken, or the folder is a file.
+        """
+        return export_c(self.system, 1 / self.rate, self.metric, folder, prefix=prefix)
