@@ -46,7 +46,7 @@ def test_a_rotation_is_written_as_it_was_read_and_nearest_to_what_was_there(way,
 
 @given(seed=st.integers(0, 1000))
 def test_six_numbers_that_are_no_rotation_yet_are_made_one(seed) -> None:
-    """As networks' own conversions do: the first row keeps its direction, the second turns to it."""
+    """As networks mean them: the first row keeps its direction, the second is turned to it."""
     random = np.random.default_rng(seed)
     numbers = random.normal(size=(20, 6))
     of = parse_turn("6d").quaternions("here", numbers)
