@@ -152,6 +152,22 @@ def test_a_lerobot_data_set_has_the_new_poses_and_all_else_as_before(data_set, t
         )
 
 
+def test_a_data_set_of_links_to_what_is_read_only_becomes_one_of_files(data_set, tmp_path) -> None:
+    """As a hub's cache keeps them."""
+    new = {t.name: moved(t) for t in ns.load_demonstrations(data_set)}
+    for k, file in enumerate([f for f in data_set.rglob("*") if f.is_file()]):
+        blob = tmp_path / f"blob_{k}"
+        file.rename(blob).chmod(0o444)
+        file.symlink_to(blob)
+    before = {f.name: f.read_bytes() for f in tmp_path.glob("blob_*")}
+    out = tmp_path / "out"
+    replace_lerobot(data_set, out, new)
+    for found, wanted in zip(ns.load_demonstrations(out), new.values(), strict=True):
+        assert_same_motion(found, wanted)
+    assert not any(file.is_symlink() for file in out.rglob("*"))
+    assert {f.name: f.read_bytes() for f in tmp_path.glob("blob_*")} == before
+
+
 def test_a_lerobot_data_set_says_what_is_true_of_its_columns(data_set, tmp_path) -> None:
     out = tmp_path / "out"
     new = {t.name: moved(t) for t in ns.load_demonstrations(data_set, episode=[0, 2])}

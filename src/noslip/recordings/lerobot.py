@@ -131,7 +131,8 @@ def replace_lerobot(
     """
     info = _info(path)
     _, pose, named = _pose(path, info, Asked(**asked))
-    shutil.copytree(path, out)
+    # Files of a hub's cache are links to what is read-only.
+    shutil.copytree(path, out, copy_function=shutil.copyfile)
     by_file: dict[Path, list[int]] = {}
     for number, file in _where_episodes_are(out, info).items():
         by_file.setdefault(file, []).append(number)
