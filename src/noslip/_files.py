@@ -150,6 +150,27 @@ def renewing(last: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def making(target: Path) -> Iterator[Path]:
+    """Make a file or folder beside its place, where nothing may be, and rename it there.
+
+    Raises
+    ------
+    InputError
+        If something is there, or it cannot be written.
+    """
+    if target.exists() or target.is_symlink():
+        raise InputError(f"{target}: is there already; give another name or remove it")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as made:
+            beside = Path(made) / target.name
+            yield beside
+            beside.rename(target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
+
+
+@contextmanager
 def scratch() -> Iterator[Path]:
     """Make a temporary folder; that it is full is said of it, not of what is made there."""
     made = ""

@@ -238,6 +238,22 @@ class PoseColumns:
             positions = positions / METERS[self.length_unit]
         return positions, turn.quaternions(str(source.path), numbers)
 
+    def replaced(
+        self, where: str | object, of: Mapping[str, Floats], positions: Floats, quaternions: Floats
+    ) -> dict[str, Floats]:
+        """Return the columns, (N, width), with other poses in them; what is beside these stays."""
+        if len(self.rotation) >= 12:
+            raise RecordingError(
+                f"{where}: poses in matrices of {len(self.rotation)} numbers are read, but not "
+                "replaced; choose columns of positions and rotations (--columns)"
+            )
+        columns = {name: of[name].copy() for name, _ in self.places}
+        lengths = positions[:, : len(self.position)] * METERS[self.length_unit]
+        numbers = self.turn.numbers(quaternions, _stacked(self.rotation, of))
+        for (name, place), values in zip(self.places, np.hstack([lengths, numbers]).T, strict=True):
+            columns[name][:, place] = values
+        return columns
+
     def understood(self, available: Mapping[str, Column]) -> dict[str, str]:
         """Return what its columns were taken for."""
         lines: dict[str, str] = {}
@@ -277,6 +293,13 @@ class JointColumns:
             places, turns = self.robot.forward(joints[whole])
             positions[whole], quaternions[whole] = places, turns.as_quat(scalar_first=True)
         return positions, quaternions
+
+    def replaced(self, where: str | object, *_: object) -> dict[str, Floats]:
+        """Refuse: a pose does not say what the joints are."""
+        raise RecordingError(
+            f"{where}: poses that come from joints are not replaced; leave --robot out, and choose "
+            "columns that hold a pose"
+        )
 
     def understood(self, available: Mapping[str, Column]) -> dict[str, str]:
         """Return what its columns were taken for."""

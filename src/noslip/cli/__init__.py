@@ -25,7 +25,7 @@ EXIT_VIOLATED, EXIT_USAGE = 1, 2
 
 PANELS = {
     "Start here": ("demo", "doctor"),
-    "Recordings": ("topics", "convert", "segment", "check", "identify"),
+    "Recordings": ("topics", "convert", "segment", "check", "identify", "shield"),
     "Primitives": ("learn", "rollout", "adapt"),
     "Look at them": ("plot", "view", "report"),
     "To the robot": ("simulate", "export"),

@@ -36,6 +36,10 @@ class Format:
         options of :func:`noslip.recordings.write_recording` that it takes.
     written : tuple of str
         Suffixes that are written; an empty one is a folder.
+    replace : callable or None
+        ``replace(path, out, poses, **options)`` writes a copy of a data set in which trajectories,
+        by their names, stand in the place of those that it holds; None where there is one
+        recording a file.
     extra : str
         Of noslip, that brings the packages it needs; empty if it needs none.
     """
@@ -50,4 +54,5 @@ class Format:
     write: Callable[..., Path] | None = None
     write_options: tuple[str, ...] = ()
     written: tuple[str, ...] = ()
+    replace: Callable[..., None] | None = None
     extra: str = ""

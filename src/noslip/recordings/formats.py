@@ -228,7 +228,7 @@ def read_samples(
             files.setdefault(file.resolve(), file)
     if not files:
         raise RecordingError("no demonstrations given; give at least one file, such as runs/*.csv")
-    formats = {file: _format(file) for file in files.values()}
+    formats = {file: format_of(file) for file in files.values()}
     _refuse_ignored(options, formats)
     for file, each in formats.items():
         yield from each.read(file, **{name: options[name] for name in each.options})
@@ -260,7 +260,8 @@ def folder_format(folder: Path) -> Format | None:
     return next((each for each in FORMATS if each.is_folder(folder)), None)
 
 
-def _format(file: Path) -> Format:
+def format_of(file: Path) -> Format:
+    """Return the format of a file or folder, or refuse it."""
     found = folder_format(file) if file.is_dir() else _BY_SUFFIX.get(file.suffix.lower())
     if found is None:
         folders = " and ".join(each.folders for each in reversed(FORMATS) if each.folders)

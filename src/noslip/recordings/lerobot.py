@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+import shutil
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from noslip._extras import need
-from noslip._files import read_text
+from noslip._files import read_text, write_beside
 from noslip._pose_checks import Source
 from noslip._pose_columns import Asked, JointColumns, PoseColumns, pose_of
 from noslip._pose_names import Column
@@ -22,7 +23,8 @@ from noslip.named_columns import shown
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._format import Format
 from noslip.recordings._reading import reading
-from noslip.recordings.tables import arrow_table, numbers
+from noslip.recordings.tables import arrow_table, numbers, write_columns
+from noslip.trajectory import PoseTrajectory
 
 INFO = Path("meta") / "info.json"
 """What every data set has, and its folder is known by."""
@@ -73,15 +75,8 @@ def read_lerobot(
 def _read(path: Path, episode: int | Iterable[int] | None, asked: Asked) -> list[Samples]:
     info = _info(path)
     fps = float(info["fps"])
-    held = _features(path, info)
-    by_lower = {name.lower(): name for name in held}
-    available = {key: held[name] for key, name in by_lower.items()}
-    pose = pose_of(path / INFO, available, asked)
-    wanted = {by_lower[name] for name, _ in pose.places} | {
-        "timestamp",
-        "frame_index",
-        "episode_index",
-    }
+    available, pose, named = _pose(path, info, asked)
+    wanted = {*named, "timestamp", "frame_index", "episode_index"}
 
     where = _where_episodes_are(path, info)
     chosen = chosen_episodes(path, episode, list(where))
@@ -95,11 +90,112 @@ def _read(path: Path, episode: int | Iterable[int] | None, asked: Asked) -> list
         rows = np.flatnonzero(read[1]["episode_index"][:, 0] == number)
         of = {key.lower(): values[rows] for key, values in read[1].items()}
         episodes.append(
-            _episode(
-                f"{path}/episode_{number:06d}", file, of, pose, fps, pose.understood(available)
-            )
+            _episode(_name(path, number), file, of, pose, fps, pose.understood(available))
         )
     return episodes
+
+
+def _pose(
+    path: Path, info: dict[str, Any], asked: Asked
+) -> tuple[dict[str, Column], PoseColumns | JointColumns, list[str]]:
+    """Return all columns of numbers, where the pose is among them, and what those are called."""
+    held = _features(path, info)
+    by_lower = {name.lower(): name for name in held}
+    available = {key: held[name] for key, name in by_lower.items()}
+    pose = pose_of(path / INFO, available, asked)
+    return available, pose, [by_lower[key] for key in dict.fromkeys(key for key, _ in pose.places)]
+
+
+def _name(path: Path, number: int) -> str:
+    return f"{path}/episode_{number:06d}"
+
+
+def replace_lerobot(
+    path: Path, out: Path, poses: Mapping[str, PoseTrajectory], *, episode: Any = None, **asked: Any
+) -> None:
+    """Copy a data set, with other poses in the columns that :func:`read_lerobot` reads.
+
+    All else stays to the bit, but for what ``meta`` says of these columns: minima, maxima, means,
+    standard deviations and quantiles, of the data set and of each episode.
+
+    Parameters
+    ----------
+    path, out : Path
+        The data set, and the folder to make.
+    poses : mapping of str to PoseTrajectory
+        By the names of the episodes, which have as many samples.
+    episode
+        Not used: ``poses`` says which.
+    **asked
+        As it was read with.
+    """
+    info = _info(path)
+    _, pose, named = _pose(path, info, Asked(**asked))
+    # Files of a hub's cache are links to what is read-only.
+    shutil.copytree(path, out, copy_function=shutil.copyfile)
+    by_file: dict[Path, list[int]] = {}
+    for number, file in _where_episodes_are(out, info).items():
+        by_file.setdefault(file, []).append(number)
+    of_episodes: dict[int, dict[str, Floats]] = {}
+    for file, episodes in by_file.items():
+        table = arrow_table(file)
+        whole = {key: numbers(file, table, key) for key in named}
+        of = numbers(file, table, "episode_index")[:, 0]
+        for number in episodes:
+            rows = np.flatnonzero(of == number)
+            if (new := poses.get(_name(path, number))) is not None:
+                lower = {key.lower(): values[rows] for key, values in whole.items()}
+                for key, values in pose.replaced(
+                    file, lower, new.positions, new.quaternions
+                ).items():
+                    whole[next(name for name in named if name.lower() == key)][rows] = values
+            of_episodes[number] = {key: values[rows] for key, values in whole.items()}
+        write_columns(file, table, whole)
+    _restate(out, info, of_episodes)
+
+
+def _restate(path: Path, info: dict[str, Any], of: Mapping[int, Mapping[str, Floats]]) -> None:
+    """Say anew what ``meta`` says of columns: of the data set, and of each episode."""
+    whole = {
+        key: np.concatenate([one[key] for one in of.values()]) for key in next(iter(of.values()))
+    }
+    if (file := path / "meta" / "stats.json").is_file():
+        said = json.loads(read_text(file))
+        for key in set(said) & set(whole):
+            said[key] |= {
+                name: _statistic(name, whole[key], old) for name, old in said[key].items()
+            }
+        write_beside(file, json.dumps(said, indent=4).encode())
+    if (file := path / "meta" / "episodes_stats.jsonl").is_file():
+        lines = [json.loads(line) for line in read_text(file).splitlines() if line.strip()]
+        for line in lines:
+            for key, old in line["stats"].items():
+                if key in (values := of[line["episode_index"]]):
+                    old |= {name: _statistic(name, values[key], was) for name, was in old.items()}
+        write_beside(file, "".join(f"{json.dumps(line)}\n" for line in lines).encode())
+    if info["codebase_version"].startswith("v3."):
+        for file in sorted((path / "meta" / "episodes").glob("*/*.parquet")):
+            table = arrow_table(file)
+            order = numbers(file, table, "episode_index")[:, 0].astype(int)
+            new = {}
+            for column in table.column_names:
+                prefix, _, rest = column.partition("/")
+                key, _, name = rest.rpartition("/")
+                if prefix == "stats" and key in whole and name != "count":
+                    new[column] = np.array([_statistic(name, of[k][key], None) for k in order])
+            write_columns(file, table, new)
+
+
+def _statistic(name: str, values: Floats, old: Any) -> Any:
+    """Return what LeRobot calls so, of each number of a column; what it is not for is as before."""
+    plain: dict[str, Callable[..., Floats]] = {
+        "min": np.min, "max": np.max, "mean": np.mean, "std": np.std
+    }  # fmt: skip
+    if name in plain:
+        return plain[name](values, axis=0).tolist()
+    if re.fullmatch(r"q\d\d", name):
+        return np.quantile(values, int(name[1:]) / 100, axis=0).tolist()
+    return old
 
 
 def _episode(
@@ -234,6 +330,7 @@ LEROBOT = Format(
     options=("episode", "columns", "units", "rotation", "robot"),
     folders="LeRobot data sets",
     is_folder=is_lerobot,
+    replace=replace_lerobot,
     extra="tables",
 )
 """A folder."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from noslip._arguments import MOST_SAMPLES
 from noslip._extras import need
 from noslip._pose_checks import Source, require_few
-from noslip._pose_columns import Asked, layout_of, pose_of
+from noslip._pose_columns import Asked, JointColumns, Layout, PoseColumns, layout_of, pose_of
 from noslip._pose_names import POSE, Column
 from noslip._samples import Samples
 from noslip._typing import Floats
@@ -23,6 +24,7 @@ from noslip.named_columns import listed
 from noslip.recordings._episodes import chosen_episodes
 from noslip.recordings._format import MAPPING, Format
 from noslip.recordings._reading import reading
+from noslip.trajectory import PoseTrajectory
 
 EEF_POSE = "robot0_eef_pos,robot0_eef_quat[3,0:3]"
 """The end effector's pose; robosuite's quaternions have the scalar last."""
@@ -115,26 +117,88 @@ def _inside(name: str | Path, group: Any, key: str, h5py: Any) -> Any:
     return found
 
 
-def _read_demo(path: Path, number: str, data: Any, rate: float, asked: Asked, h5py: Any) -> Samples:
-    name = f"{path}/{number}"
-    demo = _inside(path, data, number, h5py)
+def replace_robomimic(
+    path: Path,
+    out: Path,
+    poses: Mapping[str, PoseTrajectory],
+    *,
+    rate: float | None = None,
+    episode: Any = None,
+    **asked: Any,
+) -> None:
+    """Copy a file, with other poses in the data sets that :func:`read_robomimic` reads.
+
+    All else stays to the bit, but for ``next_obs``, which is each observation's next; after the
+    last one the pose stays.
+
+    Parameters
+    ----------
+    path, out : Path
+        The file, and that to make.
+    poses : mapping of str to PoseTrajectory
+        By the names of the demonstrations, which have as many samples.
+    rate, episode
+        Not used: ``poses`` says which.
+    **asked
+        As it was read with.
+    """
+    h5py = need(path, "h5py", "hdf5")
+    shutil.copyfile(path, out)
+    with h5py.File(out, "r+") as file:
+        data = file.get("data")
+        demos = _demos(data) if isinstance(data, h5py.Group) else {}
+        for name in demos.values():
+            if (new := poses.get(f"{path}/{name}")) is not None:
+                held, pose = _demo(f"{path}/{name}", data, name, Asked(**asked), h5py)
+                after = _inside(path, data[name], "next_obs", h5py)
+                _put(path, held, pose, new, h5py, {} if after is None else _held(path, after, h5py))
+        if not demos and (new := poses.get(str(path))) is not None:
+            held, layout = _layout(path, file, Asked(rate=rate, **asked), h5py)
+            _put(path, held, layout.pose, new, h5py, {})
+
+
+def _put(
+    path: Path,
+    held: Mapping[str, Any],
+    pose: PoseColumns | JointColumns,
+    new: PoseTrajectory,
+    h5py: Any,
+    after: Mapping[str, Any],
+) -> None:
+    of = _read(path, held, [key for key, _ in pose.places], h5py)
+    for key, values in pose.replaced(path, of, new.positions, new.quaternions).items():
+        held[key][...] = values.reshape(held[key].shape)
+        if key in after and after[key].shape == held[key].shape:
+            after[key][...] = np.concatenate([held[key][1:], held[key][-1:]])
+
+
+def _demo(
+    name: str, data: Any, number: str, asked: Asked, h5py: Any
+) -> tuple[dict[str, Any], PoseColumns | JointColumns]:
+    """Return the data sets of a demonstration, and where the pose is among them."""
+    demo = _inside(name, data, number, h5py)
     observations = _inside(name, demo, "obs", h5py) if isinstance(demo, h5py.Group) else None
     if not isinstance(observations, h5py.Group):
         raise RecordingError(
             f"{name}: no observations (obs); extract them with robomimic's dataset_states_to_obs.py"
         )
     held = _held(name, observations, h5py)
-    asked = replace(asked, rate=rate)
     if asked.columns is None and asked.robot is None:
         libero = {"ee_pos", "ee_ori"} <= set(held) and "robot0_eef_pos" not in held
         known: dict[str, Any] = LIBERO if libero else {"columns": EEF_POSE}
         asked = replace(asked, **known)
-    available = _columns(held)
-    pose = pose_of(name, available, asked)
+    elif asked.columns is not None and "actions" in asked.columns:
+        held |= _held(name, demo, h5py)
+    return held, pose_of(name, _columns(held), asked)
+
+
+def _read_demo(path: Path, number: str, data: Any, rate: float, asked: Asked, h5py: Any) -> Samples:
+    name = f"{path}/{number}"
+    held, pose = _demo(name, data, number, replace(asked, rate=rate), h5py)
     columns = _read(name, held, [key for key, _ in pose.places], h5py)
     source = Source(name, "sample", "quaternion")
     positions, quaternions = pose.poses(source, columns)
-    told = pose.understood(available)
+    told = pose.understood(_columns(held))
     return Samples(
         name=name,
         source=source,
@@ -147,6 +211,12 @@ def _read_demo(path: Path, number: str, data: Any, rate: float, asked: Asked, h5
 
 def _read_columns(path: Path, file: Any, asked: Asked, h5py: Any) -> Samples:
     """Read a file whose data sets are the columns of one recording."""
+    held, layout = _layout(path, file, asked, h5py)
+    return layout.samples(path, _columns(held), _read(path, held, layout.numbers, h5py), {})
+
+
+def _layout(path: Path, file: Any, asked: Asked, h5py: Any) -> tuple[dict[str, Any], Layout]:
+    """Return the data sets of such a file, and where the time and the pose are among them."""
     held = _held(path, file, h5py, DEEPEST)
     available = _columns(held)
     if not available:
@@ -159,8 +229,7 @@ def _read_columns(path: Path, file: Any, asked: Asked, h5py: Any) -> Samples:
         if asked.rate is not None or DROID["time"] not in available:
             del known["time"], known["units"]
         asked = replace(asked, **{k: v for k, v in known.items() if getattr(asked, k) is None})
-    layout = layout_of(path, available, asked)
-    return layout.samples(path, available, _read(path, held, layout.numbers, h5py), {})
+    return held, layout_of(path, available, asked)
 
 
 def _held(
@@ -213,6 +282,7 @@ HDF5 = Format(
     read=read_robomimic,
     options=("episode", *MAPPING),
     suffixes=(".hdf5", ".h5"),
+    replace=replace_robomimic,
     extra="hdf5",
 )
 """As robomimic, LIBERO or DROID lay it out, or of columns."""

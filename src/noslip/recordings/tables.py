@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -269,6 +269,26 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
             "every row; choose columns of numbers"
         )
     return values.astype(np.float64).reshape(-1, width)
+
+
+def write_columns(path: Path, table: Any, of: Mapping[str, Floats]) -> Path:
+    """Write a Parquet table with other numbers, shape (N, width), in columns that it has.
+
+    They keep their type, and the table what it says of itself.
+    """
+    pyarrow = need(path, "pyarrow", "tables")
+    for name, values in of.items():
+        at = table.column_names.index(name)
+        field = table.schema.field(at)
+        value = getattr(field.type, "value_type", field.type)
+        flat = pyarrow.array(values.ravel().astype(value.to_pandas_dtype()))
+        if value is not field.type:
+            ends = np.arange(len(values) + 1) * values.shape[1]
+            flat = pyarrow.ListArray.from_arrays(pyarrow.array(ends, "int32"), flat)
+        table = table.set_column(at, field, flat.cast(field.type))
+    sink = pyarrow.BufferOutputStream()
+    need(path, "pyarrow.parquet", "tables").write_table(table, sink)
+    return write_beside(path, sink.getvalue().to_pybytes())
 
 
 def write_table(trajectory: PoseTrajectory, path: Path, **asked: Any) -> Path:
