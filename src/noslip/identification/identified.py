@@ -192,7 +192,10 @@ class Identified(Value):
             lines += [self._axes, self._place]
             if self.curvature is not None:
                 error = f" ± {self.curvature_error:.2g}" if self.curvature_error else ""
-                lines.append(f"its path bends by {self.curvature:.3g}{error} 1/m")
+                radius = (
+                    f", a radius of {1e3 / abs(self.curvature):.3g} mm" if self.curvature else ""
+                )
+                lines.append(f"its path bends by {self.curvature:.3g}{error} 1/m{radius}")
             if self.turning_radius is not None:
                 lines.append(f"turns no tighter than {1e3 * self.turning_radius:.3g} mm")
         rows = self.rows or self.candidates[:1]
