@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from noslip._typing import Floats
 from noslip.constraints.catalog import constraint_text, parse_constraint
 from noslip.figures import identified_constraint, save_figure
 from noslip.figures.identified import way_slipped
-from noslip.identification import Identified
+from noslip.identification import Identified, Place
 from noslip.identification.identified import axis_text
 from noslip.recordings import write_recording
 from strategies import seeds
@@ -115,6 +116,52 @@ def test_a_text_makes_the_same_constraint(seed: int) -> None:
         ns.constraints.PlaneContact(point.tolist(), axes[0].tolist()),
     ):
         assert parse_constraint(constraint_text(constraint)) == constraint
+
+
+def plane(off: float, holds: bool, **values: Any) -> Place:
+    table = ns.constraints.PlaneContact((0, 0, 0.05), (0, 0, 1), (0.01, 0, 0))
+    return Place(
+        kind="plane",
+        constraints=(table,),
+        rows=1,
+        residual=off,
+        holdout=1.2 * off,
+        ratio=1.1,
+        holds=holds,
+        values={"point": np.array([0, 0, 0.05]), "normal": np.array([0.0, 0.0, 1.0])} | values,
+        errors={"point": 1e-4, "normal": 1e-3},
+        notes=("plane: a note",) if holds else (),
+    )
+
+
+def test_places_are_told_with_the_tools_rule_and_without(
+    blade: Identified, nothing: Identified
+) -> None:
+    held, not_held = plane(1e-4, True), plane(3e-2, False, radius=0.06)
+    both = replace(
+        blade,
+        constraints=(*blade.constraints, *held.constraints),
+        kinds=("blade", "plane-contact"),
+        surfaces=(held, not_held),
+    )
+    said = str(both)
+    assert said.startswith("blade and plane in 3 recordings\n")
+    assert (
+        "  plane: point (0, 0, 50) mm, normal (0, 0, 1); off by 0.1 mm (rms), 0.12 where it was "
+        "not fitted\n  plane: a note"
+    ) in said
+    assert said.count("plane:") == 2
+    alone = replace(
+        nothing, constraints=held.constraints, kinds=("plane-contact",), surfaces=(held, not_held)
+    )
+    assert str(alone).startswith("plane in 3 recordings\n  plane: point")
+    data = json.loads(json.dumps(alone.to_dict(), allow_nan=False))
+    assert [place["holds"] for place in data["surfaces"]] == [True, False]
+    assert parse_constraint(data["constraints"][0]) == held.constraints[0]
+    for found in (both, alone):
+        *_, places = found.plot().axes
+        drawn = [float(line.get_xdata()[0]) for line in places.lines]
+        np.testing.assert_allclose(drawn, [0.12, 36])
 
 
 # ---------------------------------------------------------------- the command
