@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -109,3 +111,33 @@ def numerical_example(count: int = 1000) -> PoseTrajectory:
         rotations=Rotation.from_euler("xyz", angles),
         name="numerical example",
     )
+
+
+BLADE_AT = np.array([0.052, -0.01, 0.013])
+BLADE_TURNED = Rotation.from_rotvec([0.01, -0.02, 0.03])
+"""The edge's point (m) and frame in that of the sensor on the knife."""
+
+
+def sensed_blade(
+    seed: int, turning: Sequence[float] = (0.6, 0.6, 0.9), free: float = 0.0
+) -> PoseTrajectory:
+    """A blade that plunges and turns about its axes (rad/s), for 12 s, as a sensor on it says.
+
+    `free` is a speed sideways (m/s), by which it is no blade.
+    """
+    rng = np.random.default_rng(seed)
+    count, step = 1201, 0.01
+    t = step * (np.arange(count - 1) + 0.5)
+    waves = [np.sin(rng.uniform(0.8, 2) * t + rng.uniform(0, 6)) for _ in range(6)]
+    turns = [Rotation.random(random_state=rng)]
+    places = [rng.normal(size=3)]
+    for k in range(count - 1):
+        spin = np.array(turning) * [wave[k] for wave in waves[:3]]
+        velocity = [0.05, free * waves[3][k], 0.02 * waves[4][k]]
+        middle = turns[-1] * Rotation.from_rotvec(step / 2 * spin)
+        places.append(places[-1] + step * middle.apply(velocity))
+        turns.append(turns[-1] * Rotation.from_rotvec(step * spin))
+    body = Rotation.concatenate(turns) * BLADE_TURNED.inv()
+    positions = np.array(places) - body.apply(BLADE_AT) + 5e-5 * rng.normal(size=(count, 3))
+    noisy = body * Rotation.from_rotvec(5e-4 * rng.normal(size=(count, 3)))
+    return PoseTrajectory(step * np.arange(count), positions, noisy, name=f"cut {seed}")

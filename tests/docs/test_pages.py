@@ -80,7 +80,7 @@ def dialogue(block: str) -> list[tuple[str, str]]:
         if line.startswith("$ "):
             told.append((line[2:], ""))
         elif told:
-            told[-1] = (told[-1][0], f"{told[-1][1]} {line}".strip())
+            told[-1] = (told[-1][0], f"{told[-1][1]} {line.strip()}".strip())
     return told
 
 

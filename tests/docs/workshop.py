@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from motions import eased
+from motions import eased, sensed_blade
 
 S = np.linspace(0, 1, 241)
 U = eased(S)
@@ -93,6 +93,8 @@ def furnish(folder: Path, rules: str) -> None:
     (folder / "my_arm.xml").write_text(arm.replace('site name="tool"', 'site name="scalpel_tip"'))
     for name, make in MOTIONS.items():
         ns.recordings.write_recording(make(), folder / f"{name}.csv")
+    for seed in range(1, 4):
+        ns.recordings.write_recording(sensed_blade(seed), folder / f"knife_{seed}.csv")
     ns.recordings.write_recording(session(), folder / "session.csv")
     add_column(folder / "session.csv", "fz", session_force())
     write_logs(folder)

@@ -6,74 +6,47 @@ import json
 import re
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from motions import BLADE_AT, BLADE_TURNED, sensed_blade
 from noslip._typing import Floats
 from noslip.constraints.catalog import constraint_text, parse_constraint
 from noslip.figures import identified_constraint, save_figure
 from noslip.figures.identified import way_slipped
-from noslip.identification import Identified
+from noslip.identification import Identified, Place
 from noslip.identification.identified import axis_text
 from noslip.recordings import write_recording
 from strategies import seeds
 
-POINT = np.array([0.052, -0.01, 0.013])
-SENSOR = Rotation.from_rotvec([0.01, -0.02, 0.03])
-"""How the edge's frame is turned in the sensor's, by which all is recorded."""
-
-
-def recorded(
-    seed: int, turning: tuple[float, float, float], free: float = 0.0
-) -> ns.PoseTrajectory:
-    """A blade that plunges and turns about its own axes (rad/s), as a sensor on it records it.
-
-    `free` is a speed sideways (m/s), by which it is no blade.
-    """
-    rng = np.random.default_rng(seed)
-    count, step = 1201, 0.01
-    t = step * (np.arange(count - 1) + 0.5)
-    waves = [np.sin(rng.uniform(0.8, 2) * t + rng.uniform(0, 6)) for _ in range(6)]
-    turns = [Rotation.random(random_state=rng)]
-    places = [rng.normal(size=3)]
-    for k in range(count - 1):
-        spin = np.array(turning) * [wave[k] for wave in waves[:3]]
-        velocity = [0.05, free * waves[3][k], 0.02 * waves[4][k]]
-        middle = turns[-1] * Rotation.from_rotvec(step / 2 * spin)
-        places.append(places[-1] + step * middle.apply(velocity))
-        turns.append(turns[-1] * Rotation.from_rotvec(step * spin))
-    body = Rotation.concatenate(turns) * SENSOR.inv()
-    positions = np.array(places) - body.apply(POINT) + 5e-5 * rng.normal(size=(count, 3))
-    noisy = body * Rotation.from_rotvec(5e-4 * rng.normal(size=(count, 3)))
-    return ns.PoseTrajectory(step * np.arange(count), positions, noisy, name=f"cut {seed}")
-
 
 @pytest.fixture(scope="module")
 def blade() -> Identified:
-    return ns.identify([recorded(seed, (0.6, 0.6, 0.9)) for seed in range(3)])
+    return ns.identify([sensed_blade(seed, (0.6, 0.6, 0.9)) for seed in range(3)])
 
 
 @pytest.fixture(scope="module")
 def nothing() -> Identified:
-    return ns.identify([recorded(seed, (0.6, 0.6, 0.9), free=0.06) for seed in range(3)])
+    return ns.identify([sensed_blade(seed, (0.6, 0.6, 0.9), free=0.06) for seed in range(3)])
 
 
 def test_a_blade_is_told_with_its_axis_and_its_point(blade: Identified) -> None:
     assert blade.kinds == ("blade",)
     first, axes, place, slip = str(blade).splitlines()
     assert first == "blade in 3 recordings"
-    lateral = SENSOR.apply([0, 1, 0])
+    lateral = BLADE_TURNED.apply([0, 1, 0])
     (angle,) = re.findall(r"lateral axis y turned by ([\d.]+) ± [\de.-]+ degrees", axes)
     assert float(angle) == pytest.approx(np.degrees(np.arccos(lateral[1])), abs=0.3)
     # Across the lateral axis; the point nearest the origin.
-    told = POINT - lateral * (lateral @ POINT)
+    told = BLADE_AT - lateral * (lateral @ BLADE_AT)
     for letter, value in (("x", told[0]), ("z", told[2])):
         (found, error) = re.findall(rf"{letter} (-?[\d.]+) ± ([\de.-]+)", place)[0]
         assert float(found) == pytest.approx(1e3 * value, abs=max(0.1, 4 * float(error)))
@@ -82,13 +55,13 @@ def test_a_blade_is_told_with_its_axis_and_its_point(blade: Identified) -> None:
 
 
 def test_the_motion_that_is_said_to_tell_does_tell(blade: Identified) -> None:
-    flat = ns.identify([recorded(seed, (0.0, 0.0, 0.9)) for seed in range(3)])
+    flat = ns.identify([sensed_blade(seed, (0.0, 0.0, 0.9)) for seed in range(3)])
     assert flat.kinds == ("blade",)
     assert "along z nothing tells where it is: turn about x" in str(flat)
-    turned = ns.identify([recorded(seed, (0.6, 0.0, 0.9)) for seed in range(3)])
+    turned = ns.identify([sensed_blade(seed, (0.6, 0.0, 0.9)) for seed in range(3)])
     assert "nothing tells" not in str(turned)
     assert turned.reference_point is not None
-    assert turned.reference_point[2] == pytest.approx(POINT[2], abs=2e-3)
+    assert turned.reference_point[2] == pytest.approx(BLADE_AT[2], abs=2e-3)
 
 
 def test_where_nothing_holds_that_is_said(nothing: Identified) -> None:
@@ -135,6 +108,7 @@ def test_a_direction_is_told_by_the_nearest_axis(seed: int, degrees: int) -> Non
 def test_a_text_makes_the_same_constraint(seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes, point = np.round(rng.normal(size=(2, 3)), 5), np.round(rng.normal(size=3), 5)
+    assume(np.linalg.norm(np.cross(*axes)) > 0.2 * np.prod(np.linalg.norm(axes, axis=1)))
     for constraint in (
         ns.Blade(axes[0].tolist(), axes[1].tolist(), point.tolist()),
         ns.Needle("-x", 0.25, reference_point=point.tolist()),
@@ -143,6 +117,52 @@ def test_a_text_makes_the_same_constraint(seed: int) -> None:
         ns.constraints.PlaneContact(point.tolist(), axes[0].tolist()),
     ):
         assert parse_constraint(constraint_text(constraint)) == constraint
+
+
+def plane(off: float, holds: bool, **values: Any) -> Place:
+    table = ns.constraints.PlaneContact((0, 0, 0.05), (0, 0, 1), (0.01, 0, 0))
+    return Place(
+        kind="plane",
+        constraints=(table,),
+        rows=1,
+        residual=off,
+        holdout=1.2 * off,
+        ratio=1.1,
+        holds=holds,
+        values={"point": np.array([0, 0, 0.05]), "normal": np.array([0.0, 0.0, 1.0])} | values,
+        errors={"point": 1e-4, "normal": 1e-3},
+        notes=("plane: a note",) if holds else (),
+    )
+
+
+def test_places_are_told_with_the_tools_rule_and_without(
+    blade: Identified, nothing: Identified
+) -> None:
+    held, not_held = plane(1e-4, True), plane(3e-2, False, radius=0.06)
+    both = replace(
+        blade,
+        constraints=(*blade.constraints, *held.constraints),
+        kinds=("blade", "plane-contact"),
+        surfaces=(held, not_held),
+    )
+    said = str(both)
+    assert said.startswith("blade and plane in 3 recordings\n")
+    assert (
+        "  plane: point (0, 0, 50) mm, normal (0, 0, 1); off by 0.1 mm (rms), 0.12 where it was "
+        "not fitted\n  plane: a note"
+    ) in said
+    assert said.count("plane:") == 2
+    alone = replace(
+        nothing, constraints=held.constraints, kinds=("plane-contact",), surfaces=(held, not_held)
+    )
+    assert str(alone).startswith("plane in 3 recordings\n  plane: point")
+    data = json.loads(json.dumps(alone.to_dict(), allow_nan=False))
+    assert [place["holds"] for place in data["surfaces"]] == [True, False]
+    assert parse_constraint(data["constraints"][0]) == held.constraints[0]
+    for found in (both, alone):
+        *_, places = found.plot().axes
+        drawn = [float(line.get_xdata()[0]) for line in places.lines]
+        np.testing.assert_allclose(drawn, [0.12, 36])
 
 
 # ---------------------------------------------------------------- the command
@@ -243,9 +263,9 @@ def test_all_that_it_says_is_inside(request: pytest.FixtureRequest, name: str) -
 
 
 def test_the_way_slipped_is_that_of_the_point() -> None:
-    recording = recorded(5, (0.6, 0.6, 0.9))
-    way: Floats = way_slipped(recording, np.array([0.0, 1.0, 0.0]), POINT)
-    tips = recording.positions + recording.rotations.apply(POINT)
+    recording = sensed_blade(5, (0.6, 0.6, 0.9))
+    way: Floats = way_slipped(recording, np.array([0.0, 1.0, 0.0]), BLADE_AT)
+    tips = recording.positions + recording.rotations.apply(BLADE_AT)
     middles = recording.step_middles()[2].apply([0, 1, 0])
     expected = np.append(0.0, np.cumsum(np.sum(middles * np.diff(tips, axis=0), axis=1)))
     np.testing.assert_allclose(way, expected, atol=1e-5)

@@ -175,4 +175,4 @@ def _draw_places(ax: Axes, places: Sequence[Place]) -> None:
         off = max(1e3 * place.holdout, LEAST_LENGTH)
         ax.plot(off, k, **_look(FOUND if place.holds else FREE, "o"))
     kinds = [place.kind for place in places]
-    _log_dots(ax, "off, where it was not fitted (mm)", "rules about places", kinds)
+    _log_dots(ax, "off, where it was not fitted (mm; of an axis mrad)", "rules about places", kinds)

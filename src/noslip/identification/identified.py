@@ -185,18 +185,22 @@ class Identified(Value):
     def sentences(self) -> tuple[str, ...]:
         """What was found, and how surely; numbers after a ± are standard errors."""
         held = [place for place in self.surfaces if place.holds]
-        kinds = " and ".join([*self.kinds, *(place.kind for place in held)]) or "no constraint"
+        places = [constraint for place in held for constraint in place.constraints]
+        tools = [type(c).name for c in self.constraints if c not in places]
+        kinds = " and ".join([*tools, *(place.kind for place in held)]) or "no constraint"
         count = len(self.names)
         lines = [f"{kinds} in {count} recording{'s' if count > 1 else ''}"]
         if self.rows:
             lines += [self._axes, self._place]
             if self.curvature is not None:
                 error = f" ± {self.curvature_error:.2g}" if self.curvature_error else ""
-                lines.append(f"its path bends by {self.curvature:.3g}{error} 1/m")
+                radius = (
+                    f", a radius of {1e3 / abs(self.curvature):.3g} mm" if self.curvature else ""
+                )
+                lines.append(f"its path bends by {self.curvature:.3g}{error} 1/m{radius}")
             if self.turning_radius is not None:
                 lines.append(f"turns no tighter than {1e3 * self.turning_radius:.3g} mm")
-        rows = self.rows or self.candidates[:1]
-        if rows:
+        if rows := self.rows or self.candidates[: not held]:
             given, slip, holdout = (
                 100 * np.sqrt(sum(getattr(row, name) ** 2 for row in rows))
                 for name in ("given", "slip", "holdout")
@@ -207,8 +211,7 @@ class Identified(Value):
                 f"{holdout:.2g} % where it was not fitted"
             )
         for place in held:
-            lines.append(f"{place.kind}: {1e3 * place.residual:.2g} mm off (rms)")
-            lines += place.notes
+            lines += [_place_text(place), *place.notes]
         return (*lines, *self.notes)
 
     @property
@@ -252,6 +255,23 @@ class Identified(Value):
             tells = f"nothing tells where it is: turn about {' or '.join(about)}"
             texts.append(f"along {roughly(direction)} {tells if about else 'it may be anywhere'}")
         return "; ".join(texts)
+
+
+def _place_text(place: Place) -> str:
+    """Say where in the world a point of the body stays, and how nearly."""
+    texts = []
+    for name, value in place.values.items():
+        lengths = "point" in name or np.ndim(value) == 0
+        numbers = np.atleast_1d(value) * (1e3 if lengths else 1)
+        text = ", ".join(f"{number:.4g}" for number in np.round(numbers, 3) + 0.0)
+        text = f"({text})" if np.ndim(value) else text
+        texts.append(f"{name.replace('_', ' ')} {text}{' mm' if lengths else ''}")
+    # A tool axis is off by an angle.
+    residual, holdout, unit = 1e3 * place.residual, 1e3 * place.holdout, "mm"
+    if place.kind == "tool axis":
+        residual, holdout, unit = np.degrees(place.residual), np.degrees(place.holdout), "degrees"
+    off = f"off by {residual:.2g} {unit} (rms), {holdout:.2g} where it was not fitted"
+    return f"{place.kind}: {', '.join(texts)}; {off}"
 
 
 def _off(axis: Floats) -> tuple[str, float]:
