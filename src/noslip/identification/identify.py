@@ -83,8 +83,8 @@ def identify(
         travel=tool.axes[-1] if holds else None,
         lateral=tool.axes[0] if holds else None,
         reference_point=tool.trial.fit.point if holds else None,
-        rows=tuple(_row(tool.trial, axis) for axis in tool.axes[: tool.rows]),
-        candidates=tuple(_row(tool.trial, axis) for axis in tool.axes),
+        rows=tuple(_row(tool, axis) for axis in tool.axes[: tool.rows]),
+        candidates=tuple(_row(tool, axis) for axis in tool.axes),
         surfaces=(),
         curvature=tool.curvature,
         curvature_error=tool.curvature_error,
@@ -175,34 +175,26 @@ def _tool(told: Evidence, recordings: Sequence[PoseTrajectory]) -> Tool:
     longest = max(LONGEST[0], LONGEST[1] * sum(recording.path_length for recording in recordings))
     sweeps = _sweeps(recordings)
     turned, directions = np.linalg.eigh(sweeps)
-    one, two = (_best(told, rows, longest) for rows in (1, 2))
+    one = _best(told, 1, longest)
     if turned[2] < TURNED**2:
         degrees = np.degrees(np.sqrt(max(turned[2], 0.0)))
         note = f"turned by {degrees:.1f} degrees (rms) only: turn the tool as it moves"
         return Tool(one, _axes(one), notes=(note,))
-    level = turned[0] < LEVEL**2 * turned[2]
-    alike = HELD if level else max(ALIKE * one.worst, NEGLIGIBLE + two.doubt)
     bent = _bent(told, longest)
     if bent and _holds(bent.trial, HELD):
         return _needle(bent.trial, bent.bent.frame, bent.bent.curvature, bent.error)
-    if _holds(two, alike):
-        axes = _axes(two)
-        if not level:
-            return _needle(two, axes)
-        ground = directions[:, 0]
-        normal = _normal(recordings, ground)
-        if (ground if normal is None else normal)[2] < 0:
-            ground, normal = -ground, None if normal is None else -normal
-        wheel = _best(told, 1, longest, ground)
-        if _holds(wheel, HELD) and np.linalg.norm(two.fit.axes @ ground) > np.cos(2 * LEVEL):
-            return _wheel(wheel, ground, normal)
+    if turned[0] < LEVEL**2 * turned[2]:
+        wheel = _wheel(told, recordings, directions[:, 0], longest)
+        if wheel:
+            return wheel
+    else:
+        two = _best(told, 2, longest)
+        if _holds(two, max(ALIKE * one.worst, NEGLIGIBLE + two.doubt)):
+            return _needle(two, _axes(two))
     if _holds(one, HELD) and one.fit.axes[0] @ sweeps @ one.fit.axes[0] > TURNED**2:
         axes = _axes(one)
-        blade = Blade(
-            lateral=_numbers(axes[0]),
-            edge=_numbers(axes[2]),
-            reference_point=_numbers(one.fit.point),
-        )
+        lateral, _, travel = map(_numbers, axes)
+        blade = Blade(lateral, travel, _numbers(one.fit.point))
         return Tool(one, axes, 1, (blade,))
     return Tool(one, _axes(one), notes=("slips along every direction",))
 
@@ -240,16 +232,22 @@ def _needle(
     return Tool(trial, axes, 2, (needle,), curvature, error)
 
 
-def _wheel(trial: Trial, ground: Floats, normal: Floats | None) -> Tool:
+def _wheel(
+    told: Evidence, recordings: Sequence[PoseTrajectory], ground: Floats, longest: float
+) -> Tool | None:
+    """Find a wheel on a ground whose normal the body keeps; None, if it slips or lifts off."""
+    trial = _best(told, 1, longest, ground)
+    if not _holds(trial, HELD) or trial.share(ground) > HELD:
+        return None
+    normal = _normal(recordings, ground)
+    if (ground if normal is None else normal)[2] < 0:
+        ground, normal = -ground, None if normal is None else -normal
     lateral = trial.fit.axes[0]
     axes = np.array([lateral, ground, np.cross(lateral, ground)])
     axes[[0, 2]] *= np.sign(_net_way(trial, axes[2])) or 1.0
-    wheel = Wheel(
-        axle=_numbers(axes[0]),
-        edge=_numbers(axes[2]),
-        normal=None if normal is None else _numbers(normal),
-        reference_point=_numbers(trial.fit.point),
-    )
+    axle, _, travel = map(_numbers, axes)
+    up = None if normal is None else _numbers(normal)
+    wheel = Wheel(axle, travel, up, _numbers(trial.fit.point))
     return Tool(trial, axes, 2, (wheel,))
 
 
@@ -280,15 +278,15 @@ def _net_way(trial: Trial, axis: Floats) -> float:
     )
 
 
-def _row(trial: Trial, axis: Floats) -> Row:
-    found = trial.fit
-    turn = -np.cross(np.eye(3), axis)
+def _row(tool: Tool, axis: Floats) -> Row:
+    trial, found = tool.trial, tool.trial.fit
     across = np.eye(3) - found.unknown.T @ found.unknown
     free = np.eye(3)
-    if len(found.axes) == 2:
-        shaft = np.cross(*found.axes)
-        free -= np.outer(shaft, shaft)
-    turn = turn @ free
+    if tool.curvature is None:
+        # Rows about one point may be turned into each other: about the shaft, or the only axis.
+        kept = found.axes[0] if len(found.axes) == 1 else np.cross(*found.axes)
+        free -= np.outer(kept, kept)
+    turn = -np.cross(np.eye(3), axis) @ free
     return Row(
         axis=axis,
         point=found.point,

@@ -10,7 +10,7 @@ away from the directions in which there is little motion (errors in variables).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -96,33 +96,47 @@ def moment(steps: Steps, lines: Floats, slip: float) -> Floats:
     return np.asarray(whitened - (own @ inverse) * np.diag(shares))
 
 
-def fit(whitened: Floats, rows: int, unknown: Floats = NOTHING, start: Floats | None = None) -> Fit:
-    """Return the rows through one point of which a whitened moment is least, for its speed.
+def fit(whitened: Floats, rows: int, unknown: Floats = NOTHING, start: Fit | None = None) -> Fit:
+    """Return the rows through one point of which a whitened moment is least.
 
-    The point is sought from `start`, or everywhere; it stays at 0 along directions given as
-    unknown, shape (k, 3), and along those of which the moment does not tell.
+    They are sought from `start`, or from many places.  The point stays at 0 along directions given
+    as unknown, shape (k, 3), and along those of which the moment does not tell.
     """
     values, vectors = np.linalg.eigh(whitened)
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     # Turns of the axes that change nothing, and points of which nothing is told, stay as they are.
     prior = np.diag([1.0, 1.0, 1.0, *np.full(3, 1 / LEVER)])
     prior[3:, 3:] += FIRM * unknown.T @ unknown
-    starts = [start] if start is not None else [np.zeros(3), _stillest(root, prior)]
-    tried = [_descended(root, rows, start, prior) for start in starts]
+    starts = [(start.axes, start.point)] if start else list(_starts(root, rows, prior))
+    tried = [_descended(root, axes, point, prior) for axes, point in starts]
     _, axes, point, covariance = min(tried, key=lambda found: found[0])
     spreads, directions = np.linalg.eigh(covariance[3:, 3:])
     if np.any(spreads > TOLD**2):
         unknown = np.vstack([unknown, directions.T[spreads > TOLD**2]])
         unknown = np.linalg.svd(unknown, full_matrices=False)[2]
         prior[3:, 3:] += FIRM * unknown.T @ unknown
-        _, axes, point, covariance = _descended(root, rows, point, prior)
+        _, axes, point, covariance = _descended(root, axes, point, prior)
     return Fit(axes, point - unknown.T @ (unknown @ point), covariance, unknown)
 
 
-def _stillest(root: Floats, prior: Floats) -> Floats:
-    """Return the point that moves least in all directions."""
+def _starts(root: Floats, rows: int, prior: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Axes and points: rows may hold about several, of which one holds best."""
     jacobian, wanted = _linear(root, np.eye(3), np.zeros(3), prior)
-    return np.asarray(np.linalg.lstsq(jacobian, wanted, rcond=None)[0][3:])
+    points = np.zeros((2, 3))
+    points[1] = np.linalg.lstsq(jacobian, wanted, rcond=None)[0][3:]
+    for point in points:
+        axes = np.linalg.svd(root @ np.vstack([np.eye(3), _cross(point)]))[2]
+        yield from ((np.roll(axes, -k, axis=0)[:rows], point) for k in range(3))
+    # Of any lines, each about a point of its own.
+    levers = -np.linalg.lstsq(
+        np.vstack([root[:, 3:], prior[3:, 3:]]),
+        np.vstack([root[:, :3], np.zeros((3, 3))]),
+        rcond=None,
+    )[0]
+    axes = np.linalg.svd(root[:, :3] + root[:, 3:] @ levers)[2][::-1]
+    yield from (
+        (np.roll(axes, -k, axis=0)[:rows], np.cross(axes[k], levers @ axes[k])) for k in range(3)
+    )
 
 
 def _linear(root: Floats, axes: Floats, point: Floats, prior: Floats) -> tuple[Floats, Floats]:
@@ -141,11 +155,9 @@ def _cross(vector: Floats) -> Floats:
 
 
 def _descended(
-    root: Floats, rows: int, point: Floats, prior: Floats
+    root: Floats, axes: Floats, point: Floats, prior: Floats
 ) -> tuple[float, Floats, Floats, Floats]:
-    """Gauss-Newton from the axes along which a point moves least: cost, axes, point, covariance."""
-    lever = root @ np.vstack([np.eye(3), _cross(point)])
-    axes = np.linalg.svd(lever)[2][::-1][:rows]
+    """Gauss-Newton: cost, axes, point and covariance."""
     jacobian, wanted = _linear(root, axes, point, prior)
     for _ in range(_ROUNDS):
         change = np.linalg.lstsq(jacobian, wanted, rcond=None)[0]
@@ -316,16 +328,16 @@ def tried(
         plane = np.eye(3) - np.outer(ground, ground)
         confined = scipy.linalg.block_diag(plane, np.eye(3) - plane)
 
-    def solved(moment: Floats, start: Floats | None = None) -> Fit:
+    def solved(moment: Floats, start: Fit | None = None) -> Fit:
         # Rows out of the plane cost more than any in it.
         free = confined @ moment @ confined
         return fit(free + FIRM * np.trace(free) * (np.eye(6) - confined), rows, unknown, start)
 
-    found = solved(evidence.fast.total / FINEST_SPEED**2)
+    found, start = solved(evidence.fast.total / FINEST_SPEED**2), None
     for _ in range(_WEIGHINGS):
         lines = screws(found.axes, found.point)
         moments = evidence.moments(lines, evidence.slip(lines))
         total = moments.sum(axis=0)
-        found = solved(total)
+        found = start = solved(total, start)
     unknown = found.unknown
-    return Trial(evidence, found, tuple(solved(total - own, found.point) for own in moments))
+    return Trial(evidence, found, tuple(solved(total - own, found) for own in moments))
