@@ -28,6 +28,8 @@ from noslip.identification.rows import (
 
 _WEIGHINGS = 3
 """Fits, each weighed by the slip of the one before."""
+_SETTLED = 1e-12
+"""Relative changes of its last step."""
 _NEAR = 4.0
 """Times the share of turning that may be left, within which a guess is worth a fit."""
 _STRAIGHT = 1e-3
@@ -178,7 +180,9 @@ def _solved(totals: list[Floats], start: Bent, unknown: Floats) -> tuple[Bent, F
         )
         return np.concatenate([speeds, turns, prior @ bent.tip, change[:3], change[6:]])
 
-    found = scipy.optimize.least_squares(residual, np.zeros(7), x_scale="jac", method="lm")
+    found = scipy.optimize.least_squares(
+        residual, np.zeros(7), x_scale="jac", method="lm", xtol=_SETTLED, ftol=_SETTLED
+    )
     inverse = np.linalg.pinv(found.jac)
     covariance = inverse @ inverse.T
     spreads, directions = np.linalg.eigh(covariance[3:6, 3:6])

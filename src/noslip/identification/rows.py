@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
@@ -239,15 +240,20 @@ def evidence(parts: Sequence[Sequence[Steps]]) -> Evidence:
         window *= 1.5
 
 
+def means(steps: Steps, window: float) -> tuple[Floats, Floats, NDArray[np.intp]]:
+    """Twists averaged over windows of time, (M, 6), their seconds, (M, 1), and first steps."""
+    index = np.floor(np.cumsum(steps.periods) / window)
+    starts = np.flatnonzero(np.diff(index, prepend=-1.0))
+    lengths = np.add.reduceat(steps.periods, starts)[:, None]
+    return np.add.reduceat(steps.ways, starts) / lengths, lengths, starts
+
+
 def _spread(parts: Sequence[Sequence[Steps]], window: float) -> Spread:
     found, noises, count = [], np.zeros((6, 6)), 0
     for part in parts:
         total = np.zeros((6, 6))
         for steps in part:
-            index = np.floor(np.cumsum(steps.periods) / window)
-            starts = np.flatnonzero(np.diff(index, prepend=-1.0))
-            lengths = np.add.reduceat(steps.periods, starts)[:, None]
-            twists = np.add.reduceat(steps.ways, starts) / lengths
+            twists, lengths, starts = means(steps, window)
             linear, angular = steps.noise
             noise = np.diag(np.repeat([linear**2, angular**2], 3)) * 2 * np.sum(lengths**-2.0)
             # Errors of the rotation turn each step.
