@@ -249,6 +249,14 @@ def test_the_region_is_that_of_the_covariance(blade: Identified) -> None:
     np.testing.assert_allclose(distance, distance[0], rtol=1e-6)
 
 
+def test_a_point_of_which_nothing_is_told_is_not_drawn(blade: Identified) -> None:
+    untold = replace(blade, rows=tuple(replace(row, unknown=np.eye(3)) for row in blade.rows))
+    _, point, _ = untold.plot().axes
+    assert point.get_title() == "where the point is: not told"
+    assert len(point.lines) == 1
+    assert "nothing tells where its point is: turn it as it moves" in str(untold)
+
+
 @pytest.mark.parametrize("name", ["blade", "nothing"])
 def test_all_that_it_says_is_inside(request: pytest.FixtureRequest, name: str) -> None:
     figure = identified_constraint(request.getfixturevalue(name))

@@ -115,7 +115,8 @@ def _draw_point(ax: Axes, found: Identified) -> dict[str, dict[str, Any]]:
     rows = found.rows or found.candidates[:1]
     columns = _plane(found, rows[0]) if rows else [0, 1]
     ax.plot(0, 0, **_look("black", "+"))
-    if rows:
+    told = bool(rows) and len(rows[0].unknown) < 3
+    if told:
         row, color = rows[0], FOUND if found.rows else FREE
         point = 1e3 * row.point[columns]
         spreads, axes = np.linalg.eigh(1e6 * row.point_covariance[np.ix_(columns, columns)])
@@ -144,7 +145,12 @@ def _draw_point(ax: Axes, found: Identified) -> dict[str, dict[str, Any]]:
     ax.margins(0)
     ax.set_aspect("equal", adjustable="datalim")
     x, y = (AXES[column] for column in columns)
-    style.dress(ax, f"{x} of the body (mm)", f"{y} of the body (mm)", title="where the point is")
+    style.dress(
+        ax,
+        f"{x} of the body (mm)",
+        f"{y} of the body (mm)",
+        title=f"where the point is{'' if told else ': not told'}",
+    )
     return handles
 
 
