@@ -254,7 +254,7 @@ def test_a_point_of_which_nothing_is_told_is_not_drawn(blade: Identified) -> Non
     _, point, _ = untold.plot().axes
     assert point.get_title() == "where the point is: not told"
     assert len(point.lines) == 1
-    assert "nothing tells where its point is: turn it as it moves" in str(untold)
+    assert "nothing tells where its point is: turn it in other ways as it moves" in str(untold)
 
 
 @pytest.mark.parametrize("name", ["blade", "nothing"])

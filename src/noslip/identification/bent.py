@@ -124,9 +124,11 @@ def _starts(total: Floats, unknown: Floats) -> Iterator[Bent]:
             np.zeros(3),
             float(np.linalg.norm(bends)),
         )
-    if len(unknown):
+    squares = np.trace(total[:3, :3]), np.trace(total[3:, 3:])
+    # Of a tool that hardly moves or turns, noise takes all off.
+    if len(unknown) or min(squares) <= 0:
         return
-    scale = np.sqrt(np.repeat([np.trace(total[:3, :3]), np.trace(total[3:, 3:])], 3))
+    scale = np.sqrt(np.repeat(squares, 3))
     one, two = (scale * np.linalg.eigh(total / np.outer(scale, scale))[1][:, -2:].T)[::-1]
     # Twists along a line: their linear velocity is across the angular one.
     pitches = [one[:3] @ one[3:], one[:3] @ two[3:] + two[:3] @ one[3:], two[:3] @ two[3:]]

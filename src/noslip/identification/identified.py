@@ -239,7 +239,7 @@ class Identified(Value):
         rows = self.rows if "needle" in self.kinds else self.rows[:1]
         row = rows[0]
         if len(row.unknown) == 3:
-            return "nothing tells where its point is: turn it as it moves"
+            return "nothing tells where its point is: turn it in other ways as it moves"
         errors = 1e3 * np.sqrt(np.maximum(np.diag(row.point_covariance), 0))
         told = np.linalg.norm(row.unknown, axis=0) < MOSTLY if len(row.unknown) else [True] * 3
         places = [
