@@ -157,6 +157,18 @@ def test_few_motions_have_colors_and_names_and_many_share_one(every_figure):
     assert {ln.get_color() for ln in shared} == {MANY["color"]} and len(shared) == 100
 
 
+def test_ticks_lie_along_a_lateral_axis_that_has_no_letter():
+    motions, goals = family(1)
+    lateral = np.array([0.2, 1.0, 0.1])
+    ax = figures.adapted_family(ORIGINAL, motions, goals, noslip.Blade(lateral)).axes[0]
+    (ticks,) = (c for c in ax.collections if isinstance(c, LineCollection))
+    last = np.diff(ticks.get_segments()[-1], axis=0)[0]
+    seen = motions["goal_001"].rotations[-1].apply(lateral)[:2]
+    assert abs(last @ seen) == pytest.approx(np.linalg.norm(last) * np.linalg.norm(seen))
+    names = [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert "the tool's lateral axis" in names
+
+
 def test_a_family_that_leaves_its_plane_is_seen_from_the_side_too(every_figure):
     assert {ax.get_ylabel() for ax in every_figure["hundred"].axes} & {"z (mm)", "z (m)"} == set()
     assert panel(every_figure["eight"], "z (mm)").get_xlabel() in ("x (mm)", "y (mm)")

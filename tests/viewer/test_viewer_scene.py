@@ -345,6 +345,13 @@ def test_the_scalpel_is_flat_across_and_its_tip_is_the_origin(edge):
     assert ahead.max() > 2 * -ahead.min()
 
 
+def test_the_scalpel_of_directions_is_that_of_a_turned_tool():
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.8])
+    turned = Edge(turn.apply([1, 0, 0]), turn.apply([0, 1, 0]))
+    for plain, part in zip(scalpel(0.1), scalpel(0.1, turned), strict=True):
+        np.testing.assert_allclose(part.vertices, turn.apply(plain.vertices), atol=1e-15)
+
+
 def test_the_scalpel_is_closed():
     trimesh = pytest.importorskip("trimesh")
     for part in scalpel(0.1):
