@@ -111,7 +111,8 @@ def time_offset(trajectories: PoseTrajectory | Iterable[PoseTrajectory], constra
     """Seconds by which a recording's rotations come later than its positions.
 
     The offset at which the rule holds best, about whichever axes and point: a tool that turns while
-    it moves seems to slip if its two streams are not in step.  Within 0.1 s either way.
+    it moves seems to slip if its two streams are not in step.  Within 0.1 s either way.  A hand
+    that turns its tool too late looks alike.
 
     Parameters
     ----------
