@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import copy
+import json
 import pickle
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from streams import HANDS, RATE, Followed, followed, recorded
 
@@ -255,6 +260,46 @@ def test_a_copy_goes_on_alike(compiling: Path) -> None:
         np.testing.assert_array_equal(mine, theirs)
 
 
+@st.composite
+def streams(draw: st.DrawFn) -> list[tuple[Floats, Rotation] | None]:
+    """Hands that wander, jump, tremble, turn and let go."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    speed, tremor, jumps, silent = (draw(st.floats(0, most)) for most in (1e-3, 2e-3, 0.05, 0.5))
+    place, turn, found = rng.normal(size=3), Rotation.random(random_state=rng), []
+    way, spin = rng.normal(size=(2, 3))
+    for _ in range(150):
+        way, spin = way + 0.1 * rng.normal(size=3), spin + 0.1 * rng.normal(size=3)
+        place = place + speed * way + (rng.normal(size=3) if rng.random() < jumps else 0.0)
+        turn = Rotation.from_rotvec(10 * speed * spin) * turn
+        seen = (
+            place + tremor * rng.normal(size=3),
+            Rotation.from_rotvec(10 * tremor * rng.normal(size=3)) * turn,
+        )
+        found.append(None if found and rng.random() < silent else seen)
+    return found
+
+
+@settings(max_examples=15)
+@given(hand=streams(), rate=st.sampled_from([30.0, 200.0, 1000.0]))
+def test_whatever_the_hand_does_the_tool_does_not_slip(
+    hand: list[tuple[Floats, Rotation] | None], rate: float
+) -> None:
+    point = (0.02, 0.01, -0.03)
+    shield = ns.Shield(ns.Blade(reference_point=point), rate=rate)
+    states = [shield.step(command) for command in hand]
+    vectors = np.array([state.vector() for state in states])
+    tool = ns.PoseTrajectory(
+        np.arange(len(hand)) / rate,
+        vectors[:, :3],
+        Rotation.from_quat(vectors[:, 3:7], scalar_first=True),
+    )
+    size = 1 + np.abs(vectors[:, 7:]).max()
+    assert np.abs(speed_along(tool, Y, point)).max() <= 1e-10 * size
+    # No faster than twice the peaks that it took for the hand's own.
+    peaks = shield._follower.data[shield._follower._places.span("linear_peak", "angular_peak")]
+    assert np.linalg.norm(vectors[:, 10:], axis=1).max() <= 2 * peaks[1]
+
+
 # ---------------------------------------------------------------- in C
 
 
@@ -360,3 +405,38 @@ int main(void) {
 }
 """)
     assert run(tmp_path, "hard.c").returncode == 0
+
+
+def test_the_command_exports_a_shield(
+    noslip: Callable[..., Any], tmp_path: Path, uncounted: None
+) -> None:
+    out = tmp_path / "out"
+    given = "--shield", "--constraint", "blade(lateral='z')", "--rate", "500"
+    result = noslip("export", *given, "--out", out, "--prefix", "knife", "--json")
+    assert result.code == 0, result.err
+    files = [Path(file) for file in json.loads(result.out)["files"]]
+    assert {file.name for file in files} == {
+        *("shield.h", "shield.c", "shield_example.c", "shield_test.c")
+    }
+    ns.Shield(ns.Blade(lateral="z"), rate=500).export_c(tmp_path / "same", prefix="knife")
+    for file in files:
+        assert file.read_text() == (tmp_path / "same" / file.name).read_text()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ([], "give a primitive, or --shield with --constraint and --rate"),
+        (["--shield", "--rate", "9"], "--shield takes what must hold (--constraint) and the loop"),
+        (["--shield", "--constraint", "blade"], "--shield takes what must hold (--constraint)"),
+        (["cut.json", "--shield"], "--shield takes no primitive and no --name"),
+        (["cut.json", "--rate", "9"], "--constraint and --rate are for --shield"),
+    ],
+)
+def test_what_the_command_cannot_export_is_refused(
+    given: list[str], message: str, noslip: Callable[..., Any], tmp_path: Path
+) -> None:
+    result = noslip("export", *given, "--out", tmp_path / "out")
+    assert result.code == 2
+    assert message in result.err
+    assert not (tmp_path / "out").exists()
