@@ -11,9 +11,9 @@ Three things in a row:
 - The *tool*: the hand's velocity, and towards the hand.  What constraints forbid of the way there
   is made up for by steering along the line of sight (Fossen, *Handbook of Marine Craft
   Hydrodynamics and Motion Control*, 2011, chapter 10).  With e the error across the path, theta
-  that of the heading, V the hand's speed along it and l the length of a maneuver,
+  the angle from the hand's course to the tool's, V the hand's speed and l the length of a maneuver,
   ``theta' = V / l (e / l - 2 theta)``: e is critically damped over the way traveled, at any speed,
-  and a hand at rest turns nothing.
+  and a hand at rest turns nothing.  Slow, its heading takes the place of its course.
 
 The velocities found so go through the same step as those of a primitive (:mod:`noslip.law.step`).
 No smooth feedback brings a tool that must not slip to rest at whatever pose (Brockett 1983).
@@ -46,9 +46,11 @@ hand's own, which then is not taken for faster than it is."""
 MANEUVER = 0.25
 """s that a maneuver takes at the hand's peak speed; l is the way in it.  In half of it noise turns
 the tool; over twice the way a recorded blade that slips by 5 % stays twice as far off."""
-FASTER = 2.0
+FASTER = 1.8
 """Times the hand's own peak speeds that the tool may be moved and turned at."""
-SLOWEST = 0.05, 0.1
+FARTHEST_ASIDE = 1.0
+"""rad off the hand's heading that a tool is steered, however far aside the hand is."""
+SLOWEST = 0.05, 0.05
 """m/s and rad/s, taken for the peaks of a hand that has not moved faster yet."""
 HASTE, JITTER = 4.0, (4e-3, 0.05)
 """Times its peak speeds, besides so many m and rad, that a hand may have moved between two
@@ -200,13 +202,24 @@ def _steering(
     """
     across = rows[:, :3]
     normal = across @ across.T + _DEPENDENT * ca.SX.eye(rows.shape[0])
+
+    def forbidden(x: Expression) -> Expression:
+        return across.T @ ca.solve(normal, across @ x)
+
     # Both at the point that must not slip.
     error = across.T @ ca.solve(normal, rows @ ca.vertcat(*off))
-    along = velocity - across.T @ ca.solve(normal, across @ velocity)
+    drift, turned = forbidden(velocity), off[1]
+    along = velocity - drift
     speed = _length(along)
-    # By no more than a radian off the hand's heading, however far it is.
-    aim = error / ca.sqrt(length**2 + ca.sumsqr(error) / 4)
-    return (ca.cross(along, aim) + 2 * speed * off[1]) / (length + 2 * speed * h)
+    ahead = along / speed
+    # How far to the side the hand heads, and how far it goes, which near rest is noise.
+    heading = forbidden(ca.cross(turned, ahead))
+    square = ca.sumsqr(velocity)
+    trusted = square / (square + SLOW[0] ** 2)
+    course = trusted * drift / _length(velocity) + (1 - trusted) * heading
+    aside = heading + _shortened(course - heading + error / (2 * length), FARTHEST_ASIDE)
+    turn = ca.cross(ahead, aside) + turned - ca.cross(ahead, heading)
+    return 2 * speed * turn / (length + 2 * speed * h)
 
 
 def _between(one: Expression, other: Expression) -> tuple[Expression, Expression]:

@@ -5,7 +5,8 @@
 #include <math.h>
 #include <stdio.h>
 
-#define SECONDS 4.0
+#define SECONDS 2.0
+#define ROUND 6.283185307179586
 
 int main(void) {
     static noslip_shield shield;
@@ -17,10 +18,11 @@ int main(void) {
     for (k = 0; k <= steps; ++k) {
         const double t = SECONDS * (steps > 0 ? (double)k / (double)steps : 0), s = t / SECONDS;
         const double eased = s * s * s * (10 - s * (15 - 6 * s));
-        const double slope = 0.9 * cos(6 * 3.14159265 * eased), yaw = atan(slope) / 2;
+        const double turn = ROUND * eased;
+        const double slope = 0.6 * cos(turn), yaw = atan(slope) / 2;
         double command[7] = {0, 0, 0, 0, 0, 0, 0};
-        command[0] = 0.2 * eased;
-        command[1] = 0.2 * 0.9 / (6 * 3.14159265) * sin(6 * 3.14159265 * eased);
+        command[0] = 0.1 * eased;
+        command[1] = 0.1 * 0.6 / ROUND * sin(turn);
         command[3] = cos(yaw);
         command[6] = sin(yaw);
         if (k == 0) noslip_shield_start(&shield, command);
