@@ -271,6 +271,20 @@ class Shielded:
         return motion[:executed]
 
 
+class Streamed(Shielded):
+    """The shield, given one action after the other."""
+
+    name = "**noslip**, shield, one by one"
+
+    def chunk(self, poses: ns.PoseTrajectory, executed: int) -> ns.PoseTrajectory:
+        """Return where each command leads."""
+        found = [
+            self.shield.step((poses.positions[k], poses.rotations[k])) for k in range(executed)
+        ]
+        rotations = Rotation.concatenate([state.rotation for state in found])
+        return ns.PoseTrajectory(poses.times[:executed], [s.position for s in found], rotations)
+
+
 @dataclass(frozen=True)
 class Figures:
     """Of a filter over all recordings of a family.
@@ -401,7 +415,7 @@ def rows(family: Family) -> Iterator[Filter]:
             print(f"({each.library} is not installed)", file=sys.stderr)
         else:
             yield each
-    yield Shielded()
+    yield from (Streamed(), Shielded())
 
 
 HEADER = (

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from motions import planar_cut
 from noslip.errors import InputError
+from noslip.shielding import shield_each
 
 RATE = 30.0
 
@@ -171,6 +172,33 @@ def test_a_pipeline_of_lerobot_keeps_it(step, tmp_path: Path) -> None:
         tmp_path, config_filename="shield.json", **ways
     )
     assert [again(action) for action in actions()] == found
+
+
+def test_lerobot_reads_a_data_set_of_its_own_that_was_shielded(tmp_path: Path) -> None:
+    sets = pytest.importorskip(
+        "lerobot.datasets.lerobot_dataset", reason="needs the extra lerobot"
+    ).LeRobotDataset
+    given = np.array([list(action.values())[:7] for action in actions()], dtype=np.float32)
+    feature = {"dtype": "float32", "shape": (7,), "names": list(actions()[0])[:7]}
+    features = {"observation.state": feature, "action": feature}
+    made = sets.create("me/cuts", int(RATE), features, root=tmp_path / "cuts", use_videos=False)
+    for _ in range(2):
+        for row in given:
+            made.add_frame({"observation.state": row, "action": row, "task": "cut"})
+        made.save_episode()
+    made.finalize()
+    shield_each(tmp_path / "cuts", [ns.Blade()], tmp_path / "kept")
+    kept = sets("me/cuts", root=tmp_path / "kept")
+    found = np.array([kept[k]["observation.state"].numpy() for k in range(len(kept))])
+    for episode in np.split(found, 2):
+        poses = Rotation.from_rotvec(episode[:, 3:6])
+        motion = ns.PoseTrajectory(np.arange(len(episode)) / RATE, episode[:, :3], poses)
+        assert np.abs(motion.body_velocities[:, 1]).max() < 1e-5
+        np.testing.assert_array_equal(episode[:, 6], given[:, 6])
+    np.testing.assert_array_equal([kept[k]["action"].numpy() for k in range(len(given))], given)
+    said = kept.meta.stats["observation.state"]
+    for name, of in {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}.items():
+        np.testing.assert_allclose(said[name], of(found, axis=0), atol=1e-6)
 
 
 def test_what_is_measured_is_of_the_observation(step, processor) -> None:
