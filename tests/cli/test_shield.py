@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from motions import planar_cut
@@ -37,14 +38,19 @@ def data_set(cuts, tmp_path) -> Path:
     root = tmp_path / "cuts"
     write_info(root, "v2.1", "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet")
     for k, cut in enumerate(cuts):
-        part = rows(k, 0, len(cut))
-        scalar_last = np.roll(cut.quaternions, -1, axis=1)
-        gripper = np.linspace(0, 1, len(cut))[:, None]
-        part["observation.state"] = np.hstack([cut.positions, scalar_last, gripper]).astype("f4")
-        write(root / f"data/chunk-{k // 2:03d}/episode_{k:06d}.parquet", table([part]))
+        put(root, k, cut)
     lines = [json.dumps({"episode_index": k}) for k in range(3)]
     (root / "meta" / "episodes.jsonl").write_text("\n".join(lines))
     return root
+
+
+def put(root: Path, k: int, cut: ns.PoseTrajectory) -> None:
+    """Write an episode."""
+    part = rows(k, 0, len(cut))
+    scalar_last = np.roll(cut.quaternions, -1, axis=1)
+    gripper = np.linspace(0, 1, len(cut))[:, None]
+    part["observation.state"] = np.hstack([cut.positions, scalar_last, gripper]).astype("f4")
+    write(root / f"data/chunk-{k // 2:03d}/episode_{k:06d}.parquet", table([part]))
 
 
 def test_a_recording_is_written_that_keeps_the_constraint(noslip, cuts, tmp_path) -> None:
@@ -57,7 +63,7 @@ def test_a_recording_is_written_that_keeps_the_constraint(noslip, cuts, tmp_path
     assert slip(kept) < 1e-12
     far = np.linalg.norm(kept.positions - cuts[0].positions, axis=1)
     assert f"(at most {1e3 * far.max():.3g})" in told
-    assert far.max() < 1e-4
+    assert far.max() < 1e-3
 
 
 def test_each_of_several_files_is_written_under_its_name(noslip, cuts, tmp_path) -> None:
@@ -96,18 +102,21 @@ def test_a_data_set_is_copied_with_motions_that_keep_the_constraint(
         np.testing.assert_array_equal(*gripper)
 
 
-def test_what_cannot_be_projected_stands_as_it_was_and_is_told(noslip, data_set, tmp_path) -> None:
-    out, told = tmp_path / "kept", tmp_path / "rule.py"
-    told.write_text(
-        "import noslip as ns\n\n\n@ns.position_constraint\ndef contradiction(motion):\n"
-        "    return motion.position[0] ** 2 + 1\n"
-    )
-    asked = ["--each", "--constraint", f"{told}:contradiction", "--out", out]
-    code, text, _ = noslip("shield", data_set, *asked)
+def test_where_the_tool_must_hold_it_is_told_and_holds_no_longer_than_it_must(
+    noslip, data_set, cuts, tmp_path
+) -> None:
+    """One episode has its blade across the path from its middle on."""
+    across = cuts[1].rotations.as_rotvec()
+    across[20:, 2] += np.pi / 2
+    turned = ns.PoseTrajectory(cuts[1].times, cuts[1].positions, Rotation.from_rotvec(across))
+    put(data_set, 1, turned)
+    out = tmp_path / "kept"
+    code, text, err = noslip("shield", data_set, "--each", "--constraint", "blade", "--out", out)
     assert code == 1
-    assert text.count("FAILED") == 3
-    for old, new in zip(ns.load_demonstrations(data_set), ns.load_demonstrations(out), strict=True):
-        np.testing.assert_array_equal(old.positions, new.positions)
+    assert [line.startswith("HELD") for line in text.splitlines()] == [False, True, False, False]
+    assert "episode_000001: from 0 s on" in err
+    for found in ns.load_demonstrations(out):
+        assert slip(found) < SINGLE
 
 
 def test_what_is_asked_wrongly_is_refused_and_nothing_is_written(

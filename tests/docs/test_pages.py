@@ -48,6 +48,7 @@ ELSEWHERE = {
     "noslip learn session --topic": "tests/test_bag_to_arm.py runs this block",
     "noslip simulate cut.json --robot panda --level tool": "tests/test_bag_to_arm.py runs it",
     "noslip check arm/tool.csv": "tests/test_bag_to_arm.py runs this block",
+    "python -m benchmarks.filters": "reads recordings that lie beside the repository",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",
 }

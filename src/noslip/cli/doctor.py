@@ -33,6 +33,7 @@ EXTRAS = {
     "robots": ("mujoco", "daqp"),
     "video": ("imageio", "imageio_ffmpeg"),
     "cluster": ("distributed",),
+    "lerobot": ("lerobot",),
     "viewer": ("viser",),
     "report": ("jinja2", "weasyprint"),
     "interop": ("movement_primitives", "pytransform3d"),

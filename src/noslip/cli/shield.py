@@ -21,10 +21,9 @@ import typer
 from noslip.cli import options, output
 from noslip.constraints.check import residual_text
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import ConvergenceError, InputError, one_line
-from noslip.projection.request import LEARNING, Weights
+from noslip.errors import InputError, one_line
 from noslip.recordings import write_recording
-from noslip.shielding.datasets import ShieldedRecording, projected, shield_each, told
+from noslip.shielding.datasets import ShieldedRecording, shield_each, shielded, told
 
 
 @options.grouped
@@ -46,9 +45,6 @@ def run(
             "copy of it, or each of several files in a folder.",
         ),
     ] = False,
-    position_weight: options.PositionWeight = LEARNING.position,
-    position_smoothing: options.PositionSmoothing = LEARNING.position_smoothing,
-    rotation_smoothing: options.RotationSmoothing = LEARNING.rotation_smoothing,
     as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:
@@ -56,13 +52,11 @@ def run(
 
     It tells how far it moved each, and what that slips before and after.
 
-    Each is projected as a whole.  In the copy of a data set the poses alone are others, in the
-    columns that they were read from, and what its meta says of these; gripper, images, actions and
-    episodes stay.  Exits with 1 if a recording could not be projected; it is told, and in a data
-    set it stands as it was.
+    In the copy of a data set the poses alone are others, in the columns that they were read from,
+    and what its meta says of these; gripper, images, actions and episodes stay.  Exits with 1 if
+    in a recording the tool must hold, since no way near it keeps the constraints.
     """
     system = ConstraintSystem(options.constraints(constraint))
-    weights = Weights(position_weight, position_smoothing, rotation_smoothing)
     if each:
         with output.progress("shielding", 1) as progress:
             rows = shield_each(
@@ -70,7 +64,6 @@ def run(
                 system,
                 out,
                 preparation=given.preparation(),
-                weights=weights,
                 progress=progress,
                 **given.loading(),
             )
@@ -82,26 +75,21 @@ def run(
                 f"{len(found)} recordings; add --each, and as --out a folder or, of a data set, "
                 "the copy"
             )
-        (motion,) = projected(found, system, weights)
-        if isinstance(motion, str):
-            raise ConvergenceError(motion)
+        motion, held = shielded(found[0], system)
         write_recording(motion, out)
-        rows = [told(found[0], motion, system)]
-    failed = [row for row in rows if row.message]
+        rows = [told(found[0], motion, system, held)]
     if as_json:
         output.print_json({"out": str(out), "recordings": [row.to_dict() for row in rows]})
     else:
         for row in rows:
             typer.echo(one_line(_line(row)))
         typer.echo(f"wrote {out}")
-    if failed:
+    if any(row.held for row in rows):
         raise typer.Exit(1)
 
 
 def _line(row: ShieldedRecording) -> str:
     """Say what became of one recording."""
-    if row.message:
-        return f"FAILED {row.message}"
     before, after = (
         residual_text(residual, "1") if slip is None else f"slips {residual_text(slip, 'm')}"
         for slip, residual in (
@@ -109,8 +97,9 @@ def _line(row: ShieldedRecording) -> str:
             (row.slip_after, row.residual_after),
         )
     )
+    held = "HELD " if row.held else ""
     return (
-        f"{row.name}: moved {1e3 * row.moved_mean:.3g} mm (at most {1e3 * row.moved_max:.3g}), "
-        f"turned {np.degrees(row.turned_mean):.3g} degrees (at most "
+        f"{held}{row.name}: moved {1e3 * row.moved_mean:.3g} mm (at most "
+        f"{1e3 * row.moved_max:.3g}), turned {np.degrees(row.turned_mean):.3g} degrees (at most "
         f"{np.degrees(row.turned_max):.3g}); {before} before, {after} after"
     )

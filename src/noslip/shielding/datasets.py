@@ -1,7 +1,7 @@
-"""Recordings and data sets that keep constraints: each recording is projected as a whole.
+"""Recordings and data sets that keep constraints: through a shield, each as one chunk.
 
-A policy's chunks are projected as they come (:meth:`noslip.Shield.chunk`).  Of a recording all is
-known, so the nearest feasible motion is that of the whole: no join, and no hold.
+A policy's chunks come one by one.  Of a recording all is known, so the nearest motion is that of
+the whole: there are no joins, and what a tool must make up for it makes up for in time.
 """
 
 from __future__ import annotations
@@ -12,22 +12,29 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from noslip._files import making
 from noslip._samples import Mending
 from noslip.constraints.check import checked
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.preparation import prepare
-from noslip.errors import ConvergenceError, InputError
-from noslip.projection.request import LEARNING, Weights
-from noslip.projection.trajectory import project_trajectory
+from noslip.errors import CompromiseWarning, InputError, muted, warn
 from noslip.recordings import load_demonstrations, write_recording
 from noslip.recordings.formats import WRITTEN, expand, format_of
+from noslip.shielding.shield import Shield
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import deviations
 
 WRITES = tuple(suffix for suffix in WRITTEN if suffix)
 """Suffixes of files that a recording is written to as it was read; of others as CSV."""
+LONGEST = 1000
+"""Poses of a recording that are one chunk: smoothing them takes a second, cubic in their count."""
+LENGTH = 100
+"""Poses of a chunk where the whole must hold: three seconds of most data sets, of which half are
+executed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +54,9 @@ class ShieldedRecording:
         means as it was written, with its rounding.
     residual_before, residual_after : float
         Largest violation of a constraint, in its unit.
-    message : str
-        Why it stands as it was recorded; empty if it does not.
+    held : str
+        What of it the motion does not do, and why: where no way near it keeps the constraints, the
+        tool brakes and holds.  Empty if it does all.
     """
 
     name: str
@@ -61,7 +69,7 @@ class ShieldedRecording:
     slip_after: float | None
     residual_before: float
     residual_after: float
-    message: str = ""
+    held: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -74,7 +82,6 @@ def shield_each(
     out: str | Path,
     *,
     preparation: Mapping[str, Any] = MappingProxyType({}),
-    weights: Weights = LEARNING,
     progress: Callable[[int, int], None] | None = None,
     **loading: Any,
 ) -> list[ShieldedRecording]:
@@ -90,8 +97,6 @@ def shield_each(
         The copy, or the folder; nothing is there yet.
     preparation : mapping
         Of :func:`noslip.prepare`, for files.
-    weights : Weights
-        Of the projection.
     progress : callable, optional
         Called with (done, total).
     **loading
@@ -100,8 +105,12 @@ def shield_each(
     Returns
     -------
     list of ShieldedRecording
-        One of each, in order.  Where no feasible trajectory near it is found, its message says so:
-        in a data set it stands as it was recorded, and no file is written.
+        One of each, in order.
+
+    Warns
+    -----
+    CompromiseWarning
+        Of a recording in which the tool holds.
 
     Raises
     ------
@@ -128,70 +137,82 @@ def shield_each(
             f"{files[0]}: a data set keeps its samples and its frame; leave out what prepares or "
             "mends recordings, and give the constraint the tool's own axes and point"
         )
-    motions = projected(found, system, weights, progress)
+    motions, held = [], []
+    for done, recording in enumerate(found, start=1):
+        motion, text = shielded(recording, system)
+        motions.append(motion)
+        held.append(text)
+        if progress is not None:
+            progress(done, len(found))
     with making(Path(out)) as beside:
         if replace is None:
-            after = _written(beside, found, motions)
+            _write(beside, motions)
         else:
             taken = format_of(files[0]).options
             asked = {name: value for name, value in loading.items() if name in taken}
-            new = {
-                old.name: m for old, m in zip(found, motions, strict=True) if not isinstance(m, str)
-            }
-            replace(files[0], beside, new, **asked)
+            replace(files[0], beside, {motion.name: motion for motion in motions}, **asked)
             # What single precision has left of them counts, not what was meant.
-            after = load_demonstrations(beside, **loading)
+            motions = load_demonstrations(beside, **loading)
     return [
-        told(old, new, system, motion if isinstance(motion, str) else "")
-        for old, new, motion in zip(found, after, motions, strict=True)
+        told(recording, motion, system, text)
+        for recording, motion, text in zip(found, motions, held, strict=True)
     ]
 
 
-def projected(
-    recordings: Sequence[PoseTrajectory],
-    system: ConstraintSystem,
-    weights: Weights,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[PoseTrajectory | str]:
-    """Return of each recording the nearest feasible trajectory, or why none was found."""
-    motions: list[PoseTrajectory | str] = []
-    for done, recording in enumerate(recordings, start=1):
-        try:
-            found = project_trajectory(
-                recording,
-                system,
-                position_weight=weights.position,
-                position_smoothing=weights.position_smoothing,
-                rotation_smoothing=weights.rotation_smoothing,
-            )
-            motions.append(found.trajectory)
-        except ConvergenceError as error:
-            motions.append(str(error))
-        if progress is not None:
-            progress(done, len(recordings))
-    return motions
+def shielded(recording: PoseTrajectory, system: ConstraintSystem) -> tuple[PoseTrajectory, str]:
+    """Return the nearest motion that keeps constraints, and what of the recording it does not do.
+
+    It is that of the whole; where that must hold, that of one chunk after the other, which holds
+    for as long as it must.
+    """
+    texts: list[str] = []
+    for length in (LONGEST, LENGTH):
+        with muted():
+            motion, texts = _in_chunks(recording, system, length)
+        if not texts:
+            break
+    text = "; ".join(dict.fromkeys(texts))
+    if text:
+        warn(f"{recording.name}: {text}", CompromiseWarning)
+    return motion, text
 
 
-def _written(
-    folder: Path, recordings: Sequence[PoseTrajectory], motions: Sequence[PoseTrajectory | str]
-) -> list[PoseTrajectory]:
-    """Write each in a file of its recording's name; return them as written."""
+def _in_chunks(
+    recording: PoseTrajectory, system: ConstraintSystem, length: int
+) -> tuple[PoseTrajectory, list[str]]:
+    """Return the motion of chunks of a length, each carried out by half, and what is told."""
+    shield = Shield(system, rate=1 / recording.period)
+    parts: list[PoseTrajectory] = []
+    texts = []
+    for first in range(0, max(1, len(recording) - length // 2), length // 2):
+        last = first + length >= len(recording)
+        done = length // 2 if parts else None
+        motion = shield.chunk(recording[first : first + length], done)
+        parts.append(motion if last else motion[: length // 2])
+        if shield.compromise:
+            texts.append(f"from {recording.times[first]:.3g} s on {shield.compromise}")
+        if last:
+            break
+    positions = np.concatenate([part.positions for part in parts])
+    rotations = Rotation.concatenate([part.rotations for part in parts])
+    return PoseTrajectory(recording.times, positions, rotations, name=recording.name), texts
+
+
+def _write(folder: Path, motions: Sequence[PoseTrajectory]) -> None:
+    """Write each in a file of its recording's name."""
     folder.mkdir()
     taken: dict[str, str] = {}
-    for recording, motion in zip(recordings, motions, strict=True):
-        path = Path(recording.name)
+    for motion in motions:
+        path = Path(motion.name)
         suffix = path.suffix.lower() if path.suffix.lower() in WRITES else ".csv"
         file = f"{path.stem}{suffix}"
-        if (other := taken.setdefault(file.casefold(), recording.name)) != recording.name:
-            raise InputError(f"{recording.name}: would be {file}, as {other}; rename one")
-        if isinstance(motion, PoseTrajectory):
-            write_recording(motion, folder / file)
-    pairs = zip(recordings, motions, strict=True)
-    return [recording if isinstance(motion, str) else motion for recording, motion in pairs]
+        if (other := taken.setdefault(file.casefold(), motion.name)) != motion.name:
+            raise InputError(f"{motion.name}: would be {file}, as {other}; rename one")
+        write_recording(motion, folder / file)
 
 
 def told(
-    before: PoseTrajectory, after: PoseTrajectory, system: ConstraintSystem, message: str = ""
+    before: PoseTrajectory, after: PoseTrajectory, system: ConstraintSystem, held: str = ""
 ) -> ShieldedRecording:
     """Say how far a motion is from its recording, and what both slip."""
     distances, angles = deviations(after, before)
@@ -208,5 +229,5 @@ def told(
         slip_after=max(slips[1], default=None),
         residual_before=max(c.peak for c in found[0]),
         residual_after=max(c.peak for c in found[1]),
-        message=message,
+        held=held,
     )
