@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import html
 import socket
 import threading
 import time
@@ -11,14 +12,16 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from waiting import PATIENCE, until
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
-from noslip.viewer import Page, save_page
+from noslip.viewer import Page, found_panel, save_page
 from noslip.viewer.drawing import _linear
+from noslip.viewer.found_panel import SOUGHT
 
 EXACT = 1e-10
 
@@ -282,3 +285,85 @@ def test_a_saved_page_needs_nothing_but_itself(tmp_path, primitive, slipping):
     assert text.rstrip().endswith("</html>")
     assert "<b>.csv" not in text
     assert "violated: blade" in text and "cut.json</b>: holds" in text
+
+
+# ---------------------------------------------------------------- what holds
+
+
+def tick(page: Page, box: object, ask: Callable[[], None], value: bool = True) -> None:
+    """Tick a box as a person does, or untick it."""
+
+    def act() -> None:
+        box.value = value
+        ask()
+
+    done(page, act)
+
+
+def seek_what_holds(page: Page) -> object:
+    """Ask what holds in the chosen recording; return what was found."""
+    tick(page, page.finds.box, page.finds.ask)
+    until(lambda: page.entry.found != SOUGHT, "what holds")
+    done(page)
+    return page.entry.found
+
+
+def test_what_holds_in_a_recording_is_told_and_drawn_on_the_tool(knife):
+    with opened({"knife.csv": knife}) as page:
+        found = seek_what_holds(page)
+        assert found.kinds == ("blade",)
+        assert html.escape(str(found).splitlines()[0]) in page.finds.note.content
+        node = page.drawing._nodes["knife.csv"]["tool/found"]
+        assert node.name == "/motions/knife.csv/tool/found" and node.visible
+        tick(page, page.finds.box, page.finds.ask, False)
+        assert "tool/found" not in page.drawing._nodes["knife.csv"]
+        assert page.finds.note.content == ""
+
+
+def test_what_was_found_once_is_not_sought_again_nor_shown_when_no_longer_asked(
+    cut, slipping, monkeypatch
+):
+    let, asked = threading.Event(), []
+
+    def slow(motion: ns.PoseTrajectory) -> str:
+        asked.append(motion.name)
+        assert let.wait(PATIENCE)
+        return f"found in {motion.name}"
+
+    monkeypatch.setattr(found_panel, "find", slow)
+    with opened({"cut.csv": cut, "slipping.csv": slipping}) as page:
+        tick(page, page.finds.box, page.finds.ask)
+        assert SOUGHT in page.finds.note.content
+        tick(page, page.finds.box, page.finds.ask, False)
+        tick(page, page.finds.box, page.finds.ask)
+        done(page, lambda: page._choose("slipping.csv"))
+        assert not page.finds.box.value and page.finds.note.content == ""
+        let.set()
+        until(lambda: page.entries["cut.csv"].found != SOUGHT, "the answer")
+        # The answer is about another recording than the one that is looked at.
+        assert page.finds.note.content == ""
+        done(page, lambda: page._choose("cut.csv"))
+        assert page.finds.box.value and "found in cut.csv" in page.finds.note.content
+        assert asked == ["cut.csv"]
+
+
+def test_a_recording_in_which_it_cannot_be_told_is_answered(monkeypatch):
+    still = ns.PoseTrajectory(np.arange(50) / 100, np.zeros((50, 3)), Rotation.identity(50))
+    with opened({"still.csv": still}) as page:
+        told = seek_what_holds(page)
+        assert isinstance(told, str) and html.escape(told) in page.finds.note.content
+        assert not page._notice.visible
+
+        def fail(motion: object) -> None:
+            raise RuntimeError("of our own making")
+
+        monkeypatch.setattr(found_panel, "identify", fail)
+        page.entry.found = None
+        assert "RuntimeError('of our own making')" in seek_what_holds(page)
+
+
+def test_a_primitive_says_itself_what_holds(primitive, slipping):
+    with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
+        assert not page.finds._folder.visible
+        done(page, lambda: page._choose("slipping.csv"))
+        assert page.finds._folder.visible

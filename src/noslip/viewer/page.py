@@ -20,6 +20,7 @@ from noslip.viewer.changes import Wish
 from noslip.viewer.charts import Charts
 from noslip.viewer.drawing import Follower
 from noslip.viewer.entries import Entry, Shown, drawn, entries, key, node_name, unique, worst
+from noslip.viewer.found_panel import FoundPanel
 from noslip.viewer.goal_panel import GoalPanel
 from noslip.viewer.push_panel import PushPanel
 from noslip.viewer.texts import note, pad, table
@@ -52,6 +53,7 @@ class Page:
     drawing : Drawing
     goals : GoalPanel
     pushes : PushPanel
+    finds : FoundPanel
     time : float
         Of the instant that is shown (s).
     address : str
@@ -101,6 +103,7 @@ class Page:
     def stop(self) -> None:
         """Stop serving."""
         self.uploads.stop()
+        self.finds.stop()
         self._actions.stop()
         serving.stop(self.server)
 
@@ -133,6 +136,8 @@ class Page:
             shown = self.chosen, self.entry
             self.goals = GoalPanel(self.server, self.drawing.size, actions, self._follow, shown[1])
             self.pushes = PushPanel(self.server, self.drawing, actions, self._mark_run, *shown)
+        with tabs.add_tab("Hold"):
+            self.finds = FoundPanel(self.server, self.drawing, actions, *shown)
         with tabs.add_tab("Check a file"):
             upload = gui.add_upload_button(
                 "Open CSV, npz or primitive", icon=viser.Icon.UPLOAD, mime_type=".csv,.npz,.json"
@@ -191,6 +196,7 @@ class Page:
     def _choose(self, name: str) -> None:
         self.chosen = name
         self.pushes.choose(name, self.entry)
+        self.finds.choose(name, self.entry)
         self.goals.choose(self.entry)
         self.goals.offer(True)
         self._describe(self.entry)
