@@ -5,6 +5,7 @@ With tests/ on PYTHONPATH:
 python tests/viewer/picture.py --out docs/images/viewer.png
 python tests/viewer/picture.py --of arm --out docs/images/viewer_arm.png
 python tests/viewer/picture.py --of data_demo_a_1.csv --out docs/images/viewer_found.png
+python tests/viewer/picture.py --of shield --out docs/images/viewer_shield.png
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ parser.add_argument("--out", default="viewer.png", help="the picture's file")
 parser.add_argument(
     "--of",
     default="cut",
-    help="cut; arm, which executes it; or a recording, and what holds in it",
+    help="cut; arm, which executes it; shield, around it; or a recording, and what holds in it",
 )
 given = parser.parse_args()
 
@@ -66,6 +67,8 @@ if given.of == "arm":
 elif given.of.endswith(".csv"):
     (recording,) = ns.load_demonstrations(given.of)
     shown = {Path(given.of).name: recording}
+elif given.of == "shield":
+    del shown["demonstration.csv"]
 page = Page(shown, port=0)
 with sync_playwright() as p:
     browser = p.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
@@ -86,8 +89,17 @@ with sync_playwright() as p:
         tool = page.drawing.tool_pose(page.chosen)[0]
         client.camera.position = tool + page.drawing.size * np.array([0.0, -0.3, 0.6])
         client.camera.look_at = tool + page.drawing.size * np.array([0.1, 0.0, 0.0])
+    if given.of == "shield":
+        fill(tab, "Time (s)", "2.2")
+        tab.view.get_by_text("Drag a command", exact=True).click()
+        until(lambda: page.shields.run, "the run")
+        begun = np.array(page.shields.command.position)
+        for share in np.linspace(0, 1, 100):
+            page.shields.command.position = begun + share * np.array([0.03, -0.03, 0.0])
+            tab.view.wait_for_timeout(30)
     # What is drawn in software comes later than the text.
-    tab.view.wait_for_timeout(3000)
+    if given.of != "shield":
+        tab.view.wait_for_timeout(3000)
     tab.view.screenshot(path=given.out)
     browser.close()
 page.stop()

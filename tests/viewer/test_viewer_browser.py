@@ -266,6 +266,29 @@ def test_what_holds_in_a_recording_is_told_and_drawn_on_its_tool(chromium, knife
             tab.view.screenshot(path=artifacts / f"found_{instant}.png")
 
 
+def test_a_command_that_is_dragged_leads_the_shielded_tool(chromium, primitive, artifacts):
+    with alone(chromium, {"cut.json": primitive}) as (tab, page):
+        open_tab(tab, "Hold")
+        tab.view.get_by_text("Drag a command", exact=True).click()
+        tab.view.get_by_text("The command is").wait_for()
+        run = page.shields.run
+        before = np.array(run.state.position)
+        axis = run.state.rotation.apply([1.0, 0.0, 0.0])
+        grip = before + 0.95 * GIZMO * page.drawing.size * axis
+        drag(tab, page, grip, grip + 0.02 * axis)
+        until(lambda: (run.state.position - before) @ axis > 5e-3, "the tool to follow")
+        tab.view.screenshot(path=artifacts / "shielded.png")
+        tab.view.mouse.up()
+        moved = np.array(page.shields.command.position) - before
+        assert moved == pytest.approx(0.02 * axis, abs=6e-3)
+        assert run.residual < EXACT
+        tab.view.get_by_role("button", name="Reset").click()
+        until(lambda: page.shields.run is not run, "the beginning")
+        assert page.shields.command.position == pytest.approx(before, abs=1e-6)
+        tab.view.get_by_text("Drag a command", exact=True).click()
+        until(lambda: page.shields.run is None, "the end")
+
+
 # ---------------------------------------------------------------- looking
 
 

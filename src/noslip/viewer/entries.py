@@ -51,6 +51,15 @@ class Entry:
     found: Identified | str | None = None
     sought: bool = False
 
+    @property
+    def held(self) -> tuple[Constraint, ...]:
+        """What a shield holds: what was found, and the limits; without it, all that is checked."""
+        system = self.track.system
+        found = self.found.constraints if isinstance(self.found, Identified) else ()
+        if not (self.sought and found):
+            return system.constraints
+        return (*found, *system.limits.constraints)
+
 
 def entries(
     shown: Mapping[str, Shown],

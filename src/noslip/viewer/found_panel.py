@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -31,7 +32,8 @@ class FoundPanel:
     """A box that is ticked to find what holds in the chosen recording, and what was found.
 
     Widgets are added where the server's interface is being built.  Finding takes seconds, so it is
-    done by a thread of its own, one recording after the other.
+    done by a thread of its own, one recording after the other.  ``changed`` is called when what is
+    shown of the chosen recording does.
     """
 
     def __init__(
@@ -39,10 +41,11 @@ class FoundPanel:
         server: viser.ViserServer,
         drawing: Drawing,
         actions: Actions,
+        changed: Callable[[], None],
         node: str,
         entry: Entry,
     ) -> None:
-        gui, self._drawing, self._post = server.gui, drawing, actions.post
+        gui, self._drawing, self._changed, self._post = server.gui, drawing, changed, actions.post
         self._node, self._entry = node, entry
         self._thread = ThreadPoolExecutor(1, "noslip-identify")
         with gui.add_folder("This recording") as self._folder:
@@ -91,6 +94,7 @@ class FoundPanel:
             self._drawing.clear_found(node)
         if entry is self._entry:
             self._tell()
+            self._changed()
 
     def _tell(self) -> None:
         found = self._entry.found if self._entry.sought else None
