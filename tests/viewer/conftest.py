@@ -24,6 +24,27 @@ def demonstration(rolled: float = 0.0, name: str = "cut.csv") -> ns.PoseTrajecto
     return ns.PoseTrajectory(4 * s, path, Rotation.from_euler("z", yaw), name=name)
 
 
+def knife_run(noise: tuple[float, float] = (5e-5, 5e-4)) -> ns.PoseTrajectory:
+    """A blade that turns about all axes and does not slip at a point 5 cm ahead of its origin.
+
+    Noise is of a sample's position and rotation (m, rad).
+    """
+    rng, rate, count = np.random.default_rng(5), 100.0, 800
+    t = np.arange(count) / rate
+    rates = np.column_stack([0.5 * np.sin(1.3 * t), 0.4 * np.cos(0.9 * t), 0.6 * np.sin(0.7 * t)])
+    turns, points = [Rotation.identity()], [np.zeros(3)]
+    for now, turn in zip(t[:-1], rates / rate, strict=False):
+        # Along its travel and up, not sideways, in the middle of each step.
+        middle = turns[-1] * Rotation.from_rotvec(turn / 2)
+        points.append(points[-1] + middle.apply([0.08, 0.0, 0.03 * np.sin(2.1 * now)]) / rate)
+        turns.append(turns[-1] * Rotation.from_rotvec(turn))
+    rotations = Rotation.concatenate(turns)
+    positions = np.array(points) - rotations.apply([0.05, 0.0, 0.0])
+    shaken = Rotation.from_rotvec(rng.normal(scale=noise[1], size=(count, 3)))
+    positions += rng.normal(scale=noise[0], size=(count, 3))
+    return ns.PoseTrajectory(t, positions, rotations * shaken, name="knife.csv")
+
+
 @pytest.fixture(scope="session")
 def demonstrate() -> Callable[..., ns.PoseTrajectory]:
     return demonstration
@@ -38,6 +59,11 @@ def cut() -> ns.PoseTrajectory:
 def slipping() -> ns.PoseTrajectory:
     """Turned by 0.2 rad out of its path."""
     return demonstration(0.2, "slipping.csv")
+
+
+@pytest.fixture(scope="session")
+def knife() -> ns.PoseTrajectory:
+    return knife_run()
 
 
 @pytest.fixture(scope="session")

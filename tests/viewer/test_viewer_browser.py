@@ -5,6 +5,7 @@ Pictures go to the folder that NOSLIP_ARTIFACTS names, else to the tests' tempor
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import shutil
@@ -24,6 +25,7 @@ from matplotlib.image import imread
 from playwright.sync_api import sync_playwright
 
 from noslip.viewer import Page, read_simulation, save_page
+from noslip.viewer.found import LENGTH
 from noslip.viewer.goal_panel import GIZMO
 
 CHROMIUM = os.environ.get("NOSLIP_CHROMIUM") or shutil.which("chromium")
@@ -145,6 +147,31 @@ def pixel(page: Page, point: np.ndarray) -> tuple[float, float]:
     return WIDTH / 2 + x / half * HEIGHT / 2, HEIGHT / 2 - y / half * HEIGHT / 2
 
 
+@contextlib.contextmanager
+def alone(chromium, shown: dict) -> Iterator[tuple[Tab, Page]]:
+    """A page of its own, in a tab of its own."""
+    page, tab = Page(shown, port=0), Tab(chromium)
+    try:
+        tab.open(f"{page.address}/")
+        yield tab, page
+        assert tab.errors == []
+    finally:
+        tab.context.close()
+        page.stop()
+
+
+def drag(tab: Tab, page: Page, grip: np.ndarray, there: np.ndarray) -> None:
+    """Press the mouse on a gizmo's arrow, and move it; it stays pressed."""
+    mouse = tab.view.mouse
+    mouse.move(*pixel(page, grip))
+    time.sleep(1.0)
+    mouse.down()
+    time.sleep(0.5)
+    mouse.move(*pixel(page, 0.5 * (grip + there)), steps=3)
+    time.sleep(0.5)
+    mouse.move(*pixel(page, there), steps=3)
+
+
 def open_tab(tab: Tab, name: str) -> None:
     tab.view.get_by_role("tab", name=name).click()
 
@@ -191,13 +218,18 @@ def darkness(tab: Tab, page: Page, point: np.ndarray) -> float:
     return float(1 - around.mean())
 
 
+def orange(tab: Tab, page: Page, point: np.ndarray) -> float:
+    """How much more red than blue there is where the camera shows a point, or beside it."""
+    image = imread(io.BytesIO(tab.view.screenshot()))
+    x, y = pixel(page, point)
+    around = image[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4]
+    return float((around[..., 0] - around[..., 2]).max())
+
+
 def test_the_arm_of_a_simulation_is_drawn_where_it_is(chromium, arm_folder, artifacts):
     simulation = read_simulation(arm_folder)
     arm = simulation.arm
-    page = Page({"arm": simulation}, port=0)
-    tab = Tab(chromium)
-    try:
-        tab.open(f"{page.address}/")
+    with alone(chromium, {"arm": simulation}) as (tab, page):
         tab.view.get_by_text("Against the commanded motion").wait_for()
         # The tool's holder is the only dark thing in the scene.
         (holder,) = (k for k, part in enumerate(arm.parts) if max(part.color) < 100)
@@ -211,10 +243,50 @@ def test_the_arm_of_a_simulation_is_drawn_where_it_is(chromium, arm_folder, arti
             until(lambda: darkness(tab, page, places[-1]) > 0.6, "the holder to be drawn there")
             tab.view.screenshot(path=artifacts / f"arm_{instant}.png")
         assert darkness(tab, page, places[0]) < 0.6
-        assert tab.errors == []
-    finally:
-        tab.context.close()
-        page.stop()
+
+
+# ---------------------------------------------------------------- what holds (alone too)
+
+
+def test_what_holds_in_a_recording_is_told_and_drawn_on_its_tool(chromium, knife, artifacts):
+    with alone(chromium, {"knife.csv": knife}) as (tab, page):
+        open_tab(tab, "Hold")
+        tab.view.get_by_text("What holds?", exact=True).click()
+        tab.view.get_by_text("Orange: axes free of slip").wait_for()
+        found = page.entry.found
+        assert str(found).splitlines()[0] in tab.view.inner_text("body")
+        for instant in ("1.0", "5.0"):
+            fill(tab, "Time (s)", instant)
+            until(lambda instant=instant: page.time == float(instant), "the time that was typed")
+            position, rotation = page.drawing.tool_pose("knife.csv")
+            row = found.rows[0]
+            ends = row.point + np.outer([-0.9, 0.9], LENGTH * page.drawing.size * row.axis)
+            for end in position + rotation.apply(ends):
+                until(lambda end=end: orange(tab, page, end) > 0.3, "an end of the axis")
+            tab.view.screenshot(path=artifacts / f"found_{instant}.png")
+
+
+def test_a_command_that_is_dragged_leads_the_shielded_tool(chromium, primitive, artifacts):
+    with alone(chromium, {"cut.json": primitive}) as (tab, page):
+        open_tab(tab, "Hold")
+        tab.view.get_by_text("Drag a command", exact=True).click()
+        tab.view.get_by_text("The command is").wait_for()
+        run = page.shields.run
+        before = np.array(run.state.position)
+        axis = run.state.rotation.apply([1.0, 0.0, 0.0])
+        grip = before + 0.95 * GIZMO * page.drawing.size * axis
+        drag(tab, page, grip, grip + 0.02 * axis)
+        until(lambda: (run.state.position - before) @ axis > 5e-3, "the tool to follow")
+        tab.view.screenshot(path=artifacts / "shielded.png")
+        tab.view.mouse.up()
+        moved = np.array(page.shields.command.position) - before
+        assert moved == pytest.approx(0.02 * axis, abs=6e-3)
+        assert run.residual < EXACT
+        tab.view.get_by_role("button", name="Reset").click()
+        until(lambda: page.shields.run is not run, "the beginning")
+        assert page.shields.command.position == pytest.approx(before, abs=1e-6)
+        tab.view.get_by_text("Drag a command", exact=True).click()
+        until(lambda: page.shields.run is None, "the end")
 
 
 # ---------------------------------------------------------------- looking
@@ -304,17 +376,10 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
     goal = primitive.goal_position
     grip = goal + 0.95 * GIZMO * page.drawing.size * axis
     there = grip + 0.02 * axis
-    mouse = tab.view.mouse
-    mouse.move(*pixel(page, grip))
-    time.sleep(1.0)
-    mouse.down()
-    time.sleep(0.5)
-    mouse.move(*pixel(page, 0.5 * (grip + there)), steps=3)
-    time.sleep(0.5)
-    mouse.move(*pixel(page, there), steps=3)
+    drag(tab, page, grip, there)
     until(lambda: page.entry.wish.goal.position is not None, "the goal to be dragged")
     tab.view.screenshot(path=artifacts / "dragged.png")
-    mouse.up()
+    tab.view.mouse.up()
     until(lambda: len(page.entry.track.motion) > 300, "the motion at full resolution")
     moved = page.entry.wish.goal.position - goal
     assert moved == pytest.approx(0.02 * axis, abs=6e-3)

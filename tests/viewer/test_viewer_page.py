@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import html
 import socket
 import threading
 import time
@@ -11,14 +12,17 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from waiting import PATIENCE, until
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 
-from noslip.viewer import Page, save_page
+from noslip.viewer import Page, found_panel, save_page
 from noslip.viewer.drawing import _linear
+from noslip.viewer.found_panel import SOUGHT
+from noslip.viewer.shield_panel import MOST_STEPS_AT_ONCE, RATE, ShieldedRun
 
 EXACT = 1e-10
 
@@ -282,3 +286,191 @@ def test_a_saved_page_needs_nothing_but_itself(tmp_path, primitive, slipping):
     assert text.rstrip().endswith("</html>")
     assert "<b>.csv" not in text
     assert "violated: blade" in text and "cut.json</b>: holds" in text
+
+
+# ---------------------------------------------------------------- what holds
+
+
+def tick(page: Page, box: object, ask: Callable[[], None], value: bool = True) -> None:
+    """Tick a box as a person does, or untick it."""
+
+    def act() -> None:
+        box.value = value
+        ask()
+
+    done(page, act)
+
+
+def seek_what_holds(page: Page) -> object:
+    """Ask what holds in the chosen recording; return what was found."""
+    tick(page, page.finds.box, page.finds.ask)
+    until(lambda: page.entry.found != SOUGHT, "what holds")
+    done(page)
+    return page.entry.found
+
+
+def test_what_holds_in_a_recording_is_told_drawn_on_the_tool_and_can_be_held(knife):
+    with opened({"knife.csv": knife}) as page:
+        assert page.shields.box.disabled and "Nothing to hold" in page.shields._held.content
+        found = seek_what_holds(page)
+        assert found.kinds == ("blade",)
+        assert html.escape(str(found).splitlines()[0]) in page.finds.note.content
+        node = page.drawing._nodes["knife.csv"]["tool/found"]
+        assert node.name == "/motions/knife.csv/tool/found" and node.visible
+        assert page.entry.held == found.constraints
+        assert not page.shields.box.disabled and "Holds blade." in page.shields._held.content
+        tick(page, page.finds.box, page.finds.ask, False)
+        assert "tool/found" not in page.drawing._nodes["knife.csv"]
+        assert page.entry.held == () and page.finds.note.content == ""
+
+
+def test_what_was_found_once_is_not_sought_again_nor_shown_when_no_longer_asked(
+    cut, slipping, monkeypatch
+):
+    let, asked = threading.Event(), []
+
+    def slow(motion: ns.PoseTrajectory) -> str:
+        asked.append(motion.name)
+        assert let.wait(PATIENCE)
+        return f"found in {motion.name}"
+
+    monkeypatch.setattr(found_panel, "find", slow)
+    with opened({"cut.csv": cut, "slipping.csv": slipping}) as page:
+        tick(page, page.finds.box, page.finds.ask)
+        assert SOUGHT in page.finds.note.content
+        tick(page, page.finds.box, page.finds.ask, False)
+        tick(page, page.finds.box, page.finds.ask)
+        done(page, lambda: page._choose("slipping.csv"))
+        assert not page.finds.box.value and page.finds.note.content == ""
+        let.set()
+        until(lambda: page.entries["cut.csv"].found != SOUGHT, "the answer")
+        # The answer is about another recording than the one that is looked at.
+        assert page.finds.note.content == ""
+        done(page, lambda: page._choose("cut.csv"))
+        assert page.finds.box.value and "found in cut.csv" in page.finds.note.content
+        assert asked == ["cut.csv"]
+
+
+def test_a_recording_in_which_it_cannot_be_told_is_answered(monkeypatch):
+    still = ns.PoseTrajectory(np.arange(50) / 100, np.zeros((50, 3)), Rotation.identity(50))
+    with opened({"still.csv": still}) as page:
+        told = seek_what_holds(page)
+        assert isinstance(told, str) and html.escape(told) in page.finds.note.content
+        assert not page._notice.visible and page.entry.held == ()
+
+        def fail(motion: object) -> None:
+            raise RuntimeError("of our own making")
+
+        monkeypatch.setattr(found_panel, "identify", fail)
+        page.entry.found = None
+        assert "RuntimeError('of our own making')" in seek_what_holds(page)
+
+
+def test_a_primitive_says_itself_what_holds(primitive, slipping):
+    with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
+        assert not page.finds._folder.visible
+        done(page, lambda: page._choose("slipping.csv"))
+        assert page.finds._folder.visible
+
+
+# ---------------------------------------------------------------- a shield
+
+
+def lead(page: Page) -> ShieldedRun:
+    """Have the chosen motion's tool follow a command."""
+    tick(page, page.shields.box, page.shields.ask)
+    assert page.shields.run is not None, page._notice.content
+    return page.shields.run
+
+
+def test_a_shielded_tool_follows_its_command_and_does_not_slip(primitive):
+    with opened({"cut.json": primitive}) as page:
+        done(page, lambda: page._seek(2.0))
+        before, turn = page.drawing.tool_pose("cut.json")
+        run = lead(page)
+        assert page.shields.command.visible and not page.goals.gizmos["goal"].visible
+        assert page.shields.command.position == pytest.approx(before, abs=1e-6)
+        ahead = before + turn.apply([0.015, 0.003, 0.0])
+        page.shields.command.position = ahead
+        until(lambda: run.state.time > 2.0, "two seconds behind the shield")
+        done(page)
+        tool = page.drawing.tool_pose("cut.json")[0]
+        assert np.linalg.norm(tool - ahead) < 0.5 * np.linalg.norm(before - ahead)
+        assert run.shield.distance == pytest.approx(np.linalg.norm(run.state.position - ahead))
+        assert run.residual < EXACT
+        assert "pushed" in page.drawing._nodes["cut.json"]
+        assert page.shields._ghost.visible
+        assert page.shields._ghost.position == pytest.approx(ahead)
+        assert "mm and" in page.shields.note.content
+        # Back where it began.
+        done(page, page.shields.start)
+        assert page.shields.run.path[0] == pytest.approx(before, abs=1e-6)
+        assert page.shields.command.position == pytest.approx(before, abs=1e-6)
+        tick(page, page.shields.box, page.shields.ask, False)
+        assert page.shields.run is None and not page.shields.command.visible
+        assert page.drawing.tool_pose("cut.json")[0] == pytest.approx(before)
+        assert "pushed" not in page.drawing._nodes["cut.json"]
+        assert page.goals.gizmos["goal"].visible
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda page: page._press(),
+        lambda page: page._seek(1.0),
+        lambda page: page._choose("slipping.csv"),
+        lambda page: page.goals.undo(),
+        lambda page: page.pushes.start(),
+    ],
+    ids=["play", "seek", "choose", "adapt", "push"],
+)
+def test_whatever_else_a_person_does_ends_it(primitive, slipping, act):
+    with opened({"cut.json": primitive, "slipping.csv": slipping}) as page:
+        lead(page)
+        done(page, lambda: act(page))
+        assert page.shields.run is None and not page.shields.box.value
+        assert not page.shields.command.visible and page.shields.note.content == ""
+
+
+def test_what_cannot_be_held_is_told(primitive, monkeypatch):
+    def refuse(*_: object) -> None:
+        raise ns.errors.ConstraintError("blade: of our own making")
+
+    with opened({"cut.json": primitive}) as page:
+        with monkeypatch.context() as patched:
+            patched.setattr(ShieldedRun, "__init__", refuse)
+            tick(page, page.shields.box, page.shields.ask)
+        assert "of our own making" in page._notice.content
+        assert page.shields.run is None and not page.shields.box.value
+        run = lead(page)
+        # Nor does what fails on the way hold the page up.
+        monkeypatch.setattr(run, "advance", refuse)
+        until(lambda: page.shields.run is None, "the end")
+        done(page)
+        assert not page.shields.box.value and not page.shields.command.visible
+
+
+def test_what_was_found_is_what_is_held_beside_the_limits(knife):
+    fence = ns.KeepOutSphere(center=(5.0, 0.0, 0.0), radius=0.01)
+    with opened({"knife.csv": knife}, constraints=[ns.Blade(), fence]) as page:
+        assert page.entry.held == (ns.Blade(), fence)
+        found = seek_what_holds(page)
+        assert page.entry.held == (*found.constraints, fence)
+        run = lead(page)
+        assert run.shield.system.constraints == page.entry.held
+        # What is held changes: the tool is let go.
+        tick(page, page.finds.box, page.finds.ask, False)
+        assert page.shields.run is None and page.entry.held == (ns.Blade(), fence)
+
+
+def test_a_shielded_run_keeps_time_and_does_not_hold_the_page_up(primitive):
+    motion = primitive.rollout()
+    pose = motion.positions[100], motion.rotations[100]
+    run = ShieldedRun(primitive.constraints, *pose)
+    began = run.state.time
+    for _ in range(30):
+        run.advance(1 / 30, *pose)
+    assert run.state.time - began == pytest.approx(1.0, abs=2 / RATE)
+    before = run.state.time
+    run.advance(100.0, *pose)
+    assert run.state.time - before == pytest.approx(MOST_STEPS_AT_ONCE / RATE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -26,7 +27,7 @@ from noslip.viewer.colors import SLIP_COLORS, slip_colors
 from noslip.viewer.entries import extent, node_name
 from noslip.viewer.shapes import Frame, Shape, shapes
 from noslip.viewer.tool import load_tool, scalpel
-from noslip.viewer.track import MOST_SEGMENTS, Track
+from noslip.viewer.track import ARROW, LONGEST, MOST_SEGMENTS, Track
 
 
 def track(motion: ns.PoseTrajectory, *constraints: ns.Constraint) -> Track:
@@ -310,6 +311,15 @@ def test_the_arrows_of_a_state_are_relative_to_the_moving_frame_too(cut):
         assert drawn[name] == pytest.approx(known[name], abs=1e-9)
     lateral, velocity = (np.diff(drawn[name], axis=0)[0] for name in ("lateral", "velocity"))
     assert lateral @ velocity == pytest.approx(0.0, abs=1e-10)
+
+
+def test_an_arrow_beside_the_motion_is_no_longer_than_the_picture(primitive):
+    shown = track(primitive.rollout(), *primitive.constraints)
+    state = primitive.initial_state()
+    for times, length in ((0.1, 0.1), (1e6, LONGEST)):
+        velocity = times * shown.peak_speed * np.array([0.6, 0.0, 0.8])
+        drawn = shown.arrows_in(replace(state, linear_velocity=velocity), 1.0)["velocity"]
+        assert drawn[1] - drawn[0] == pytest.approx(length * ARROW * np.array([0.6, 0.0, 0.8]))
 
 
 @pytest.mark.parametrize("time", [0.0, 1.3])

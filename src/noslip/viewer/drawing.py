@@ -124,14 +124,14 @@ class Drawing:
         tool = () if isinstance(follower, Arm) else self.tool
         nodes: dict[str, Any] = {
             "trail": self._add_lines(f"/motions/{name}/trail", points, colors, TRAIL_WIDTH),
-            "tool": self._add_tool(f"/motions/{name}/tool", tool),
+            "tool": self.add_parts(f"/motions/{name}/tool", tool),
         }
         if track.reference is not None:
             path = track.reference.positions[:: max(1, len(track.reference) // 500)]
             segments = np.stack([path[:-1], path[1:]], axis=1)
             node = f"/motions/{name}/demonstration"
             nodes["ghost trail"] = self._add_lines(node, segments, GHOST, GHOST_WIDTH)
-            nodes["ghost"] = self._add_tool(f"/motions/{name}/ghost", tool, ghost=True)
+            nodes["ghost"] = self.add_parts(f"/motions/{name}/ghost", tool, ghost=True)
         for arrow in track.arrows(0, self.size):
             nodes[arrow] = scene.add_arrows(
                 f"/motions/{name}/{arrow}",
@@ -170,6 +170,18 @@ class Drawing:
         if "pushed" in self._nodes.get(name, {}):
             self._nodes[name].pop("pushed").remove()
 
+    def show_found(self, name: str, carried: Sequence[Part], placed: Sequence[Part]) -> None:
+        """Draw what was found in a motion: what its tool carries, and what is in the world."""
+        self.clear_found(name)
+        for node, parts in (("tool/found", carried), ("found", placed)):
+            self._nodes[name][node] = self.add_parts(f"/motions/{name}/{node}", parts)
+
+    def clear_found(self, name: str) -> None:
+        """Remove that, if there is any."""
+        for node in ("tool/found", "found"):
+            if node in self._nodes.get(name, {}):
+                self._nodes[name].pop(node).remove()
+
     # ---------------------------------------------------------------- moving it
 
     def move(self, time: float) -> None:
@@ -178,6 +190,10 @@ class Drawing:
             self._move_shapes(time)
             for name, track in self._tracks.items():
                 self._move(name, track, time)
+
+    def tool_pose(self, name: str) -> tuple[Floats, Rotation]:
+        """Where a motion's tool is drawn: position (m) and rotation."""
+        return pose(self._nodes[name]["tool"])
 
     def place_tool(self, name: str, state: State) -> None:
         """Move one motion's tool to a state beside it, until the next :meth:`move`."""
@@ -226,10 +242,11 @@ class Drawing:
             node, segments, colors, thickness=width, thickness_units="screen"
         )
 
-    def _add_tool(self, node: str, tool: Sequence[Part], *, ghost: bool = False) -> Any:
+    def add_parts(self, node: str, parts: Sequence[Part], *, ghost: bool = False) -> Any:
+        """Draw parts under a node that moves with its parent; return it."""
         frame = self.server.scene.add_frame(node, show_axes=False)
-        for number, part in enumerate(tool):
-            color, opacity = (GHOST, GHOST_OPACITY) if ghost else (part.color, None)
+        for number, part in enumerate(parts):
+            color, opacity = (GHOST, GHOST_OPACITY) if ghost else (part.color, part.opacity)
             look = {"opacity": opacity, "flat_shading": True}
             add_mesh(self.server.scene, f"{node}/{number}", part, color, **look)
         return frame
@@ -238,6 +255,11 @@ class Drawing:
 def place(node: Any, position: Floats, rotation: Rotation) -> None:
     """Move a node of the scene."""
     node.position, node.wxyz = position, rotation.as_quat(scalar_first=True)
+
+
+def pose(node: Any) -> tuple[Floats, Rotation]:
+    """Return position (m) and rotation of a node of the scene."""
+    return np.array(node.position), Rotation.from_quat(np.array(node.wxyz), scalar_first=True)
 
 
 def _across(center: Floats, arm: Floats) -> tuple[Floats, Floats]:

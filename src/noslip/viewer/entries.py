@@ -15,6 +15,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.edge import Edge
 from noslip.errors import InputError
+from noslip.identification import Identified
 from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm, Simulation
@@ -36,7 +37,8 @@ TOOL_LENGTH = 0.45
 class Entry:
     """A motion on the page as it is shown now, and the primitive that it came from, if it did.
 
-    ``primitive`` is as it was learned, ``current`` as it was adapted last.
+    ``primitive`` is as it was learned, ``current`` as it was adapted last.  ``found`` is what holds
+    in a recording, or a line that says why that is not known (yet); it is shown while ``sought``.
     """
 
     track: Track
@@ -46,6 +48,17 @@ class Entry:
     wish: Wish = field(default_factory=Wish)
     outcome: Adapted | None = None
     follower: Follower | None = None
+    found: Identified | str | None = None
+    sought: bool = False
+
+    @property
+    def held(self) -> tuple[Constraint, ...]:
+        """What a shield holds: what was found, and the limits; without it, all that is checked."""
+        system = self.track.system
+        found = self.found.constraints if isinstance(self.found, Identified) else ()
+        if not (self.sought and found):
+            return system.constraints
+        return (*found, *system.limits.constraints)
 
 
 def entries(

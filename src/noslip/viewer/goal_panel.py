@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 import viser
-from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.boundary import Boundary
 from noslip.viewer.actions import Actions
 from noslip.viewer.changes import METRICS, Wish
-from noslip.viewer.drawing import place
+from noslip.viewer.drawing import place, pose
 from noslip.viewer.entries import Entry
 from noslip.viewer.texts import note, plain
 
@@ -104,8 +103,8 @@ class GoalPanel:
             return
         wish, gizmo = self._entry.wish, self.gizmos[what]
         known: Boundary = getattr(wish, what)
-        asked = replace(known, position=np.array(gizmo.position))
-        rotation = Rotation.from_quat(np.array(gizmo.wxyz), scalar_first=True)
+        position, rotation = pose(gizmo)
+        asked = replace(known, position=position)
         own = getattr(self._entry.primitive, f"{what}_rotation")
         if known.rotation is not None or (rotation * own.inv()).magnitude() > UNCHANGED:
             asked = replace(asked, rotation=rotation)

@@ -20,8 +20,10 @@ from noslip.viewer.changes import Wish
 from noslip.viewer.charts import Charts
 from noslip.viewer.drawing import Follower
 from noslip.viewer.entries import Entry, Shown, drawn, entries, key, node_name, unique, worst
+from noslip.viewer.found_panel import FoundPanel
 from noslip.viewer.goal_panel import GoalPanel
 from noslip.viewer.push_panel import PushPanel
+from noslip.viewer.shield_panel import ShieldPanel
 from noslip.viewer.texts import note, pad, table
 from noslip.viewer.tool import Part
 from noslip.viewer.uploads import Upload, Uploads
@@ -52,6 +54,8 @@ class Page:
     drawing : Drawing
     goals : GoalPanel
     pushes : PushPanel
+    finds : FoundPanel
+    shields : ShieldPanel
     time : float
         Of the instant that is shown (s).
     address : str
@@ -73,7 +77,7 @@ class Page:
         self.constraints = tuple(constraints)
         self.entries = entries(shown, constraints, followers)
         self.time, self.playing = 0.0, False
-        self._actions = Actions(lambda: self.playing, self._advance, self._notify)
+        self._actions = Actions(lambda: self._runs, self._advance, self._notify)
         self.post = self._actions.post
         self.server, self.address = serving.serve(host, port)
         self.server.gui.configure_theme(
@@ -101,6 +105,7 @@ class Page:
     def stop(self) -> None:
         """Stop serving."""
         self.uploads.stop()
+        self.finds.stop()
         self._actions.stop()
         serving.stop(self.server)
 
@@ -133,6 +138,11 @@ class Page:
             shown = self.chosen, self.entry
             self.goals = GoalPanel(self.server, self.drawing.size, actions, self._follow, shown[1])
             self.pushes = PushPanel(self.server, self.drawing, actions, self._mark_run, *shown)
+        with tabs.add_tab("Hold"):
+            self.finds = FoundPanel(
+                self.server, self.drawing, actions, lambda: self.shields.offer(), *shown
+            )
+            self.shields = ShieldPanel(self.server, self.drawing, actions, self._lead, *shown)
         with tabs.add_tab("Check a file"):
             upload = gui.add_upload_button(
                 "Open CSV, npz or primitive", icon=viser.Icon.UPLOAD, mime_type=".csv,.npz,.json"
@@ -141,7 +151,7 @@ class Page:
 
         actions.on_change(self._choice, "choose", lambda: self._choose(str(self._choice.value)))
         actions.on_change(self._slider, "seek", lambda: self._seek(float(self._slider.value)))
-        actions.on_click(self._play, "play", self._toggle)
+        actions.on_click(self._play, "play", self._press)
 
         self.uploads = Uploads(
             self.server,
@@ -157,6 +167,15 @@ class Page:
 
     # ---------------------------------------------------------------- time
 
+    @property
+    def _runs(self) -> bool:
+        """Whether there is a next picture without anything being asked for."""
+        return self.playing or self.shields.run is not None
+
+    def _press(self) -> None:
+        self.shields.end()
+        self._toggle()
+
     def _toggle(self) -> None:
         self.playing = not self.playing
         if self.playing and self.pushes.run is None and self.time >= self.duration:
@@ -165,11 +184,15 @@ class Page:
         self._play.icon = viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
 
     def _seek(self, instant: float) -> None:
+        self.shields.end()
         if self.pushes.run is not None:
             self.pushes.end()
         self._show_time(instant)
 
     def _advance(self, passed: float) -> None:
+        if self.shields.run is not None:
+            self.shields.advance(passed)
+            return
         passed *= float(str(self._speed.value).rstrip("x"))
         if self.pushes.run is not None:
             self.pushes.advance(passed)
@@ -191,6 +214,8 @@ class Page:
     def _choose(self, name: str) -> None:
         self.chosen = name
         self.pushes.choose(name, self.entry)
+        self.shields.choose(name, self.entry)
+        self.finds.choose(name, self.entry)
         self.goals.choose(self.entry)
         self.goals.offer(True)
         self._describe(self.entry)
@@ -233,6 +258,7 @@ class Page:
         if entry.adapter is None:
             return
         self.pushes.end()
+        self.shields.end()
         entry.wish = wish
         entry.outcome = entry.adapter(wish, coarse=coarse)
         if entry.outcome.motion is not None:
@@ -247,9 +273,21 @@ class Page:
 
     def _mark_run(self, running: bool) -> None:
         """Let a person drag the tool while it runs, else the goal and the start."""
+        if running:
+            self.shields.end()
         self.goals.offer(not running)
         if running and not self.playing:
             self._toggle()
+
+    def _lead(self, leading: bool) -> None:
+        """Let a person drag the command of a shielded tool, else the goal and the start."""
+        if leading:
+            self.pushes.end()
+            if self.playing:
+                self._toggle()
+        else:
+            self._show_time(self.time)
+        self.goals.offer(not leading)
 
     # ---------------------------------------------------------------- files
 

@@ -141,7 +141,7 @@ def _mesh(made: trimesh.Trimesh) -> _Mesh:
     return np.array(made.vertices, dtype=np.float64), np.array(made.faces, dtype=np.int64)
 
 
-def _turned(made: trimesh.Trimesh, axis: ArrayLike, origin: ArrayLike) -> _Mesh:
+def turned(made: trimesh.Trimesh, axis: ArrayLike, origin: ArrayLike) -> _Mesh:
     """Return what was made along z as it lies along an axis, from an origin."""
     vertices, faces = _mesh(made)
     return np.asarray(origin) + vertices @ np.stack(_basis(axis)), faces
@@ -186,7 +186,7 @@ def _tube(point: ArrayLike, axis: ArrayLike, radius: float, center: Floats, size
     middle = np.asarray(point) + ((center - np.asarray(point)) @ n) * n
     reach = REACH * size
     made = trimesh.creation.revolve([[radius, -reach], [radius, reach]], sections=48)
-    return _turned(made, axis, middle)
+    return turned(made, axis, middle)
 
 
 def _capsule(start: ArrayLike, end: ArrayLike, radius: float) -> _Mesh:
@@ -197,7 +197,7 @@ def _capsule(start: ArrayLike, end: ArrayLike, radius: float) -> _Mesh:
     made = trimesh.creation.capsule(height=length, radius=radius, count=(32, 32))
     # Its first hemisphere is moved to the origin.
     made.apply_translation([0.0, 0.0, -made.bounds[0, 2] - radius])
-    return _turned(made, along, start)
+    return turned(made, along, start)
 
 
 def _sides(box: Sides, center: Floats, size: float) -> _Mesh:

@@ -53,7 +53,7 @@ def add_mesh(
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A triangle mesh of one color, in the frame of the tool, or of an arm's geom.
+    """A triangle mesh of one color, in the frame of the tool, of an arm's geom, or the world.
 
     Attributes
     ----------
@@ -61,11 +61,14 @@ class Part:
         Meters.
     faces : array, shape (F, 3)
     color : 3 bytes
+    opacity : float, optional
+        Below 1 where it is seen through.
     """
 
     vertices: Floats
     faces: NDArray[np.int64]
     color: tuple[int, int, int]
+    opacity: float | None = None
 
 
 def scalpel(length: float, edge: Edge | None = None, *, flip: bool = False) -> list[Part]:

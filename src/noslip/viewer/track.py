@@ -41,6 +41,9 @@ SLOW = 1e-3
 """Share of the peak speed below which the direction of travel is that of rounding."""
 ARROW = 0.15
 """Length of the longest arrow, over the scene's size: it ends within the picture."""
+LONGEST = 2.0
+"""Times that, of an arrow beside the motion at most: what holds a dragged tool back may be any
+force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,11 +214,12 @@ class Track:
             "velocity": (velocity, self.peak_speed),
             "force": (force, self._peak_acceleration),
         }
-        return {
-            name: np.array([at, at + ARROW * size / longest * vector])
-            for name, (vector, longest) in shown.items()
-            if vector is not None and longest > 0
-        }
+        arrows = {}
+        for name, (vector, longest) in shown.items():
+            if vector is not None and longest > 0:
+                scale = ARROW * size / max(longest, float(np.linalg.norm(vector)) / LONGEST)
+                arrows[name] = np.array([at, at + scale * vector])
+        return arrows
 
     def readout(self, time: float) -> dict[str, str]:
         """What is told of an instant, as label and text."""
