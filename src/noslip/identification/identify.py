@@ -8,7 +8,7 @@ level by ``noslip.identification.places.fit_places(trajectories, noise)``, a lis
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from noslip.demonstrations._several import several
 from noslip.errors import InputError
 from noslip.identification.bent import BentTrial, bent_needle
 from noslip.identification.identified import Identified, Row
+from noslip.identification.places import fit_places
 from noslip.identification.rows import NOTHING, Evidence, Trial, evidence, means, screws, tried
 from noslip.identification.twists import FEWEST_SAMPLES, Steps, steps_of
 from noslip.scale import require_motion
@@ -84,17 +85,27 @@ def identify(
     parts = _parts(recordings, noise)
     told = evidence(parts)
     tool = _tool(told, recordings)
-    holds = bool(tool.constraints)
     noises = np.median([steps.noise for part in parts for steps in part], axis=0)
+    # A needle that bends is near some sphere all along, and a vehicle's floor is in its own rule.
+    places = fit_places(
+        recordings, (float(noises[0]), float(noises[1])), surfaces=not tool.constraints
+    )
+    placed = [place for place in places if place.holds]
+    if placed:
+        # Reason enough: a disc that rolls does not slip along its axle either.
+        tool = replace(tool, rows=0, constraints=(), notes=())
+    holds = bool(tool.constraints)
+    points = [place.values.get("reference_point") for place in placed]
+    constraints = tool.constraints or tuple(c for place in placed for c in place.constraints)
     return Identified(
-        constraints=tool.constraints,
-        kinds=tuple(type(constraint).name for constraint in tool.constraints),
+        constraints=constraints,
+        kinds=tuple(type(constraint).name for constraint in constraints),
         travel=tool.axes[-1] if holds else None,
         lateral=tool.axes[0] if holds else None,
-        reference_point=tool.trial.fit.point if holds else None,
+        reference_point=tool.trial.fit.point if holds else (points[-1] if points else None),
         rows=tuple(_row(tool, axis) for axis in tool.axes[: tool.rows]),
         candidates=tuple(_row(tool, axis) for axis in tool.axes),
-        surfaces=(),
+        surfaces=tuple(places),
         curvature=tool.curvature,
         curvature_error=tool.curvature_error,
         turning_radius=tool.turning_radius,

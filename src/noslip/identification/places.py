@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
@@ -43,10 +44,10 @@ path so straight that they are not known does not show the rule."""
 FINEST = 1e-7
 """Least noise (m, rad): what is left by the chords of samples, and by digits in files."""
 _LONGEST = 2000
-"""Samples that are fitted, at even intervals: more tell little, noise of real sensors being slow."""
+"""Samples that are fitted, at even intervals: real sensors err slowly, so that more tell little."""
 _COARSE = 150
 """Samples that are enough for choosing a start."""
-_STARTS = 4
+_STARTS = 3
 """Of the best of which the fit is the best."""
 _FOLDS = 4
 """Parts that are held out in turn."""
@@ -55,7 +56,7 @@ _FAR = 5.0
 _SAFETY = 1.5
 """Of what noise alone would seem to tell of the parameters, how much is not believed."""
 _SPANS = {"unit": 1.0, "body": 1.0, "world": 10.0, "length": 10.0}
-"""By kind of parameter, what is known before any recording (m): a tool's point is within a meter."""
+"""By kind of parameter, what is known before any recording (m): tools are shorter than a meter."""
 _NUDGE = 1e-6
 """Of a pose (m, rad), for derivatives of residuals by it."""
 
@@ -67,8 +68,8 @@ class _Poses:
     positions: Floats
     matrices: Floats
     turns: Floats
-    recording: Floats
-    picked: Floats
+    recording: NDArray[np.integer]
+    picked: NDArray[np.integer]
 
     def moved(self, ways: Floats, turns: Floats) -> _Poses:
         """With other positions (m) and rotations (rotation vectors, world frame)."""
@@ -82,8 +83,14 @@ class _Poses:
     def some(self, most: int) -> _Poses:
         """Keep samples at even intervals, and fit to all of them."""
         kept = slice(None, None, -(-len(self.positions) // most))
-        fewer = [getattr(self, f)[kept] for f in ("positions", "matrices", "turns", "recording")]
-        return _Poses(*fewer, np.arange(len(fewer[0])))
+        fewer = replace(
+            self,
+            positions=self.positions[kept],
+            matrices=self.matrices[kept],
+            turns=self.turns[kept],
+            recording=self.recording[kept],
+        )
+        return replace(fewer, picked=np.arange(len(fewer.positions)))
 
     def at(self, point: Floats) -> Floats:
         """Return where a body's point is, shape (N, 3)."""
@@ -140,7 +147,7 @@ class _Kind:
 
     def errors(self, poses: _Poses, x: Floats) -> Floats:
         """Residuals of the picked samples, shape (M, rows)."""
-        found = self.residual(poses, self.split(x))[poses.picked]
+        found: Floats = self.residual(poses, self.split(x))[poses.picked]
         if self.floats:
             for k in np.unique(poses.recording[poses.picked]):
                 mine = poses.recording[poses.picked] == k
@@ -154,7 +161,7 @@ class _Kind:
         squares = np.zeros_like(here)
         for k, other in enumerate(poses.nudged):
             squares += (noise[k // 3] / _NUDGE * (self.residual(other, values) - here)) ** 2
-        return np.sqrt(squares[poses.picked])
+        return np.asarray(np.sqrt(squares[poses.picked]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +172,7 @@ class _Fit:
 
 
 def fit_places(
-    trajectories: Sequence[PoseTrajectory], noise: tuple[float, float]
+    trajectories: Sequence[PoseTrajectory], noise: tuple[float, float], *, surfaces: bool = True
 ) -> list[Place]:
     """Fit where the body stays, most specific first; no more is tried once a kind holds.
 
@@ -179,6 +186,9 @@ def fit_places(
         Of one tool in one world.
     noise : (float, float)
         Standard deviation of a sample's position (m) and rotation (rad, about each axis).
+    surfaces : bool
+        Whether to try surfaces and an axis that keeps its direction too, not only pivots and what
+        rolls.
 
     Returns
     -------
@@ -196,14 +206,14 @@ def fit_places(
         found.append(_place(kind, poses, noise, origin, extent))
         return found[-1].holds
 
-    axis = holds(_TOOL_AXIS)
     if holds(_FIXED_POINT):
-        if axis:
-            found[:] = [_hinge(*found)]
+        if holds(_TOOL_AXIS):
+            return [_hinge(*found)]
+        return found[:1]
+    if any(map(holds, (_ROLLING_DISC, _ROLLING_SPHERE, _REMOTE_CENTER))) or not surfaces:
         return found
-    for kind in (_ROLLING_DISC, _ROLLING_SPHERE, _REMOTE_CENTER, _PLANE, _SPHERE, _CYLINDER):
-        if holds(kind):
-            break
+    holds(_TOOL_AXIS)
+    any(map(holds, (_PLANE, _SPHERE, _CYLINDER)))
     return found
 
 
@@ -235,7 +245,7 @@ def _place(
         (_cost(kind, coarse, x, noise), k, x)
         for k, x in enumerate(map(kind.packed, kind.starts(coarse)))
     )
-    fits = [_fit(kind, coarse, x, noise) for _, _, x in tried[:_STARTS]]
+    fits = [_fit(kind, coarse, x, noise, rounds=1) for _, _, x in tried[:_STARTS]]
     best = min(fits, key=lambda fit: fit.cost)
     unit = 1.0 if kind is _TOOL_AXIS else extent
     # Noise that were a tenth of all motion would be of a fit that has run away.
@@ -281,8 +291,13 @@ def _fit(
     x: Floats,
     noise: tuple[float, float],
     unknown: Floats | None = None,
+    *,
+    rounds: int = 2,
 ) -> _Fit:
-    """Least squares from a start; a body's point stays at the origin along what is unknown."""
+    """Least squares from a start; a body's point stays at the origin along what is unknown.
+
+    Weights are those of the start, then of what was found.
+    """
     spans = kind.spans
     units = [kind.where(name) for name, part in kind.parts.items() if part == "unit"]
     pulled = np.ones(len(x))
@@ -298,9 +313,9 @@ def _fit(
             rows.append(unknown @ y[kind.where("reference_point")] / 1e-6)
         return np.concatenate(rows)
 
-    for _ in range(2):
+    for _ in range(rounds):
         # Starts near enough need ten steps or less.
-        x = scipy.optimize.least_squares(residuals, x, method="lm", max_nfev=30).x
+        x = scipy.optimize.least_squares(residuals, x, method="lm", max_nfev=20).x
         for unit in units:
             x[unit] /= np.linalg.norm(x[unit])
         cost = float(np.sum(residuals(x) ** 2))
@@ -321,9 +336,7 @@ def _slopes(kind: _Kind, poses: _Poses, fit: _Fit) -> Floats:
     return np.column_stack(columns)
 
 
-def _covariance(
-    kind: _Kind, poses: _Poses, fit: _Fit, noise: tuple[float, float]
-) -> Floats:
+def _covariance(kind: _Kind, poses: _Poses, fit: _Fit, noise: tuple[float, float]) -> Floats:
     """Of the parameters: what is not told has what was known before.
 
     Noise of the poses makes it seem that they move where they do not; what that alone would tell,
@@ -343,17 +356,17 @@ def _covariance(
             across = np.eye(len(fit.x))
             across[where, where] -= np.outer(fit.x[where], fit.x[where])
             found = across @ found @ across
-    return found
+    return np.asarray(found)
 
 
 def _excess(errors: Floats) -> float:
-    """Factor of a variance for residuals that are larger than noise, and alike from one to the next.
+    """Factor of a variance for residuals larger than noise, and alike from one to the next.
 
     Of a first-order autoregression: ``(1 + rho) / (1 - rho)``.
     """
-    alike = float(np.sum(errors[1:] * errors[:-1]) / max(np.sum(errors**2), 1e-300))
-    rho = np.clip(alike, 0.0, 0.99) if alike > 3 / np.sqrt(errors.size) else 0.0
-    return float(max(1.0, np.mean(errors**2)) * (1 + rho) / (1 - rho))
+    alike = float(np.sum(errors[1:] * errors[:-1]) / np.sum(errors**2))
+    rho = min(alike, 0.99) if alike > 3 / np.sqrt(errors.size) else 0.0
+    return max(1.0, float(np.mean(errors**2))) * (1 + rho) / (1 - rho)
 
 
 def _held_out(
@@ -417,7 +430,7 @@ def _notes(kind: _Kind, values: Values, unknown: Floats) -> tuple[str, ...]:
     return (f"{kind.name}: where the point is along {along} of the body cannot be told",)
 
 
-def _hinge(axis: Place, pivot: Place) -> Place:
+def _hinge(pivot: Place, axis: Place) -> Place:
     """A pivot and an axis that keeps its direction, as one."""
     return replace(
         pivot,
@@ -455,7 +468,9 @@ def _triple(vector: Floats) -> tuple[float, ...]:
 
 
 def _plane_residual(poses: _Poses, values: Values) -> Floats:
-    return ((poses.at(values["reference_point"]) - values["point"]) @ values["normal"])[:, None]
+    return np.asarray(
+        ((poses.at(values["reference_point"]) - values["point"]) @ values["normal"])[:, None]
+    )
 
 
 def _plane_starts(poses: _Poses) -> Iterator[Values]:
@@ -543,7 +558,7 @@ def _remote_starts(poses: _Poses) -> Iterator[Values]:
 
 
 def _fixed_residual(poses: _Poses, values: Values) -> Floats:
-    return poses.at(values["reference_point"]) - values["point"]
+    return np.asarray(poses.at(values["reference_point"]) - values["point"])
 
 
 def _fixed_starts(poses: _Poses) -> Iterator[Values]:
