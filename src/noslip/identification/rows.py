@@ -242,7 +242,10 @@ def evidence(parts: Sequence[Sequence[Steps]]) -> Evidence:
 
 def means(steps: Steps, window: float) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Twists averaged over windows of time, (M, 6), their seconds, (M, 1), and first steps."""
-    index = np.floor(np.cumsum(steps.periods) / window)
+    # All of one length: in what remained, of a step or two, there would be nothing but noise.
+    ends = np.cumsum(steps.periods)
+    number = max(1, round(ends[-1] / window))
+    index = np.floor((ends - steps.periods / 2) * number / ends[-1])
     starts = np.flatnonzero(np.diff(index, prepend=-1.0))
     lengths = np.add.reduceat(steps.periods, starts)[:, None]
     return np.add.reduceat(steps.ways, starts) / lengths, lengths, starts
