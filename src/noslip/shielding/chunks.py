@@ -18,7 +18,7 @@ from noslip.projection.feasibility import project_pose
 from noslip.projection.request import FEWEST_SAMPLES, Request, Weights
 from noslip.projection.trajectory import project
 from noslip.runtime.motion import HELD, Commanded, Motion
-from noslip.shielding.reference import JOINED, LEVER, PACE, braked, drawn, joined, poses_of
+from noslip.shielding.reference import JOINED, LEVER, PACE, SEEN, braked, drawn, joined, poses_of
 from noslip.trajectory import PoseTrajectory
 
 _BENT = 0.1
@@ -58,6 +58,8 @@ class Chunks:
         # What was sent, and what was to be followed: poses before a chunk, and then the chunk.
         self._sent: PoseTrajectory | None = None
         self._wanted: PoseTrajectory | None = None
+        # Commands before the last chunk, and that chunk.
+        self._past, self._asked = np.empty((0, 7)), np.empty((0, 7))
 
     def reset(self, position: Floats, rotation: Rotation) -> None:
         """Begin anew from a pose, at rest."""
@@ -65,16 +67,18 @@ class Chunks:
         at = np.hstack(project_pose(self.system.equalities, 0.0, position, quaternion))
         still = poses_of(np.tile(at, (JOINED, 1)), (1 - JOINED) * self.period, self.period)
         self._sent = self._wanted = still
+        self._past = self._asked = np.empty((0, 7))
 
     def next(self, poses: PoseTrajectory, executed: int | None = None) -> Motion:
         """Return the motion for a chunk; see :meth:`noslip.Shield.chunk`."""
-        before, wanted = self._executed(executed)
+        before, wanted, past = self._executed(executed)
         chunk = self._checked(poses, 0.0 if before is None else before.times[-1] + self.period)
         reference, text = chunk, ""
         motion = self._as_it_is(before, chunk)
         if motion is None:
-            reference = joined(wanted, chunk)
+            reference = joined(wanted, past, chunk)
             motion, text = self._made(before, chunk, reference)
+            reference = reference[: len(chunk) + (0 if before is None else JOINED)]
         elif before is not None:
             reference = _together(before, chunk)
         if before is None:
@@ -82,6 +86,7 @@ class Chunks:
             before = braked(motion, JOINED, backwards=True)
             reference = _together(braked(reference, JOINED, backwards=True), reference)
         self._sent, self._wanted, self.compromise = _together(before, motion), reference, text
+        self._past, self._asked = past, np.hstack([chunk.positions, chunk.quaternions])
         if text:
             warn(f"{chunk.name}: {text}", CompromiseWarning)
         return motion
@@ -103,8 +108,10 @@ class Chunks:
         times: Floats = begin + self.period * np.arange(len(poses), dtype=np.float64)
         return PoseTrajectory(times, poses.positions, poses.rotations, name=poses.name)
 
-    def _executed(self, count: int | None) -> tuple[PoseTrajectory | None, PoseTrajectory | None]:
-        """The last poses that were carried out, and what was to be followed meanwhile."""
+    def _executed(
+        self, count: int | None
+    ) -> tuple[PoseTrajectory | None, PoseTrajectory | None, Floats]:
+        """The last poses that were carried out, what was to be followed, and was commanded."""
         most = 0 if self._sent is None else len(self._sent) - JOINED
         if count is None:
             count = most
@@ -115,9 +122,10 @@ class Chunks:
                 f"{_arguments.short(count)}"
             )
         if self._sent is None or self._wanted is None:
-            return None, None
+            return None, None, self._past
         before, wanted = (each[count : count + JOINED] for each in (self._sent, self._wanted))
-        return before, drawn(wanted, before)
+        past = np.vstack([self._past, self._asked[:count]])[-round(SEEN / self.period) :]
+        return before, drawn(wanted, before), past
 
     # ---------------------------------------------------------------- ways to go on
 
@@ -152,8 +160,8 @@ class Chunks:
         """Ways to go on, the best first, and what is to be told of each."""
         for turn in (False, True):
             for found, text in self._projected(before, reference, turn):
-                if _calm(found, reference):
-                    yield found, text
+                if _calm(found, chunk):
+                    yield found[: len(before or ()) + len(chunk)], text
         text = f"no way near the command keeps {', '.join(self.system.names)}: "
         count, last = len(chunk), chunk if before is None else before
         for share in () if before is None else _BRAKING:
@@ -255,9 +263,9 @@ def _goes_on(motion: PoseTrajectory) -> bool:
     return True
 
 
-def _calm(motion: PoseTrajectory, reference: PoseTrajectory) -> bool:
-    """Whether it moves and turns not much faster than what it follows."""
-    both = zip(motion.step_velocities(), reference.step_velocities(), (1.0, LEVER), strict=True)
+def _calm(motion: PoseTrajectory, chunk: PoseTrajectory) -> bool:
+    """Whether it moves and turns not much faster than what is commanded."""
+    both = zip(motion.step_velocities(), chunk.step_velocities(), (1.0, LEVER), strict=True)
     return all(
         lever * np.linalg.norm(own, axis=1).max()
         <= _WILD * max(PACE, lever * np.linalg.norm(asked, axis=1).max())

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.projection.blend import spread
 from noslip.quaternions import turned, turns_between, without_flips
 from noslip.trajectory import PoseTrajectory
 
@@ -18,65 +17,78 @@ LEVER = 0.05
 """Length (m) that weighs as much as a radian: 1 mm weighs as much as 1.1 degrees.  A blade that is
 beside its path comes back to it within about this length.  With twice as much, recorded contours
 are moved by 3 mm instead of 2; with less a tool turns more than its noise."""
-SMOOTHED = 0.06
+SMOOTHED = 0.07
 """Seconds: what commands do in less than 2 pi of it, a third of a second, is mostly noise."""
+SEEN = 0.5
+"""Seconds of commands that are smoothed at once, and of motion that is looked ahead to, at least:
+seven times :data:`SMOOTHED`; from less a tool's acceleration cannot be told."""
 _SHARE, PACE = 0.4, 0.1
 """Speed of catching up over the chunk's own, and the least speed (m/s) that counts as its own; of
 turning, over :data:`LEVER`.  A blade that steers aside so fast turns by a third of a radian."""
+_LEAST = 0.15
+"""Least time constant of catching up (s): a jump of the twist by noise is spread over as long."""
 _LEASH, _LEASH_TURN = 0.05, 1.0
 """Meters and radians: farther from the tool, a reference waits for it.  A blade that makes up for
 so much aside turns by half a radian."""
-_LEAST = 8
-"""Poses over which the least offset is spread."""
-_PEAK = 1.875
-"""Peak speed of a minimum jerk over its mean."""
 
 
-def joined(before: PoseTrajectory | None, chunk: PoseTrajectory) -> PoseTrajectory:
-    """Return what was executed and then the chunk, smoothed and led over to from there.
+def joined(before: PoseTrajectory | None, past: Floats, chunk: PoseTrajectory) -> PoseTrajectory:
+    """Return what was to be followed and then the chunk, smoothed and led over to from there.
 
-    Positions and quaternions are smoothed by their third differences (minimum jerk).  The offset
-    between where the executed poses lead to and where the chunk begins decays at a moderate speed;
-    what is left of it at the chunk's end is left to the next one.
+    Positions and quaternions are smoothed by their third differences (minimum jerk), with commands
+    that were carried out.  What the chunk is then off the reference before it decays, critically
+    damped, at a moderate speed.  What lasts less than :data:`SEEN` is continued as it ends.
 
     Parameters
     ----------
     before : PoseTrajectory or None
-        The last executed poses, :data:`JOINED` of them, which stay as they are.
+        The reference's last poses, :data:`JOINED` of them.
+    past : array, shape (M, 7)
+        Commands before the chunk: positions and quaternions.
     chunk : PoseTrajectory
         Of the same period.
     """
-    count, period = len(chunk), chunk.period
-    strength = (SMOOTHED / period) ** (2 * JOINED)
-    values = np.hstack([chunk.positions, chunk.quaternions])
+    period, done = chunk.period, len(past)
+    values = np.vstack([past, np.hstack([chunk.positions, chunk.quaternions])])
+    values[:, 3:] = without_flips(values[:, 3:])
+    values = _smoothing(len(values), SMOOTHED / period) @ values
+    values[:, 3:] = _unit(values)
+    if done < 2:
+        values = np.vstack([_continued(values[::-1], 2)[::-1], values])
+        done += 2
+    values = np.vstack([values, _continued(values, round(SEEN / period) - len(chunk))])
+    first, last = values[done - 2 : done], values[done:]
     if before is None:
-        return poses_of(_smoothing(count, 0, strength)[0] @ values, chunk.times[0], period)
+        return poses_of(last, chunk.times[0], period)
     kept = np.hstack([before.positions, before.quaternions])
-    alone = _smoothing(count, 0, strength)[0] @ values
-    # Where the chunk would have been in the last two executed poses.
-    led = np.array([[3, -2], [2, -1]]) @ alone[:2]
-    offsets = np.hstack([kept[-2:, :3] - led[:, :3], turns_between(_unit(led), kept[-2:, 3:])])
-    steps = np.diff(alone[:, :3], axis=0), turns_between(_unit(alone[:-1]), _unit(alone[1:]))
-    parts = (slice(3), 1.0), (slice(3, 6), LEVER)
-    long = []
-    for step, (part, lever) in zip(steps, parts, strict=True):
-        fastest = lever * float(np.linalg.norm(step, axis=1).max())
-        far = _PEAK * lever * float(np.linalg.norm(offsets[1, part]))
-        long.append(max(_LEAST, round(far / (_SHARE * max(fastest, PACE * period)))))
-    decays = [
-        spread(
-            {0: offsets[1, part], end: np.zeros(3)},
-            np.union1d(np.arange(count + 1), end),
-            offsets[1, part] - offsets[0, part],
-        )[1 : count + 1]
-        for end, (part, _) in zip(long, parts, strict=True)
-    ]
-    values[:, :3] += decays[0]
-    values[:, 3:] = turned(decays[1], values[:, 3:])
-    values[:, 3:] = without_flips(np.vstack([kept[-1:, 3:], values[:, 3:]]))[1:]
-    smoothed, led_on = _smoothing(count, JOINED, strength)
-    values = np.vstack([kept, smoothed @ values + led_on @ kept])
-    return poses_of(values, before.times[0], period)
+    for part, lever in ((slice(3), 1.0), (slice(3, 7), LEVER)):
+        near, far = _apart(first[:, part], kept[-2:, part])
+        speeds = np.linalg.norm(_apart(last[:-1, part], last[1:, part]), axis=1) / period
+        pace = _SHARE * max(lever * float(speeds.max()), PACE)
+        slow = max(_LEAST, lever * float(np.linalg.norm(far)) / (np.e * pace))
+        fade, offsets = np.exp(-period / slow), [near, far]
+        for _ in last:
+            offsets.append(2 * fade * offsets[-1] - fade**2 * offsets[-2])
+        last[:, part] = _moved(last[:, part], np.array(offsets[2:]))
+    return poses_of(np.vstack([kept, last]), before.times[0], period)
+
+
+def _apart(ones: Floats, others: Floats) -> Floats:
+    """Displacements or, of quaternions, rotation vectors from ones to others, shape (N, 3)."""
+    return others - ones if ones.shape[1] == 3 else turns_between(ones, others)
+
+
+def _moved(ones: Floats, by: Floats) -> Floats:
+    return ones + by if ones.shape[1] == 3 else turned(by, ones)
+
+
+def _continued(values: Floats, count: int) -> Floats:
+    """Poses that follow others, as fast as the last of them, shape (count, 7)."""
+    k, parts = np.arange(1, count + 1)[:, None], []
+    for part in (slice(3), slice(3, 7)):
+        step = _apart(values[-2:-1, part], values[-1:, part])
+        parts.append(_moved(np.repeat(values[-1:, part], len(k), axis=0), k * step))
+    return np.hstack(parts)
 
 
 def braked(
@@ -129,17 +141,11 @@ def _unit(values: Floats) -> Floats:
 
 
 @lru_cache(maxsize=32)
-def _smoothing(count: int, kept: int, strength: float) -> tuple[Floats, Floats]:
-    """Matrices of what smooths so many samples, and of what those kept before them add.
-
-    They minimize ``|x - c|^2 + strength |x'''|^2`` with differences for derivatives.
-    """
-    jerks = np.diff(np.eye(kept + count), n=JOINED, axis=0)
-    before, after = jerks[:, :kept], jerks[:, kept:]
-    inverse: Floats = np.asarray(
-        np.linalg.inv(np.eye(count) + strength * after.T @ after), np.float64
-    )
-    return inverse, -strength * inverse @ after.T @ before
+def _smoothing(count: int, strength: float) -> Floats:
+    """Matrix that smooths so many samples: minimizes ``|x - c|^2 + |strength^3 x'''|^2``."""
+    jerks = np.diff(np.eye(count), n=3, axis=0)
+    inverse = np.linalg.inv(np.eye(count) + strength**6 * jerks.T @ jerks)
+    return np.asarray(inverse, np.float64)
 
 
 def drawn(reference: PoseTrajectory, tool: PoseTrajectory) -> PoseTrajectory:
