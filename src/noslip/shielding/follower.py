@@ -22,12 +22,10 @@ from noslip.runtime.lost import require_defined
 from noslip.runtime.state import State, write_pose
 from noslip.runtime.stepper import stepper_of
 from noslip.shielding.following import GIVEN, HEARD, PULL_IN, SLOWEST, follow_function
-from noslip.shielding.sources import memory_layout, observer_of, sources
+from noslip.shielding.sources import NO_TOOL, SMALLEST, memory_layout, observer_of, sources
 
 LENGTH = 0.1
 """m that weigh as much as a radian, where rotation shares a correction: a hand's and a tool's."""
-_SMALLEST = 1e-12
-"""Squared length of a quaternion that still is one; the largest is as large."""
 _BUILT = ("_native", "_bound", "_run")
 """What a copy builds anew."""
 _NOT_FINITE = (
@@ -238,7 +236,7 @@ class _Virtual:
         command = self._command if has_command else at["command"]
         if not _is_pose(command):
             return False
-        if has_measured and _is_pose(self._measured):
+        if has_measured and self._is_tool():
             self._observer.measured(seen.item(_PACE) >= 1)
         self._given[GIVEN["command"]] = command
         self._given[GIVEN["time"]], self._given[GIVEN["pace"]] = at["time"], seen[_PACE]
@@ -259,11 +257,16 @@ class _Virtual:
             self._observer.moved(self._period)
         return True
 
+    def _is_tool(self) -> bool:
+        """Whether what was measured may be the tool."""
+        away = np.abs(self._measured[:3] - self._pose[:3]).max()
+        return bool(away <= NO_TOOL) and _is_pose(self._measured)
+
 
 def _is_pose(pose: Floats) -> bool:
     square = float(pose[3:] @ pose[3:])
     # Written so that NaN fails.
-    return isfinite(pose.sum()) and _SMALLEST < square < 1 / _SMALLEST
+    return bool(np.isfinite(pose).all()) and SMALLEST < square < 1 / SMALLEST
 
 
 def _require_finite(name: str, pose: Floats) -> None:

@@ -13,6 +13,10 @@ TOLERANCES = 2e-3, 0.04
 """m and rad, between command and tool, that are nobody's concern, besides lag, bias and noise."""
 BIASES = 5e-3, 0.03
 """m and rad, standard deviations of what may stand between them for ever."""
+NO_TOOL = 1e3
+"""m: what is measured farther from the command is no tool."""
+SMALLEST = 1e-12
+"""Squared length of a quaternion that still is one; the largest is as large."""
 _FOLLOWING = ("state", "heard", "given"), ("heard_after", "step")
 
 
@@ -76,6 +80,8 @@ def sources(rule: Rule, period: float) -> dict[str, str]:
         *(c99.offsets(name, each) for name, each in layouts.items()),
         f"#define OUTPUTS {wanted}",
         f"#define ALL_ROWS {rows}",
+        f"#define NO_TOOL {NO_TOOL!r}",
+        f"#define SMALLEST {SMALLEST!r}",
         f"#define LINEAR_PEAK {SLOWEST[0]!r}",
         f"#define ANGULAR_PEAK {SLOWEST[1]!r}",
         "",

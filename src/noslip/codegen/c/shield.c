@@ -14,9 +14,6 @@ typedef double noslip_real;
 
 @GENERATED@
 
-/* Squared length of a quaternion that still is one; the largest is as large. */
-#define SMALLEST 1e-12
-
 static void copied(const double *from, double *to, int count) {
     int i;
     for (i = 0; i < count; ++i) to[i] = from[i];
@@ -34,6 +31,15 @@ static int is_pose(const double *pose) {
     const double *q = pose + 3;
     const double square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
     return all_finite(pose, 7) && square > SMALLEST && square < 1 / SMALLEST;
+}
+
+/* Whether what was measured may be the tool that was commanded to a pose. */
+static int is_tool(const double *measured, const double *pose) {
+    int i;
+    for (i = 0; i < 3; ++i) {
+        if (!(fabs(measured[i] - pose[i]) <= NO_TOOL)) return 0;
+    }
+    return is_pose(measured);
 }
 
 int noslip_shield_start(noslip_shield *shield, const double *pose) {
@@ -78,7 +84,7 @@ int noslip_shield_step(noslip_shield *shield, const double *command, const doubl
     int i;
     if (!command) command = before + SHIELD_COMMAND;
     if (!is_pose(command)) return 1;
-    if (measured && is_pose(measured)) {
+    if (measured && is_tool(measured, pose)) {
         observe(next.seen, pose, measured, next.seen[SEEN_PACE] >= 1, 0);
     }
     copied(command, given + GIVEN_COMMAND, 7);
