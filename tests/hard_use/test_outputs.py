@@ -19,7 +19,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from noslip import PoseTrajectory
-from noslip._files import locked, renewing, scratch, write_beside
+from noslip._files import locked, making, renewing, scratch, write_beside
 from noslip.errors import InputError
 from noslip.many.learning import learn_each
 from noslip.result_table import read_results
@@ -105,6 +105,37 @@ def test_a_file_keeps_its_mode(tmp_path: Path, mode: int) -> None:
     file.chmod(mode)
     write_beside(file, b"new")
     assert (file.read_text(), stat.S_IMODE(file.stat().st_mode)) == ("new", mode)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, OSError(errno.ENOSPC, "full")])
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_is_interrupted_while_it_is_made_is_not_there(tmp_path: Path, error, kind) -> None:
+    def make() -> None:
+        with making(tmp_path / "in" / "copy") as beside:
+            if kind == "folder":
+                beside.mkdir()
+                beside /= "half"
+            beside.write_text("half")
+            raise error
+
+    with pytest.raises((KeyboardInterrupt, InputError)):
+        make()
+    assert list((tmp_path / "in").iterdir()) == []
+
+
+@posix
+@pytest.mark.parametrize("there", ["file", "folder", "link"])
+def test_what_is_there_is_not_made_again(tmp_path: Path, there) -> None:
+    target = tmp_path / "mine"
+    if there == "link":
+        target.symlink_to("nowhere")
+    elif there == "folder":
+        target.mkdir()
+    else:
+        target.write_text("mine")
+    with pytest.raises(InputError, match="mine: is there already"), making(target):
+        pytest.fail("it was begun")
+    assert list(tmp_path.iterdir()) == [target]
 
 
 # ---------------------------------------------------------------- one at a time

@@ -192,6 +192,14 @@ def test_a_lerobot_data_set_says_what_is_true_of_its_columns(data_set, tmp_path)
             np.testing.assert_allclose(values, other[name], atol=1e-6)
 
 
+@pytest.mark.parametrize("text", ["{", '{"observation.state": 3}'])
+def test_statistics_that_are_none_are_refused(data_set, tmp_path, text) -> None:
+    (data_set / "meta" / "stats.json").write_text(text)
+    new = {t.name: moved(t) for t in ns.load_demonstrations(data_set)}
+    with pytest.raises(RecordingError, match="meta: cannot be read as statistics of LeRobot"):
+        replace_lerobot(data_set, tmp_path / "out", new)
+
+
 def test_a_robomimic_file_has_the_new_poses_and_all_else_as_before(robomimic, tmp_path) -> None:  # noqa: F811
     h5py = pytest.importorskip("h5py")
     with h5py.File(robomimic, "a") as file:

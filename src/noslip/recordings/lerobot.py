@@ -151,7 +151,8 @@ def replace_lerobot(
                     whole[next(name for name in named if name.lower() == key)][rows] = values
             of_episodes[number] = {key: values[rows] for key, values in whole.items()}
         write_columns(file, table, whole)
-    _restate(out, info, of_episodes)
+    with reading(path / "meta", "statistics of LeRobot"):
+        _restate(out, info, of_episodes)
 
 
 def _restate(path: Path, info: dict[str, Any], of: Mapping[int, Mapping[str, Floats]]) -> None:
