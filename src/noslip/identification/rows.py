@@ -244,7 +244,10 @@ def evidence(parts: Sequence[Sequence[Steps]]) -> Evidence:
 
 def means(steps: Steps, window: float) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Twists averaged over windows of time, (M, 6), their seconds, (M, 1), and first steps."""
-    index = np.floor(np.cumsum(steps.periods) / window)
+    clock = np.cumsum(steps.periods)
+    # Equal ones: in a short last one, noise would be all there is.
+    count = max(1, round(float(clock[-1]) / window))
+    index = np.floor((clock - steps.periods / 2) * count / clock[-1])
     starts = np.flatnonzero(np.diff(index, prepend=-1.0))
     lengths = np.add.reduceat(steps.periods, starts)[:, None]
     return np.add.reduceat(steps.ways, starts) / lengths, lengths, starts
