@@ -28,8 +28,16 @@ RULES = {
     "bevel": ("needle",),
     "wheel": ("wheel",),
     "car": ("wheel", "turning-radius"),
+    "plane": ("plane-contact",),
+    "sphere": ("sphere-contact",),
+    "cylinder": ("cylinder-contact",),
+    "remote center": ("remote-center",),
+    "fixed point": ("fixed-point",),
+    "fixed axis": ("fixed-point", "tool-axis"),
+    "rolling disc": ("rolling-disc",),
+    "rolling sphere": ("rolling-sphere",),
 }
-"""Kinds at velocity level, and the constraints that they are."""
+"""The constraints that each kind is."""
 TOOLS = ["blade", "needle", "bevel", "wheel"]
 
 
@@ -69,11 +77,11 @@ def is_within(error: Floats, covariance: Floats) -> bool:
 @pytest.mark.parametrize("noise", [EXACT, FINE], ids=["exact", "fine"])
 @pytest.mark.parametrize("kind", RULES)
 def test_a_tool_is_told_by_its_motion(kind: str, noise: tuple[float, float]) -> None:
-    for seed in range(3):
+    for seed in range(2):
         seen = world(kind, seed, noise)
         found = ns.identify(seen.trajectory)
         assert is_right(kind, found)
-        if kind != "none":
+        if found.rows:
             assert np.linalg.norm(misplaced(seen, found)) < (1e-3 if noise == FINE else 1e-5)
             assert askew(kind, seen, found) < (0.5 if noise == FINE else 0.01)
 
@@ -87,7 +95,7 @@ def test_a_hundred_tools_are_told(kind: str, noise: tuple[float, float], least: 
     right = [(s, f) for s, f in zip(worlds, results, strict=True) if is_right(kind, f)]
     # A car that was seldom at the stop of its steering is a wheel.
     assert len(right) >= 100 * (least - 0.05 if kind == "car" else least)
-    if noise == FINE and kind != "none":
+    if noise == FINE and right[0][1].rows:
         near = [
             np.linalg.norm(misplaced(s, f)) < 5e-4 and askew(kind, s, f) < 0.5 for s, f in right
         ]

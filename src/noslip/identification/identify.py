@@ -8,7 +8,7 @@ level by ``noslip.identification.places.fit_places(trajectories, noise)``, a lis
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -93,7 +93,7 @@ def identify(
     placed = [place for place in places if place.holds]
     if placed:
         # Reason enough: a disc that rolls does not slip along its axle either.
-        tool = replace(tool, rows=0, constraints=(), notes=())
+        tool = Tool(tool.trial, tool.axes)
     holds = bool(tool.constraints)
     points = [place.values.get("reference_point") for place in placed]
     constraints = tool.constraints or tuple(c for place in placed for c in place.constraints)

@@ -277,7 +277,7 @@ def _place(
         holdout=ahead,
         ratio=residual / alone,
         holds=near
-        and ahead < (_AHEAD_BENT if kind in (_SPHERE, _CYLINDER) else AHEAD) * residual
+        and ahead < (_AHEAD_BENT if kind in (_SPHERE, _CYLINDER) else AHEAD) * max(residual, alone)
         and _is_sure(kind, values, spread, unknown),
         values=values,
         errors=spread,

@@ -36,8 +36,8 @@ _SHORTEST = 0.2
 """Seconds of the shortest window: a low-pass filter at 2 Hz, below which hands move."""
 _WEIGHINGS = 3
 """Fits, each weighed by the slip of the one before."""
-_ROUNDS = 50
-"""Of Gauss-Newton; ten do where the rows are well told."""
+_ROUNDS, _FEW = 50, 6
+"""Of Gauss-Newton; ten do where the rows are well told, six tell which start is the best."""
 SETTLED = 1e-9
 """Meters and radians of its last step."""
 FIRM = 1e6
@@ -109,8 +109,9 @@ def fit(whitened: Floats, rows: int, unknown: Floats = NOTHING, start: Fit | Non
     prior = np.diag([1.0, 1.0, 1.0, *np.full(3, 1 / LEVER)])
     prior[3:, 3:] += FIRM * unknown.T @ unknown
     starts = [(start.axes, start.point)] if start else list(_starts(root, rows, prior))
-    tried = [_descended(root, axes, point, prior) for axes, point in starts]
-    _, axes, point, covariance = min(tried, key=lambda found: found[0])
+    tried = [_descended(root, axes, point, prior, _FEW) for axes, point in starts]
+    _, axes, point, _ = min(tried, key=lambda found: found[0])
+    _, axes, point, covariance = _descended(root, axes, point, prior)
     spreads, directions = np.linalg.eigh(covariance[3:, 3:])
     if np.any(spreads > TOLD**2):
         unknown = np.vstack([unknown, directions.T[spreads > TOLD**2]])
@@ -143,10 +144,11 @@ def _starts(root: Floats, rows: int, prior: Floats) -> Iterator[tuple[Floats, Fl
 def _linear(root: Floats, axes: Floats, point: Floats, prior: Floats) -> tuple[Floats, Floats]:
     """Jacobian of the residuals after the axes' turn and the point, and the residuals' negative."""
     jacobian, values = [prior], [np.append(np.zeros(3), prior[3:, 3:] @ point)]
+    speeds = root[:, :3] + root[:, 3:] @ _cross(point)
     for axis in axes:
-        values.append(root @ np.append(axis, np.cross(point, axis)))
         turned = -_cross(axis)
-        jacobian.append(root @ np.block([[turned, 0 * turned], [_cross(point) @ turned, turned]]))
+        values.append(speeds @ axis)
+        jacobian.append(np.hstack([speeds @ turned, root[:, 3:] @ turned]))
     return np.vstack(jacobian), -np.concatenate(values)
 
 
@@ -156,11 +158,11 @@ def _cross(vector: Floats) -> Floats:
 
 
 def _descended(
-    root: Floats, axes: Floats, point: Floats, prior: Floats
+    root: Floats, axes: Floats, point: Floats, prior: Floats, rounds: int = _ROUNDS
 ) -> tuple[float, Floats, Floats, Floats]:
     """Gauss-Newton: cost, axes, point and covariance."""
     jacobian, wanted = _linear(root, axes, point, prior)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         change = np.linalg.lstsq(jacobian, wanted, rcond=None)[0]
         while True:
             turned = axes @ Rotation.from_rotvec(change[:3]).as_matrix().T
@@ -242,10 +244,10 @@ def evidence(parts: Sequence[Sequence[Steps]]) -> Evidence:
 
 def means(steps: Steps, window: float) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Twists averaged over windows of time, (M, 6), their seconds, (M, 1), and first steps."""
-    # All of one length: in what remained, of a step or two, there would be nothing but noise.
-    ends = np.cumsum(steps.periods)
-    number = max(1, round(ends[-1] / window))
-    index = np.floor((ends - steps.periods / 2) * number / ends[-1])
+    clock = np.cumsum(steps.periods)
+    # Equal ones: in a short last one, noise would be all there is.
+    count = max(1, round(float(clock[-1]) / window))
+    index = np.floor((clock - steps.periods / 2) * count / clock[-1])
     starts = np.flatnonzero(np.diff(index, prepend=-1.0))
     lengths = np.add.reduceat(steps.periods, starts)[:, None]
     return np.add.reduceat(steps.ways, starts) / lengths, lengths, starts
