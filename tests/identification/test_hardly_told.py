@@ -26,9 +26,7 @@ def motion(positions: Floats, rotations: Rotation | None = None) -> ns.PoseTraje
 NOTHING = {
     "a line": motion(LINE),
     "to and fro": motion(np.outer(np.sin(3 * T), [0.1, 0, 0])),
-    "turning on the spot": motion(0 * LINE, Rotation.from_euler("z", T)),
     "a circle that never turns": motion(CIRCLE),
-    "a circle of a micrometer": motion(1e-6 * CIRCLE, Rotation.from_euler("z", T + np.pi / 2)),
     "noise": motion(1e-4 * RNG.normal(size=(501, 3))),
     "a random walk": motion(
         np.cumsum(1e-3 * RNG.normal(size=(501, 3)), axis=0),
@@ -43,6 +41,14 @@ def test_nothing_is_found_in_what_tells_nothing(name: str) -> None:
     found = ns.identify(NOTHING[name])
     assert found.constraints == ()
     assert str(found).startswith("no constraint in 1 recording\n")
+    json.dumps(found.to_dict(), allow_nan=False)
+    found.plot().canvas.draw()
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-6])
+def test_what_turns_on_the_spot_is_a_hinge(size: float) -> None:
+    found = ns.identify(motion(size * CIRCLE, Rotation.from_euler("z", T + np.pi / 2)))
+    assert found.kinds == ("fixed-point", "tool-axis")
     json.dumps(found.to_dict(), allow_nan=False)
     found.plot().canvas.draw()
 

@@ -33,11 +33,17 @@ SHARE = 0.005
 tools leave a table by more than a sensor's noise, random motions of many turns meet no place."""
 TOLD = 0.01
 """Standard error (m) above which the recordings do not tell where a point of the body is."""
-AHEAD, _AHEAD_BENT = 1.5, 1.15
-"""Residual held out, over that fitted, above which a place is a coincidence; of a sphere and a
-cylinder, the latter.  The next part of a short smooth path does not lie on the sphere that the
-others are on: by 1.2 to 5 times the residual for beveled needles, whose paths bend alike all along,
-and by 1.1 at most where the rule holds."""
+AHEAD = 1.5
+"""Residual held out, over that fitted, above which a place is a coincidence."""
+CLEAR = 3.0
+"""Largest standard error of the body's point on a sphere or cylinder, over the residual.  A needle
+that bends is near some sphere all along, whose point is told to 5 to 20 times the noise of one
+sample; where the rule holds, a recording of some turns tells it to once the noise and less."""
+LONGEST = 0.5
+"""Meters: a point farther from the body's origin is none of the tool.  A door's hinge may be; what
+drives on a circle moves just alike."""
+TURNED = 0.05
+"""Radians (rms): a body that turns less tells of none of its points."""
 SURE = 0.1
 """Largest standard error of a believed axis (rad), and of a radius by itself: a patch so small or a
 path so straight that they are not known does not show the rule."""
@@ -47,8 +53,10 @@ _LONGEST = 2000
 """Samples that are fitted, at even intervals: real sensors err slowly, so that more tell little."""
 _COARSE = 150
 """Samples that are enough for choosing a start."""
-_STARTS = 3
+_STARTS = 4
 """Of the best of which the fit is the best."""
+_GLANCE = 8
+"""Steps after which starts are compared; near enough, ten are all that it takes."""
 _FOLDS = 4
 """Parts that are held out in turn."""
 _FAR = 5.0
@@ -199,8 +207,11 @@ def fit_places(
     """
     noise = max(noise[0], FINEST), max(noise[1], FINEST)
     poses, origin = _poses(trajectories)
-    extent = float(np.sqrt(poses.positions.var(axis=0).sum()))
+    # What does not leave the noise may turn on the spot.
+    extent = max(float(np.sqrt(poses.positions.var(axis=0).sum())), 100 * noise[0])
     found: list[Place] = []
+    if np.sqrt(poses.matrices.var(axis=0).sum() / 2) < TURNED:
+        return found
 
     def holds(kind: _Kind) -> bool:
         found.append(_place(kind, poses, noise, origin, extent))
@@ -241,11 +252,12 @@ def _place(
     kind: _Kind, poses: _Poses, noise: tuple[float, float], origin: Floats, extent: float
 ) -> Place:
     coarse = poses.some(_COARSE)
-    tried = sorted(
-        (_cost(kind, coarse, x, noise), k, x)
-        for k, x in enumerate(map(kind.packed, kind.starts(coarse)))
-    )
-    fits = [_fit(kind, coarse, x, noise, rounds=1) for _, _, x in tried[:_STARTS]]
+    starts = [
+        _fit(kind, coarse, kind.packed(start), noise, rounds=1, steps=_GLANCE)
+        for start in kind.starts(coarse)
+    ]
+    starts.sort(key=lambda fit: fit.cost)
+    fits = [_fit(kind, coarse, start.x, noise, rounds=1) for start in starts[:_STARTS]]
     best = min(fits, key=lambda fit: fit.cost)
     unit = 1.0 if kind is _TOOL_AXIS else extent
     # Noise that were a tenth of all motion would be of a fit that has run away.
@@ -277,8 +289,9 @@ def _place(
         holdout=ahead,
         ratio=residual / alone,
         holds=near
-        and ahead < (_AHEAD_BENT if kind in (_SPHERE, _CYLINDER) else AHEAD) * max(residual, alone)
-        and _is_sure(kind, values, spread, unknown),
+        and ahead < AHEAD * max(residual, alone)
+        and _is_sure(kind, values, spread, unknown)
+        and (kind not in (_SPHERE, _CYLINDER) or _spread(spread) < CLEAR * max(residual, alone)),
         values=values,
         errors=spread,
         notes=_notes(kind, values, unknown),
@@ -293,6 +306,7 @@ def _fit(
     unknown: Floats | None = None,
     *,
     rounds: int = 2,
+    steps: int = 20,
 ) -> _Fit:
     """Least squares from a start; a body's point stays at the origin along what is unknown.
 
@@ -314,17 +328,12 @@ def _fit(
         return np.concatenate(rows)
 
     for _ in range(rounds):
-        # Starts near enough need ten steps or less.
-        x = scipy.optimize.least_squares(residuals, x, method="lm", max_nfev=20).x
+        x = scipy.optimize.least_squares(residuals, x, method="lm", max_nfev=steps).x
         for unit in units:
             x[unit] /= np.linalg.norm(x[unit])
         cost = float(np.sum(residuals(x) ** 2))
         scales = kind.noise(poses, x, noise)
     return _Fit(x, scales, cost)
-
-
-def _cost(kind: _Kind, poses: _Poses, x: Floats, noise: tuple[float, float]) -> float:
-    return float(np.sum((kind.errors(poses, x) / kind.noise(poses, x, noise)) ** 2))
 
 
 def _slopes(kind: _Kind, poses: _Poses, fit: _Fit) -> Floats:
@@ -364,7 +373,7 @@ def _excess(errors: Floats) -> float:
 
     Of a first-order autoregression: ``(1 + rho) / (1 - rho)``.
     """
-    alike = float(np.sum(errors[1:] * errors[:-1]) / np.sum(errors**2))
+    alike = float(np.sum(errors[1:] * errors[:-1])) / max(float(np.sum(errors**2)), 1e-300)
     rho = min(alike, 0.99) if alike > 3 / np.sqrt(errors.size) else 0.0
     return max(1.0, float(np.mean(errors**2))) * (1 + rho) / (1 - rho)
 
@@ -381,6 +390,10 @@ def _held_out(
         fit = _fit(kind, replace(poses, picked=poses.picked[folds != k]), x, noise, unknown)
         squares.append(kind.errors(replace(poses, picked=poses.picked[folds == k]), fit.x) ** 2)
     return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def _spread(errors: Values) -> float:
+    return float(np.sqrt(np.linalg.norm(errors["reference_point"], 2)))
 
 
 def _rms(values: Floats) -> float:
@@ -404,6 +417,8 @@ def _told(kind: _Kind, x: Floats, covariance: Floats, origin: Floats) -> tuple[V
 
 
 def _is_sure(kind: _Kind, values: Values, errors: Values, unknown: Floats) -> bool:
+    if np.linalg.norm(values.get("reference_point", 0.0)) > LONGEST:
+        return False
     for name, part in kind.parts.items():
         if part == "unit" and np.linalg.norm(errors[name], 2) > SURE**2:
             return False
@@ -515,17 +530,23 @@ def _cylinder_residual(poses: _Poses, values: Values) -> Floats:
 
 def _cylinder_starts(poses: _Poses) -> Iterator[Values]:
     positions, matrices = _picked(poses)
-    for point in _POINTS:
-        places = positions + matrices @ point
-        for axis in _DIRECTIONS:
-            across = np.linalg.svd(axis[None])[2][1:]
-            center, radius = _round(places @ across.T)
-            yield {
-                "point": center @ across,
-                "axis": axis,
-                "radius": radius,
-                "reference_point": point,
-            }
+    for axis in _DIRECTIONS:
+        across = np.linalg.svd(axis[None])[2][1:]
+        flat, seen = positions @ across.T, across @ matrices
+        # Linear in the center, the point and their products.
+        both = np.einsum("kai,ka->ki", seen, flat)
+        squares = np.einsum("kai,kaj->kij", seen, seen).reshape(-1, 9)
+        rest = seen.reshape(-1, 6)
+        rows = np.column_stack([2 * both, squares, -2 * flat, -2 * rest, np.ones(len(flat))])
+        bilinear = _solved(rows, -np.sum(flat**2, axis=1))[:3]
+        tried = []
+        for point in [bilinear, *_POINTS]:
+            places = flat + seen @ point
+            center, radius = _round(places)
+            off = float(np.linalg.norm(places - center, axis=1).std())
+            tried.append((off, len(tried), radius, center @ across, point))
+        for _, _, radius, center, point in sorted(tried)[:2]:
+            yield {"point": center, "axis": axis, "radius": radius, "reference_point": point}
 
 
 def _remote_residual(poses: _Poses, values: Values) -> Floats:
@@ -595,7 +616,8 @@ def _ball_starts(poses: _Poses) -> Iterator[Values]:
         positions[mine] = positions[mine] - positions[mine].mean(axis=0)
     x = _solved(rows.reshape(-1, 6), -positions.ravel())
     radius = float(np.linalg.norm(x[3:]))
-    yield {"normal": x[3:] / radius, "radius": radius, "reference_point": x[:3]}
+    normal = x[3:] / radius if radius > FINEST else np.array([0.0, 0.0, 1.0])
+    yield {"normal": normal, "radius": radius, "reference_point": x[:3]}
 
 
 def _disc_residual(poses: _Poses, values: Values) -> Floats:
