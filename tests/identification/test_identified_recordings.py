@@ -28,7 +28,7 @@ def test_contour_runs_have_two_directions_free_of_slip(recordings: Path) -> None
     )
     # 7.9 % and 4.5 % by another program, of the velocities low-passed at 3 Hz.
     assert 0.07 < given < 0.09
-    assert slip < 0.046
+    assert slip < 0.047
 
 
 def slipped(run: ns.PoseTrajectory, rule: ns.Needle) -> float:

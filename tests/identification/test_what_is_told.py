@@ -219,7 +219,7 @@ def test_the_figure_says_the_finding_and_carries_it(blade: Identified, tmp_path:
     figure = blade.plot()
     title = figure.get_suptitle().replace("\n", " ")
     assert title.startswith("blade in 3 recordings: lateral axis y turned by")
-    slip, point, time = figure.axes
+    slip, point, time, *_ = figure.axes
     drawn = sorted(x for line in slip.lines if line.get_marker() == "o" for x in line.get_xdata())
     shares = [100 * s for row in blade.candidates for s in (row.given, row.holdout)]
     np.testing.assert_allclose(drawn, sorted(max(share, 1e-2) for share in shares))
@@ -234,7 +234,7 @@ def test_the_figure_says_the_finding_and_carries_it(blade: Identified, tmp_path:
 
 
 def test_the_region_is_that_of_the_covariance(blade: Identified) -> None:
-    row, (_, ax, _) = blade.rows[0], blade.plot().axes
+    row, (_, ax, *_) = blade.rows[0], blade.plot().axes
     (region,) = [line for line in ax.lines if len(line.get_xdata()) > 50]
     legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
     (name,) = [text for text in legend if text.startswith("95 % region")]
@@ -251,7 +251,7 @@ def test_the_region_is_that_of_the_covariance(blade: Identified) -> None:
 
 def test_a_point_of_which_nothing_is_told_is_not_drawn(blade: Identified) -> None:
     untold = replace(blade, rows=tuple(replace(row, unknown=np.eye(3)) for row in blade.rows))
-    _, point, _ = untold.plot().axes
+    _, point, *_ = untold.plot().axes
     assert point.get_title() == "where the point is: not told"
     assert len(point.lines) == 1
     assert "nothing tells where its point is: turn it in other ways as it moves" in str(untold)

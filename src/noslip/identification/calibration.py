@@ -25,9 +25,9 @@ from noslip.trajectory import PoseTrajectory
 
 LATEST = 0.1
 """Seconds: trackers and filters that are later than that are seen by eye."""
-_STEPS, _NEAR = 10, 3
-"""Offsets tried either way, and those beside the best through which a parabola is laid: farther
-off, the square of the slip is none."""
+_STEPS, _NEAR, _BETWEEN = 10, 5, 2001
+"""Offsets tried either way; those beside the best, through which a cubic is laid, since the square
+of the slip is not quite a parabola; and places along it, a twentieth of a millisecond apart."""
 _ROUNDED = 1e-6
 """Seconds."""
 
@@ -138,9 +138,9 @@ def time_offset(trajectories: PoseTrajectory | Iterable[PoseTrajectory], constra
     slips = np.array([slip(offset) for offset in offsets])
     least = int(np.argmin(slips))
     near = slice(max(0, least - _NEAR), least + _NEAR + 1)
-    square, linear, _ = np.polyfit(offsets[near], slips[near], 2)
-    inside = square > 0 and abs(linear) < 2 * square * offsets[-1]
-    return float(-linear / (2 * square) if inside else offsets[least])
+    cubic = np.polyfit(offsets[near], slips[near], min(3, len(slips[near]) - 1))
+    between = np.linspace(offsets[near][0], offsets[near][-1], _BETWEEN)
+    return float(between[np.argmin(np.polyval(cubic, between))])
 
 
 def synchronized(trajectory: PoseTrajectory, offset: float) -> PoseTrajectory:

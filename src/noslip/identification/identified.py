@@ -19,6 +19,8 @@ from noslip.trajectory import PoseTrajectory
 ALONG, FAR = np.radians([0.05, 20.0])
 """Radians from a body axis within which a direction is called that axis, and beyond which it is
 told by its numbers: between, by the axis and the angle."""
+_FINEST_DIGITS = 4
+"""Behind the point of a value that is said: tenths of a micrometer."""
 MOSTLY = 0.9
 """Length of a body axis's part along directions of which nothing is told, from which nothing is
 told along that axis."""
@@ -193,11 +195,11 @@ class Identified(Value):
         if self.rows:
             lines += [self._axes, self._place]
             if self.curvature is not None:
-                error = f" ± {self.curvature_error:.2g}" if self.curvature_error else ""
                 radius = (
                     f", a radius of {1e3 / abs(self.curvature):.3g} mm" if self.curvature else ""
                 )
-                lines.append(f"its path bends by {self.curvature:.3g}{error} 1/m{radius}")
+                bend = measured(self.curvature, self.curvature_error)
+                lines.append(f"its path bends by {bend} 1/m{radius}")
             if self.turning_radius is not None:
                 lines.append(f"turns no tighter than {1e3 * self.turning_radius:.3g} mm")
         if rows := self.rows or self.candidates[: not held]:
@@ -243,7 +245,7 @@ class Identified(Value):
         errors = 1e3 * np.sqrt(np.maximum(np.diag(row.point_covariance), 0))
         told = np.linalg.norm(row.unknown, axis=0) < MOSTLY if len(row.unknown) else [True] * 3
         places = [
-            f"{letter} {1e3 * row.point[k]:.1f} ± {errors[k]:.1g}"
+            f"{letter} {measured(1e3 * row.point[k], errors[k])}"
             for k, letter in enumerate(AXES)
             if told[k]
         ]
@@ -295,13 +297,21 @@ def axis_text(axis: Floats, error: float | None = None) -> str:
     `error` is its standard error (rad).
     """
     letter, angle = _off(axis)
-    more = "" if error is None else f" ± {np.degrees(error):.1g}"
     if angle > FAR:
         numbers = ", ".join(f"{value:.3g}" for value in np.round(axis, 3) + 0.0)
-        return f"({numbers})" + (more and f"{more} degrees")
-    if angle < ALONG and not more:
+        return f"({numbers})" if error is None else f"({numbers}) ± {np.degrees(error):.1g} degrees"
+    if angle < ALONG and error is None:
         return letter
-    return f"{letter} turned by {np.degrees(angle):.1f}{more} degrees"
+    turn = measured(np.degrees(angle), None if error is None else np.degrees(error))
+    return f"{letter} turned by {turn} degrees"
+
+
+def measured(value: float, error: float | None) -> str:
+    """Say a value to the first digit of its standard error, and that; else with one decimal."""
+    if not error:
+        return f"{value:.1f}"
+    digits = int(np.clip(-np.floor(np.log10(error)), 0, _FINEST_DIGITS))
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def _plain(value: Any) -> Any:
