@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep hard-use kills fuzz docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep shield hard-use kills fuzz docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -64,6 +64,9 @@ sweep: $(STAMP) ## hold what is said of 2000 random jobs against their files
 
 hard-use: $(VENV)/.dev ## what strangers, rules, disks and numbers must not do; a table of trials at the end
 	$(BIN)/python -m pytest tests/hard_use
+
+shield: $(STAMP) ## send noisy chunks of recorded tools through a shield, 1e5 of them; an hour
+	$(BIN)/python -m benchmarks.shield --chunks 100000
 
 kills: $(STAMP) ## kill processes that write into one folder and one cache, 1000 rounds of 2 and of 10
 	$(BIN)/python -m benchmarks.kills --rounds 1000

@@ -316,6 +316,7 @@ def test_chunks_of_another_rate_or_too_short_are_refused() -> None:
     shield = ns.Shield(BLADE, rate=20)
     assert "rate=20" in refusal(InputError, shield.chunk, straight()[:16])
     assert "step()" in refusal(InputError, ns.Shield(BLADE, rate=RATE).chunk, straight()[:3])
+    assert "4 to 1000" in refusal(InputError, ns.Shield(BLADE, rate=RATE).chunk, straight(1001))
     assert "PoseTrajectory" in refusal(InputError, shield.chunk, np.zeros((16, 7)))
 
 
@@ -329,6 +330,7 @@ def require_calm(motion: ns.PoseTrajectory) -> None:
     """
     assert np.linalg.norm(steps(motion).linear, axis=1).max() < 0.7
     assert np.linalg.norm(steps(motion).angular, axis=1).max() < 8.0
+    assert np.linalg.norm(np.diff(steps(motion).angular, axis=0), axis=1).max() < 2.0
 
 
 @pytest.mark.parametrize("size", [16, 50])

@@ -28,10 +28,15 @@ _KEPT, _SLIP = 1e-9, 1e-10
 the constraints' own units."""
 _WILD = 4
 """Speed over the command's, or over :data:`PACE` if that is more, at which a motion is none."""
+_GENTLE, _JOLT = 1.0, 2.0
+"""Accelerations (m/s^2; of turning, over :data:`LEVER`) where chunks are joined: up to which one
+goes on as it is, as hands do as much; and from which a motion is none: noise does a fourth."""
 _FAR = 0.2
 """Radians, or levers, from the command at a chunk's end that are told: 11 degrees, 10 mm."""
 _SPACED = 1e-3
 """Share of the period by which the poses of a chunk may be spaced otherwise."""
+_MOST = 1000
+"""Poses of a chunk: what smooths them is a matrix."""
 _BRAKING = (1 / 2, 1 / 4, 1 / 8)
 """Shares of a chunk within which a tool comes to rest, the gentlest first."""
 
@@ -100,10 +105,10 @@ class Chunks:
                 f"{poses.name}: its poses are {poses.period:.6g} s apart, not {self.period:.6g} s "
                 f"as this shield's; resample it with rate={1 / self.period:.6g}"
             )
-        if len(poses) < FEWEST_SAMPLES:
+        if not FEWEST_SAMPLES <= len(poses) <= _MOST:
             raise InputError(
-                f"{poses.name}: a chunk has {FEWEST_SAMPLES} poses or more, got {len(poses)}; send "
-                "single commands to step()"
+                f"{poses.name}: a chunk has {FEWEST_SAMPLES} to {_MOST} poses, got {len(poses)}; "
+                "send single commands to step(), and recordings to project_trajectory"
             )
         times: Floats = begin + self.period * np.arange(len(poses), dtype=np.float64)
         return PoseTrajectory(times, poses.positions, poses.rotations, name=poses.name)
@@ -124,7 +129,7 @@ class Chunks:
         if self._sent is None or self._wanted is None:
             return None, None, self._past
         before, wanted = (each[count : count + JOINED] for each in (self._sent, self._wanted))
-        past = np.vstack([self._past, self._asked[:count]])[-round(SEEN / self.period) :]
+        past = np.vstack([self._past, self._asked[:count]])[-max(1, round(SEEN / self.period)) :]
         return before, drawn(wanted, before), past
 
     # ---------------------------------------------------------------- ways to go on
@@ -137,7 +142,7 @@ class Chunks:
         except ConstraintError:
             # Undefined there; what is sent in its place may not be.
             return None
-        fits = self._keeps(motion, _KEPT) and (before is None or _goes_on(whole))
+        fits = self._keeps(motion, _KEPT) and (before is None or _goes_on(whole, _GENTLE))
         return motion[-len(chunk) :] if fits else None
 
     def _made(
@@ -160,8 +165,10 @@ class Chunks:
         """Ways to go on, the best first, and what is to be told of each."""
         for turn in (False, True):
             for found, text in self._projected(before, reference, turn):
-                if _calm(found, chunk):
-                    yield found[: len(before or ()) + len(chunk)], text
+                whole = found[: len(before or ()) + len(chunk)]
+                joins = before is None or _goes_on(whole, _JOLT, reference)
+                if joins and _calm(whole, chunk):
+                    yield whole, text
         text = f"no way near the command keeps {', '.join(self.system.names)}: "
         count, last = len(chunk), chunk if before is None else before
         for share in () if before is None else _BRAKING:
@@ -252,15 +259,24 @@ def _together(before: PoseTrajectory | None, after: PoseTrajectory) -> PoseTraje
     )
 
 
-def _goes_on(motion: PoseTrajectory) -> bool:
-    """Whether velocities change no more where a chunk is joined than elsewhere, or gently."""
-    gentle = PACE / _BENT * motion.period
-    for velocities, lever in zip(motion.step_velocities(), (1.0, LEVER), strict=True):
-        jumps = lever * np.linalg.norm(np.diff(velocities, axis=0), axis=1)
-        near = slice(JOINED - 2, JOINED)
-        if jumps[near].max() > max(gentle, np.delete(jumps, near).max(initial=0.0)):
-            return False
-    return True
+def _goes_on(
+    motion: PoseTrajectory, acceleration: float, reference: PoseTrajectory | None = None
+) -> bool:
+    """Whether velocities change so much at most where a chunk is joined, or as they do elsewhere.
+
+    Or twice as much as a reference's.
+    """
+    near, elsewhere = np.split(_jumps(motion)[:, JOINED - 2 :], [2], axis=1)
+    most = np.maximum(acceleration * motion.period, elsewhere.max(axis=1, initial=0.0))
+    if reference is not None:
+        most = np.maximum(most, 2 * _jumps(reference)[:, JOINED - 2 : JOINED].max(axis=1))
+    return bool(np.all(near.max(axis=1) <= most))
+
+
+def _jumps(motion: PoseTrajectory) -> Floats:
+    """Changes of linear and, as if at a lever, angular velocity at inner samples (m/s)."""
+    both = zip(motion.step_velocities(), (1.0, LEVER), strict=True)
+    return np.array([lever * np.linalg.norm(np.diff(v, axis=0), axis=1) for v, lever in both])
 
 
 def _calm(motion: PoseTrajectory, chunk: PoseTrajectory) -> bool:

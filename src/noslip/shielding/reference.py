@@ -140,7 +140,7 @@ def _unit(values: Floats) -> Floats:
     return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)
 def _smoothing(count: int, strength: float) -> Floats:
     """Matrix that smooths so many samples: minimizes ``|x - c|^2 + |strength^3 x'''|^2``."""
     jerks = np.diff(np.eye(count), n=3, axis=0)

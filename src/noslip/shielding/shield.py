@@ -26,7 +26,8 @@ from noslip.trajectory import PoseTrajectory
 class Shield:
     """Poses of any policy, person or planner in; poses that keep the constraints out.
 
-    A shield serves chunks of actions (:meth:`chunk`) or a stream of commands (:meth:`step`).
+    A shield serves chunks of actions (:meth:`chunk`) or a stream of commands (:meth:`step`), not
+    both in turn: neither knows of the other.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ class Shield:
         Parameters
         ----------
         poses : PoseTrajectory
-            Commanded poses, 4 or more (16 to 100, say), ``1 / rate`` apart; of their times only the
+            Commanded poses, 4 to 1000 (16 to 100, say), ``1 / rate`` apart; of their times only the
             distance counts.
         executed : int, optional
             How many poses of the last chunk were carried out; by default all.
@@ -111,7 +112,8 @@ class Shield:
         Raises
         ------
         InputError
-            If the poses are too few or not ``1 / rate`` apart, or more were executed than sent.
+            If there are too few poses or too many, they are not ``1 / rate`` apart, or more were
+            executed than sent.
         """
         return self._chunks.next(poses, executed)
 
