@@ -4,7 +4,7 @@ With tests/ on PYTHONPATH:
 
 python tests/viewer/picture.py --out docs/images/viewer.png
 python tests/viewer/picture.py --of arm --out docs/images/viewer_arm.png
-python tests/viewer/picture.py --of data_demo_a_1.csv --out docs/images/viewer_found.png
+python tests/viewer/picture.py --of data_demo_c_2.csv --out docs/images/viewer_found.png
 python tests/viewer/picture.py --of shield --out docs/images/viewer_shield.png
 """
 

@@ -67,7 +67,8 @@ def run(
     """Look at motions in the browser: tool, path, slip, forces, surfaces and keep-out zones.
 
     A primitive's goal and start can be dragged; its adapted motion follows.  While it runs, the
-    tool can be pushed, and comes back.  Files dropped onto the page are checked.
+    tool can be pushed, and comes back.  What holds in a recording is found and drawn, and a
+    shielded tool follows a dragged command.  Files dropped onto the page are checked.
 
     Ends with Ctrl-C.
     """
