@@ -68,9 +68,7 @@ class Follower:
             ("shield", rule.inverse_metric, rule.push, period),
             lambda: Native(lambda: _library(rule, period)),
         )
-        # A loop is not to wait for the compiler: until then the same graphs run as they are.
-        self._native.begin()
-        # Neither is bound yet.
+        # Nothing is bound yet; who sends chunks alone never steps.
         self._bound: Callable[..., int] | bool | None = False
 
     def __getstate__(self) -> dict[str, Any]:
@@ -114,6 +112,9 @@ class Follower:
             raise InputError("command: none came yet; give the first, or the pose at a reset")
         if measured is not None:
             write_pose("measured", measured, self._measured)
+        if self._bound is False:
+            # A loop is not to wait for the compiler: until then the same graphs run as they are.
+            self._native.begin()
         library = self._native.library
         if library is not self._bound:
             self._bind(library)
