@@ -176,7 +176,10 @@ def _rows(
     equalities, v = system.equalities, ca.SX.sym("v", 6)
     chosen = [i for i, is_velocity in enumerate(equalities.row_is_velocity) if is_velocity]
     residual = equalities.residual(time, state[:3], state[3:7], v[:3], v[3:])
-    rows = ca.jacobian(residual, v)[chosen, :]
+    rows = ca.jacobian(residual, v)
+    # What does not turn with the tool, such as a height, no steering makes up for.
+    turning = ca.which_depends(rows @ v, state[3:7], 1, True)
+    rows = rows[[i for i in chosen if turning[i]], :]
     return ca.substitute(rows, v, ca.vertcat(linear, angular))
 
 
