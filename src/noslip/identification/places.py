@@ -539,7 +539,7 @@ def _cylinder_starts(poses: _Poses) -> Iterator[Values]:
         rest = seen.reshape(-1, 6)
         rows = np.column_stack([2 * both, squares, -2 * flat, -2 * rest, np.ones(len(flat))])
         bilinear = _solved(rows, -np.sum(flat**2, axis=1))[:3]
-        tried = list[tuple[float, float, Floats, Floats]]()
+        tried = list[tuple[float, int, float, Floats, Floats]]()
         for point in [bilinear, *_POINTS]:
             places = flat + seen @ point
             center, radius = _round(places)
