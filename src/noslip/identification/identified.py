@@ -69,17 +69,19 @@ class Place(Value):
         ``"plane"``, ``"sphere"``, ``"cylinder"``, ``"remote center"``, ``"fixed point"``,
         ``"fixed axis"``, ``"rolling disc"``, ...
     constraints : tuple of Constraint
-        Ready for ``learn`` and ``check`` on those recordings.
+        Ready for ``learn`` and ``check`` on those recordings; empty if it does not hold.
     rows : int
         How many numbers it takes away from the pose.
     residual, holdout : float
-        Root mean square distance from it (m), as fitted, and on what it was not fitted to.
+        Root mean square distance from it (m; of an axis rad), as fitted, and on what it was not
+        fitted to.
     ratio : float
         Residual over what noise alone would leave; near 1 if it holds.
     holds : bool
         Whether it is believed.
     values, errors : dict
-        Its parameters by name, and their standard errors, body or world frame as named.
+        Its parameters by name, and of a number the standard error, of a vector the covariance,
+        shape (3, 3): see :func:`noslip.identification.places.fit_places`.
     notes : tuple of str
         What the recordings cannot tell of it, a sentence each.
     """

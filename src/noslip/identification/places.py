@@ -281,17 +281,20 @@ def _place(
     values, spread = _told(kind, best.x, covariance, origin)
     near = near and residual**2 < alone**2 + max(0.5 * alone, SHARE * unit) ** 2
     ahead = _held_out(kind, poses, best.x, noise, unknown) if near else residual
+    holds = (
+        near
+        and ahead < AHEAD * max(residual, alone)
+        and _is_sure(kind, values, spread, unknown)
+        and (kind not in (_SPHERE, _CYLINDER) or _spread(spread) < CLEAR * max(residual, alone))
+    )
     return Place(
         kind=kind.name,
-        constraints=kind.constraints(values),
+        constraints=kind.constraints(values) if holds else (),
         rows=kind.rows,
         residual=residual,
         holdout=ahead,
         ratio=residual / alone,
-        holds=near
-        and ahead < AHEAD * max(residual, alone)
-        and _is_sure(kind, values, spread, unknown)
-        and (kind not in (_SPHERE, _CYLINDER) or _spread(spread) < CLEAR * max(residual, alone)),
+        holds=holds,
         values=values,
         errors=spread,
         notes=_notes(kind, values, unknown),
@@ -556,7 +559,8 @@ def _remote_residual(poses: _Poses, values: Values) -> Floats:
 
 def _across(axis: Floats) -> Floats:
     """Two unit vectors perpendicular to one, as rows, that turn smoothly with it."""
-    one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    # No tie for axes of the body and the world: a small turn must not choose another.
+    one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis) + [0.0, 0.1, 0.2])])
     one = one / np.linalg.norm(one)
     return np.array([one, np.cross(axis, one)])
 
