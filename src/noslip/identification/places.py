@@ -378,7 +378,7 @@ def _excess(errors: Floats) -> float:
     """
     alike = float(np.sum(errors[1:] * errors[:-1])) / max(float(np.sum(errors**2)), 1e-300)
     rho = min(alike, 0.99) if alike > 3 / np.sqrt(errors.size) else 0.0
-    return max(1.0, float(np.mean(errors**2))) * (1 + rho) / (1 - rho)
+    return max(1.0, float(np.mean(errors**2)) * (1 + rho) / (1 - rho))
 
 
 def _held_out(
