@@ -214,8 +214,7 @@ def test_noise_is_told(noise: tuple[float, float]) -> None:
 
 
 def test_a_blade_that_did_not_turn_is_no_evidence() -> None:
-    straight = planar_cut(bend=0.01)
-    found = ns.identify(straight)
+    found = ns.identify(planar_cut(bend=0.01))
     assert found.constraints == ()
     assert "turn the tool" in found.notes[0]
 
