@@ -51,7 +51,8 @@ def joined(before: PoseTrajectory | None, past: Floats, chunk: PoseTrajectory) -
     period, done = chunk.period, len(past)
     values = np.vstack([past, np.hstack([chunk.positions, chunk.quaternions])])
     values[:, 3:] = without_flips(values[:, 3:])
-    values = _smoothing(len(values), SMOOTHED / period) @ values
+    # Rounded, as the periods of later times are, so that it is kept from chunk to chunk.
+    values = _smoothing(len(values), round(SMOOTHED / period, 6)) @ values
     values[:, 3:] = _unit(values)
     if done < 2:
         values = np.vstack([_continued(values[::-1], 2)[::-1], values])
