@@ -32,7 +32,11 @@ TRAIL = 600
 
 
 class ShieldedRun:
-    """A tool behind a shield, from a pose on, and where it went."""
+    """A tool behind a shield, from a pose on, and where it went.
+
+    ``residual`` is the largest between the last two pictures: that of a surface beside which a
+    recording begins is gone soon.
+    """
 
     def __init__(
         self, constraints: Sequence[Constraint], position: Floats, rotation: Rotation
@@ -56,10 +60,11 @@ class ShieldedRun:
         due = self._due + passed * RATE
         steps = min(int(due), MOST_STEPS_AT_ONCE)
         self._due = due - int(due)
+        sizes = []
         for _ in range(steps):
             self.state = self.shield.step((position, rotation))
-            size = np.abs(self.state.constraint_residuals).max(initial=0.0)
-            self.residual = max(self.residual, float(size))
+            sizes.append(np.abs(self.state.constraint_residuals).max(initial=0.0))
+        self.residual = float(max(sizes, default=self.residual))
         if np.any(self.state.position != self._path[-1]):
             self._path.append(self.state.position)
 
