@@ -51,7 +51,7 @@ TIGHTEST = 0.95
 """Quantile of the path's curvatures that counts as the largest: noise makes some larger."""
 SATURATED = 0.35
 """Share of the way's time in bends within a tenth of the tightest, from which on that is a bound:
-of a sine of steering it is 0.29, of a wheel turned at random below 0.34 (98 of 100), of a car that
+of a sine of steering it is 0.29, of a wheel turned at random below it (95 of 100), of a car that
 is often at the stop of its steering above 0.36 (95 of 100)."""
 STANDING = 0.3
 """Share of its speed (rms) below which a bend is not told, and backwards a tool does back up."""
