@@ -100,7 +100,7 @@ class ShieldPanel:
             depth_test=False,
             visible=False,
         )
-        # Not the gizmo's child: in the browser those stay where they are while it is dragged.
+        # Placed with each picture, so that it shows what is followed.
         self._ghost = drawing.add_parts("/commanded", drawing.tool, ghost=True)
         self._ghost.visible = False
         actions.on_change(self.box, "shield", self.ask)
