@@ -65,6 +65,9 @@ sweep: $(STAMP) ## hold what is said of 2000 random jobs against their files
 hard-use: $(VENV)/.dev ## what strangers, rules, disks and numbers must not do; a table of trials at the end
 	$(BIN)/python -m pytest tests/hard_use
 
+identified: $(VENV)/.dev ## 100 random tools of each kind and noise, and what is told of them; an hour
+	NOSLIP_WORLDS=100 $(BIN)/python -m pytest tests/identification/test_table.py --capture=no --quiet
+
 shield: $(STAMP) ## send noisy chunks of recorded tools through a shield, 1e5 of them; an hour
 	$(BIN)/python -m benchmarks.shield --chunks 100000
 
