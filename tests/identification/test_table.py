@@ -28,7 +28,7 @@ from identification.test_places import deviations
 from identification.test_places import is_within as is_place_within
 from identification.worlds import world
 
-WORLDS = int(os.environ.get("NOSLIP_WORLDS", "5"))
+WORLDS = int(os.environ.get("NOSLIP_WORLDS", "3"))
 FIRST = 1000
 """Seed of the first: none that anything was tuned on."""
 SURE = 1e-3

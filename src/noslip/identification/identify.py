@@ -178,7 +178,8 @@ def _normal(recordings: Sequence[PoseTrajectory], ground: Floats) -> Floats | No
 @dataclass(frozen=True, eq=False)
 class Tool:
     """What holds at velocity level: orthonormal `axes`, shape (3, 3), of which the first `rows` are
-    free of slip: the lateral axis is the first, and the travel axis the last.
+    free of slip: the lateral axis is the first, and the travel axis the last.  `tilt` is the
+    covariance of a turn (rad^2, body frame) by which a ground may be otherwise.
     """
 
     trial: Trial
@@ -189,13 +190,14 @@ class Tool:
     curvature_error: float | None = None
     turning_radius: float | None = None
     notes: tuple[str, ...] = ()
+    tilt: Floats | None = None
 
 
 def _tool(told: Evidence, recordings: Sequence[PoseTrajectory]) -> Tool:
     """Choose between needle, wheel, blade and nothing."""
     longest = max(LONGEST[0], LONGEST[1] * sum(recording.path_length for recording in recordings))
     sweeps = _sweeps(recordings)
-    turned, directions = np.linalg.eigh(sweeps)
+    turned = np.linalg.eigvalsh(sweeps)
     one = _best(told, 1, longest)
     if turned[2] < TURNED**2:
         degrees = np.degrees(np.sqrt(max(turned[2], 0.0)))
@@ -205,7 +207,7 @@ def _tool(told: Evidence, recordings: Sequence[PoseTrajectory]) -> Tool:
     if bent and _holds(bent.trial, HELD):
         return _needle(bent.trial, bent.bent.frame, bent.bent.curvature, bent.error)
     if turned[0] < LEVEL**2 * turned[2]:
-        wheel = _wheel(told, recordings, directions[:, 0], longest)
+        wheel = _wheel(told, recordings, sweeps, longest)
         if wheel:
             return wheel
     else:
@@ -254,9 +256,15 @@ def _needle(
 
 
 def _wheel(
-    told: Evidence, recordings: Sequence[PoseTrajectory], ground: Floats, longest: float
+    told: Evidence, recordings: Sequence[PoseTrajectory], sweeps: Floats, longest: float
 ) -> Tool | None:
     """Find a wheel on a ground whose normal the body keeps; None, if it slips or lifts off."""
+    turned, directions = np.linalg.eigh(sweeps)
+    ground = directions[:, 0]
+    # A line fitted to how the body's other axes swept the ground.
+    spread = np.diag([0.0, *(max(turned[0], 0.0) / turned[1:])]) / sum(map(len, recordings))
+    turns = np.cross(ground, directions.T).T
+    tilt = turns @ spread @ turns.T
     trial = _best(told, 1, longest, ground)
     if not _holds(trial, HELD) or trial.share(ground) > HELD:
         return None
@@ -271,8 +279,8 @@ def _wheel(
     wheel = Wheel(axle, travel, up, _numbers(trial.fit.point))
     bound = _turning_radius(trial, axes)
     if bound is None:
-        return Tool(trial, axes, 2, (wheel,))
-    return Tool(trial, axes, 2, (wheel, bound), turning_radius=bound.radius)
+        return Tool(trial, axes, 2, (wheel,), tilt=tilt)
+    return Tool(trial, axes, 2, (wheel, bound), turning_radius=bound.radius, tilt=tilt)
 
 
 def _turning_radius(trial: Trial, axes: Floats) -> TurningRadius | None:
@@ -335,11 +343,14 @@ def _row(tool: Tool, axis: Floats) -> Row:
         # Rows about one point may be turned into each other: about the shaft, or the only axis.
         kept = found.axes[0] if len(found.axes) == 1 else np.cross(*found.axes)
         free -= np.outer(kept, kept)
-    turn = -np.cross(np.eye(3), axis) @ free
+    turn = -np.cross(np.eye(3), axis)
+    turned = free @ found.covariance[:3, :3] @ free.T
+    if tool.tilt is not None:
+        turned = turned + tool.tilt
     return Row(
         axis=axis,
         point=found.point,
-        axis_covariance=turn @ found.covariance[:3, :3] @ turn.T,
+        axis_covariance=turn @ turned @ turn.T,
         point_covariance=across @ found.covariance[3:, 3:] @ across,
         unknown=found.unknown,
         given=trial.share(axis, np.zeros(3)),
