@@ -68,6 +68,7 @@ MOTIONS: dict[str, Callable[[], ns.PoseTrajectory]] = {
     "carry": lambda: moved(0.1 * U, 0.05 * U, 0.05 * np.sin(np.pi * U), 0.2),
     "saw": lambda: moved(0.1 * U, 0.0, 0.0, 0.0),
     "corner": lambda: moved(0.3 * np.sin(U), 0.3 * (1 - np.cos(U)), 0.0, 0.8 * U),
+    "door": lambda: moved(0.5 - 0.69 * np.cos(U), -0.7 * np.sin(U), 0.0, U),
     "push": lambda: moved(0.3 * np.sin(U), 0.3 * (1 - np.cos(U)), 0.0, 0.8 * U),
 }
 
