@@ -1080,9 +1080,13 @@ def compatible(names: Sequence[str], rng: Rng, start: Instant) -> list[Any]:
 
 
 LEAST_ROWS = {
-    name: {"curved needle": 4, "rolling disc": 3, "rolling sphere": 3, "in moving frame": 1}.get(
-        name, 2 if name in ("needle", "wheel", "remote center", "parallel tool axis") else 1
-    )
+    name: {
+        "curved needle": 4,
+        "fixed point": 3,
+        "rolling disc": 3,
+        "rolling sphere": 3,
+        "in moving frame": 1,
+    }.get(name, 2 if name in ("needle", "wheel", "remote center", "parallel tool axis") else 1)
     for name in CASES
 }
 
