@@ -479,7 +479,7 @@ def test_a_message_that_is_too_large_ends_its_own_connection_alone(
     "where",
     [
         "drawing._add_lines",
-        "drawing._add_tool",
+        "drawing.add_parts",
         "drawing.server.scene.add_arrows",
         "drawing.put",
         "pushes.choose",
