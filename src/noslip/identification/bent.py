@@ -77,7 +77,7 @@ def bent_needle(evidence: Evidence, most: float, unknown: Floats = NOTHING) -> B
     if not fits:
         return None
     bent, fit, error, moments = max(fits, key=lambda found: _steadiness(evidence, found[0]))
-    if _net(evidence, bent) < 0:
+    if evidence.net_way(bent.frame[2], bent.tip) < 0:
         bent = Bent(bent.frame * [[1], [-1], [-1]], bent.tip, bent.curvature)
         fit = replace(fit, axes=bent.frame[:2])
     totals = [moment.sum(axis=0) for moment in moments]
@@ -95,17 +95,13 @@ def _left(total: Floats, bent: Bent) -> float:
     return float(np.sqrt(max(left, 0.0) / max(whole, 1e-12)))
 
 
-def _net(evidence: Evidence, bent: Bent) -> float:
-    """Meters that the tip went forward, less those back."""
-    line = screws(bent.frame[2:], bent.tip)[0]
-    return float(sum(steps.ways.sum(axis=0) @ line for part in evidence.parts for steps in part))
-
-
 def _steadiness(evidence: Evidence, bent: Bent) -> float:
     """How steadily the tip goes forward (or back), 1 at constant speed."""
     time = sum(float(steps.periods.sum()) for part in evidence.parts for steps in part)
     (square,) = squares(evidence.fast.total, screws(bent.frame[2:], bent.tip))
-    return abs(_net(evidence, bent)) / float(np.sqrt(max(square, 1e-12)) * time)
+    return abs(evidence.net_way(bent.frame[2], bent.tip)) / float(
+        np.sqrt(max(square, 1e-12)) * time
+    )
 
 
 def _starts(total: Floats, unknown: Floats) -> Iterator[Bent]:

@@ -15,12 +15,10 @@ from noslip._values import Value
 from noslip.constraints.blade import Blade
 from noslip.constraints.needle import Needle
 from noslip.constraints.wheel import Wheel
-from noslip.demonstrations._several import several
 from noslip.edge import Edge, unit
 from noslip.errors import InputError
-from noslip.identification.identify import _axes, _net_way, _parts
+from noslip.identification.identify import moving, parts_of, tool_axes
 from noslip.identification.rows import Trial, evidence, tried
-from noslip.scale import require_motion
 from noslip.trajectory import PoseTrajectory
 
 LATEST = 0.1
@@ -89,10 +87,10 @@ def tool_frame(
     """
     recordings = _recordings("tool_frame", trajectories, constraint)
     trial, ground = _fitted(recordings, constraint, noise)
-    lateral, _, travel = _axes(trial)
+    lateral, _, travel = tool_axes(trial)
     if ground is not None:
         travel = np.cross(lateral, ground)
-        backwards = np.sign(_net_way(trial, travel)) or 1.0
+        backwards = np.sign(trial.evidence.net_way(travel, trial.fit.point)) or 1.0
         lateral, travel = backwards * lateral, backwards * travel
     found = np.array([travel, lateral, np.cross(travel, lateral)])
     edge = cast(Edge, constraint.edge)
@@ -122,7 +120,7 @@ def time_offset(trajectories: PoseTrajectory | Iterable[PoseTrajectory], constra
         What the tool obeys; its axes and point need not be known.
     """
     recordings = _recordings("time_offset", trajectories, constraint)
-    noise = _parts(recordings, None)[0][0].noise
+    noise = parts_of(recordings, None)[0][0].noise
 
     # Offsets of whole samples, at which noise is as it was measured; between, it averages out.
     period = float(np.median(np.concatenate([np.diff(each.times) for each in recordings])))
@@ -182,17 +180,14 @@ def _recordings(
             f"{name}: the rule is a Blade, a Needle or a Wheel, got {constraint!r}; identify finds "
             "others"
         )
-    recordings = several(trajectories, 1, name)
-    for recording in recordings:
-        require_motion(recording)
-    return recordings
+    return moving(trajectories, name)
 
 
 def _fitted(
     recordings: Sequence[PoseTrajectory], constraint: Rule, noise: tuple[float, float] | None
 ) -> tuple[Trial, Floats | None]:
     """The rule's rows, and of a wheel the ground's normal in the body's frame."""
-    told = evidence(_parts(recordings, noise))
+    told = evidence(parts_of(recordings, noise))
     if isinstance(constraint, Needle):
         return tried(told, 2), None
     ground = None

@@ -79,10 +79,8 @@ def identify(
     InputError
         If they are no recordings, stand still or are too short.
     """
-    recordings = several(trajectories, 1, "identify")
-    for recording in recordings:
-        require_motion(recording)
-    parts = _parts(recordings, noise)
+    recordings = moving(trajectories, "identify")
+    parts = parts_of(recordings, noise)
     told = evidence(parts)
     tool = _tool(told, recordings)
     noises = np.median([steps.noise for part in parts for steps in part], axis=0)
@@ -120,7 +118,17 @@ def identify(
 # ---------------------------------------------------------------- what is told
 
 
-def _parts(
+def moving(
+    trajectories: PoseTrajectory | Iterable[PoseTrajectory], what: str
+) -> list[PoseTrajectory]:
+    """Return a list of recordings, each of which moves; an error says for what they are needed."""
+    recordings = several(trajectories, 1, what)
+    for recording in recordings:
+        require_motion(recording)
+    return recordings
+
+
+def parts_of(
     recordings: Sequence[PoseTrajectory], noise: tuple[float, float] | None
 ) -> list[list[Steps]]:
     """Parts that are held out in turn: recordings, or blocks of time of a single one."""
@@ -202,7 +210,7 @@ def _tool(told: Evidence, recordings: Sequence[PoseTrajectory]) -> Tool:
     if turned[2] < TURNED**2:
         degrees = np.degrees(np.sqrt(max(turned[2], 0.0)))
         note = f"turned by {degrees:.1f} degrees (rms) only: turn the tool as it moves"
-        return Tool(one, _axes(one), notes=(note,))
+        return Tool(one, tool_axes(one), notes=(note,))
     bent = _bent(told, longest)
     if bent and _holds(bent.trial, HELD):
         return _needle(bent.trial, bent.bent.frame, bent.bent.curvature, bent.error)
@@ -213,13 +221,13 @@ def _tool(told: Evidence, recordings: Sequence[PoseTrajectory]) -> Tool:
     else:
         two = _best(told, 2, longest)
         if _holds(two, max(ALIKE * one.worst, NEGLIGIBLE + two.doubt)):
-            return _needle(two, _axes(two))
+            return _needle(two, tool_axes(two))
     if _holds(one, HELD) and one.fit.axes[0] @ sweeps @ one.fit.axes[0] > TURNED**2:
-        axes = _axes(one)
+        axes = tool_axes(one)
         lateral, _, travel = map(_numbers, axes)
         blade = Blade(lateral, travel, _numbers(one.fit.point))
         return Tool(one, axes, 1, (blade,))
-    return Tool(one, _axes(one), notes=("slips along every direction",))
+    return Tool(one, tool_axes(one), notes=("slips along every direction",))
 
 
 def _best(told: Evidence, rows: int, longest: float, ground: Floats | None = None) -> Trial:
@@ -273,7 +281,7 @@ def _wheel(
         ground, normal = -ground, None if normal is None else -normal
     lateral = trial.fit.axes[0]
     axes = np.array([lateral, ground, np.cross(lateral, ground)])
-    axes[[0, 2]] *= np.sign(_net_way(trial, axes[2])) or 1.0
+    axes[[0, 2]] *= np.sign(told.net_way(axes[2], trial.fit.point)) or 1.0
     axle, _, travel = map(_numbers, axes)
     up = None if normal is None else _numbers(normal)
     wheel = Wheel(axle, travel, up, _numbers(trial.fit.point))
@@ -308,7 +316,7 @@ def _turning_radius(trial: Trial, axes: Floats) -> TurningRadius | None:
     return TurningRadius(radius, _numbers(travel), _numbers(up), _numbers(point))
 
 
-def _axes(trial: Trial) -> Floats:
+def tool_axes(trial: Trial) -> Floats:
     """Lateral axis, the one across both, and the travel axis, shape (3, 3), right-handed."""
     rows, point = trial.fit.axes, trial.fit.point
     if len(rows) == 2:
@@ -323,16 +331,8 @@ def _axes(trial: Trial) -> Floats:
         lines = screws(across, point)
         moved = lines @ trial.evidence.fast.total @ lines.T
         travel = np.linalg.eigh(moved)[1][:, -1] @ across
-    travel = travel * (np.sign(_net_way(trial, travel)) or 1.0)
+    travel = travel * (np.sign(trial.evidence.net_way(travel, point)) or 1.0)
     return np.array([lateral, np.cross(travel, lateral), travel])
-
-
-def _net_way(trial: Trial, axis: Floats) -> float:
-    """Meters that the point moved along an axis, less those back."""
-    line = screws(axis[None], trial.fit.point)[0]
-    return float(
-        sum(steps.ways.sum(axis=0) @ line for part in trial.evidence.parts for steps in part)
-    )
 
 
 def _row(tool: Tool, axis: Floats) -> Row:

@@ -228,6 +228,11 @@ class Evidence:
         """Whitened moments of the parts, shape (n, 6, 6); see :func:`moment`."""
         return np.array([sum(moment(steps, lines, slip) for steps in part) for part in self.parts])
 
+    def net_way(self, axis: Floats, point: Floats) -> float:
+        """Meters that a point moved along an axis, less those back."""
+        line = screws(axis[None], point)[0]
+        return float(sum(steps.ways.sum(axis=0) @ line for part in self.parts for steps in part))
+
 
 def evidence(parts: Sequence[Sequence[Steps]]) -> Evidence:
     """Gather it."""
