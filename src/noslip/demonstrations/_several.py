@@ -14,7 +14,9 @@ def several(
     demonstrations: Iterable[PoseTrajectory], fewest: int, what: str
 ) -> list[PoseTrajectory]:
     """Return a list of demonstrations, checked; an error says for what they are needed."""
-    given = [demonstrations] if isinstance(demonstrations, PoseTrajectory) else list(demonstrations)
+    # One trajectory cannot be iterated over, and what is no iterable is told as an item is.
+    one = isinstance(demonstrations, PoseTrajectory) or not isinstance(demonstrations, Iterable)
+    given: list[PoseTrajectory] = [demonstrations] if one else list(demonstrations)  # type: ignore[list-item]
     for item in given:
         if not isinstance(item, PoseTrajectory):
             raise InputError(
