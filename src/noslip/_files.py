@@ -87,8 +87,7 @@ def _own(target: Path) -> tuple[Path, int]:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX)
-            # Who had it before has renamed it.
-            if path.exists() and os.path.samestat(path.lstat(), os.fstat(handle)):
+            if _leads_to(path, handle):
                 return path, handle
         except OSError:
             os.close(handle)
@@ -98,6 +97,15 @@ def _own(target: Path) -> tuple[Path, int]:
             os.close(handle)
             raise
         os.close(handle)
+
+
+def _leads_to(path: Path, handle: int) -> bool:
+    """Whether a path is still that of an open file: who had it before may have renamed it."""
+    try:
+        return os.path.samestat(path.lstat(), os.fstat(handle))
+    except FileNotFoundError:
+        # The moment between two writers is no fault: what stands there next is another's.
+        return False
 
 
 @contextmanager
