@@ -17,7 +17,7 @@ LAYERS = [
     {"scale"},
     {"recordings", "constraints", "law"},
     {"codegen"},
-    {"projection", "demonstrations"},
+    {"projection", "demonstrations", "maneuvers"},
     {"rule", "identification"},
     {"runtime"},
     {"verification"},

@@ -1,0 +1,1 @@
+"""Maneuvers: motions in closed form that lead a tool from one pose to another."""
