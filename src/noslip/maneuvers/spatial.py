@@ -268,7 +268,7 @@ def _starts(goal: Floats) -> Floats:
     """Where arcs and straights may lead to the goal, as starts of Newton's method, shape (K, 6)."""
     position, travel = goal[:3, 3], goal[:3, 0]
     step = 2 * np.pi / _ANGLES
-    angles = (np.arange(_ANGLES) + 0.5) * step
+    angles: Floats = (np.arange(_ANGLES) + 0.5) * step
     signs = np.array([[1.0], [-1.0]])
     error = _cone(angles, signs, position, travel)[0]
     branch, k = np.nonzero(error[:, 1:] * error[:, :-1] < 0)
