@@ -54,12 +54,12 @@ _FAR = 4.0
 _EFFORT_SHARE = 0.6
 """Of the step to the least effort, taken at once with the one to the pose: the whole of it leads
 past where the linearization holds."""
-_DAMPING, _LEAST_DAMPING = 1e-2, 1e-9
+_DAMPING, _LEAST_DAMPING = 1e-2, 1e-13
 """On the matrix of a step, over its mean: times the squared distance from the pose, which keeps far
 steps off directions that hardly move the end, and at the end for its definiteness alone."""
 _NEAR, _ARRIVED = 1e-3, 1e-12
 """Off the pose (of its distance; rad): what the last steps make good, and what counts as none."""
-_POLISHING = 12
+_POLISHING = 40
 """Last steps: they double their digits, or add one each where roll all but vanishes."""
 _APART = 0.5
 """Roll's root mean square (rad) from which two ways count as different."""
