@@ -17,6 +17,7 @@ from noslip._values import Value
 from noslip.adapting import compiled
 from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
+from noslip.adapting.unkept import unkept
 from noslip.boundary import Boundary, End
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import (
@@ -25,6 +26,8 @@ from noslip.errors import (
     ConvergenceError,
     InputError,
     MissedError,
+    Refusal,
+    muted,
     warn,
 )
 from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps, fit
@@ -37,7 +40,7 @@ from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, motion_from, rollout
-from noslip.runtime.timing import Pace, timed, unhurried
+from noslip.runtime.timing import Pace, stretched, timed, unhurried
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import followed_with, pose_at, verify
 
@@ -154,7 +157,11 @@ def _giving_time(planning: Callable[P, Plan]) -> Callable[P, Adapted]:
             if pace.is_soft:
                 with suppress(MissedError):
                     return found.noting(refused).verified(law, rule)
-            raise MissedError(refused) from error
+            # What is told must do; where that is refused too, it is not time that lacks.
+            refusal = pace.refusal(duration, stretched(found.projected.trajectory, pace.factor))
+            with muted():
+                planned(rule.system, refusal.duration).verified(law, rule)
+            raise refusal from error
 
     return in_time
 
@@ -362,10 +369,13 @@ def carried_out(
             break
         aimed = past
     else:
+        gap = np.diff([0.0, *(b.at for b in asked)]).min()
         raise MissedError(
             f"no motion found that passes all of {', '.join(f'{b.at:g}' for b in asked)}: places "
-            f"{np.diff([0.0, *(b.at for b in asked)]).min():.2g} of the motion apart are too far "
-            "from each other for that; leave more of it between them"
+            f"{gap:.2g} of the motion apart may be too far from each other for that; leave more of "
+            "it between them",
+            code=Refusal.NOT_FOUND,
+            iterate=projected.trajectory,
         )
     return Plan(found, request, projected)
 
@@ -412,11 +422,7 @@ def _projected(request: Request) -> ProjectedTrajectory:
         if constraint.priority == 0 and name in projected.left_out
     ]
     if left_out:
-        places = "ends or via points" if request.boundaries[2:] else "ends"
-        raise ConvergenceError(
-            f"no motion found that keeps {', '.join(left_out)} between these {places}; give it "
-            f"more time (duration), other {places}, or a priority above 0"
-        )
+        raise unkept(request, projected, left_out)
     return projected
 
 
