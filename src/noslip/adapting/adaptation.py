@@ -18,6 +18,7 @@ from noslip.adapting import compiled
 from noslip.adapting.connecting import Connection, Shape, Way, eased
 from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
+from noslip.adapting.unkept import unkept
 from noslip.boundary import Boundary, End
 from noslip.constraints.check import quantity_text
 from noslip.constraints.system import ConstraintSystem
@@ -27,6 +28,8 @@ from noslip.errors import (
     ConvergenceError,
     InputError,
     MissedError,
+    Refusal,
+    muted,
     warn,
 )
 from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps, fit
@@ -39,7 +42,7 @@ from noslip.projection.trajectory import project_heeding_what_it_can, project_ne
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, motion_from, rollout
-from noslip.runtime.timing import Pace, timed, unhurried
+from noslip.runtime.timing import Pace, stretched, timed, unhurried
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import followed_with, pose_at, verify
 
@@ -158,7 +161,11 @@ def _giving_time(planned: Planning, law: Law, rule: Rule, duration: float | None
         if pace.is_soft:
             with suppress(MissedError):
                 return found.noting(refused).verified(law, rule)
-        raise MissedError(refused) from error
+        # What is told must do; where that is refused too, it is not time that lacks.
+        refusal = pace.refusal(duration, stretched(found.projected.trajectory, pace.factor))
+        with muted():
+            planned(rule.system, refusal.duration).verified(law, rule)
+        raise refusal from error
 
 
 def adapt(
@@ -306,7 +313,9 @@ def adapt(
                 ):
                     return Plan(made.law, made.request, made.projected)
                 if attempts < MOST_ATTEMPTS and compiled.is_ready(held, weights):
-                    raise ConvergenceError("no motion near the demonstration's found")
+                    raise ConvergenceError(
+                        "no motion near the demonstration's found", code=Refusal.NOT_FOUND
+                    )
             own = own_motion(tau)
             first, last = ends(own, held, tau)
             request = Request(
@@ -457,10 +466,13 @@ def carried_out(
             break
         aimed = past
     else:
+        gap = np.diff([0.0, *(b.at for b in asked)]).min()
         raise MissedError(
             f"no motion found that passes all of {', '.join(f'{b.at:g}' for b in asked)}: places "
-            f"{np.diff([0.0, *(b.at for b in asked)]).min():.2g} of the motion apart are too far "
-            "from each other for that; leave more of it between them"
+            f"{gap:.2g} of the motion apart may be too far from each other for that; leave more of "
+            "it between them",
+            code=Refusal.NOT_FOUND,
+            iterate=projected.trajectory,
         )
     return Plan(found, request, projected)
 
@@ -507,11 +519,7 @@ def _projected(request: Request) -> ProjectedTrajectory:
         if constraint.priority == 0 and name in projected.left_out
     ]
     if left_out:
-        places = "ends or via points" if request.boundaries[2:] else "ends"
-        raise ConvergenceError(
-            f"no motion found that keeps {', '.join(left_out)} between these {places}; give it "
-            f"more time (duration), other {places}, or a priority above 0"
-        )
+        raise unkept(request, projected, left_out)
     return projected
 
 
@@ -520,8 +528,11 @@ def _driven(request: Request) -> ProjectedTrajectory:
     found = project_nearby(request)
     if not found.converged:
         raise ConvergenceError(
-            f"a maneuver leads there, but its projection did not converge (residual "
-            f"{found.residual:.2g} after {found.iterations} iterations)"
+            "a maneuver leads there, but the iteration onto the constraints did not converge "
+            f"(residual {found.residual:.2g} after {found.iterations} iterations); look at the "
+            "error's iterate",
+            code=Refusal.NOT_CONVERGED,
+            iterate=found.trajectory,
         )
     return found
 

@@ -18,6 +18,8 @@ from noslip.maneuvers.maneuver import Maneuver, Stretch
 EASING = 0.5
 """Way over which bends are averaged, over the least radius of a maneuver's bends: it costs 1 % of
 its length, and half of it makes peaks of angular acceleration twice as high."""
+_SAME = 1e-9
+"""Difference of bends, over the tightest, that is rounding."""
 _PEAK = 1.875
 """Speed of a minimum jerk over its mean."""
 _FEWEST_STEPS = 8
@@ -107,8 +109,13 @@ def legs(maneuver: Maneuver, lever: float) -> list[Leg]:
         leg = list(parts)
         twists = np.array([each.twist for each in leg])
         ways = np.array([effort(each, lever) for each in leg])
-        bends = np.linalg.norm(twists[:, 4:], axis=1) / ways
-        width = EASING / bends.max() if leg[0].advance and bends.any() else 0.0
+        bends = twists[:, 4:] / ways[:, None]
+        tightest = np.linalg.norm(bends, axis=1).max()
+        width = 0.0
+        if leg[0].advance and tightest:
+            # Of a needle's bend, which is always the same, only the roll is eased.
+            same = np.ptp(bends, axis=0).max() <= _SAME * tightest
+            width = float(ways.min() if same else EASING / tightest)
         found.append(Leg(twists, ways, width))
     return found
 

@@ -13,8 +13,9 @@ from noslip.constraints.needle import Needle
 from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.travel import TurningRadius
 from noslip.edge import Edge
+from noslip.maneuvers import planar, spatial
+from noslip.maneuvers.beveled import beveled
 from noslip.maneuvers.maneuver import Maneuver
-from noslip.maneuvers.planar import dubins, reeds_shepp, turn_drive_turn
 from noslip.quaternions import inverse, product
 
 MARGIN, EASED = 1.01, 1.005
@@ -75,10 +76,16 @@ class Steering:
         radius = MARGIN * self.radius
         distance = float(np.linalg.norm(position))
         tilt = 2 * np.linalg.norm(quaternion[1:3])
-        if abs(position[2]) <= _IN_PLANE * distance and tilt <= _IN_PLANE:
-            x, y, heading = position[0], position[1], 2 * np.arctan2(quaternion[3], quaternion[0])
+        if self.curvature:
+            return beveled(position, quaternion, self.curvature)
+        if abs(position[2]) > _IN_PLANE * distance or tilt > _IN_PLANE:
             if not radius:
-                return turn_drive_turn(x, y, heading, reverse=self.reverse)
-            drive = reeds_shepp if self.reverse else dubins
-            return drive(x, y, heading, radius)
-        return []
+                return spatial.turn_drive_turn(position, quaternion, reverse=self.reverse)
+            # A blade that turns where it stands goes a shorter way, but stops for it.
+            driven = spatial.arc_straight_arc(position, quaternion, radius)
+            return driven + spatial.blade_turns(position, quaternion, radius)
+        x, y, heading = position[0], position[1], 2 * np.arctan2(quaternion[3], quaternion[0])
+        if not radius:
+            return planar.turn_drive_turn(x, y, heading, reverse=self.reverse)
+        drive = planar.reeds_shepp if self.reverse else planar.dubins
+        return drive(x, y, heading, radius)

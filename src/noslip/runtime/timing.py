@@ -18,7 +18,7 @@ import scipy
 from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint, constraint_function
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import CompromiseWarning, MissedError, warn
+from noslip.errors import CompromiseWarning, MissedError, Refusal, warn
 from noslip.runtime.motion import HELD, Motion
 from noslip.trajectory import PoseTrajectory
 
@@ -68,6 +68,15 @@ class Pace:
         return (
             f"{self.name!r} cannot be kept in {duration:.4g} s: along its path the motion takes "
             f"{self.needed(duration)} s; give it that, or leave the duration out"
+        )
+
+    def refusal(self, duration: float, motion: PoseTrajectory) -> MissedError:
+        """Return the same as an error, with a motion along that path."""
+        return MissedError(
+            self.refused(duration),
+            code=Refusal.TOO_FAST,
+            iterate=motion,
+            duration=float(self.needed(duration)),
         )
 
     def reshaped(self, duration: float) -> str:
@@ -163,14 +172,18 @@ def require_time(usual: Motion, system: ConstraintSystem, duration: float) -> No
         # What is not kept in the usual duration either is not a matter of time.
         if found is None or not least * (1 + _SAME) < found.factor <= 1 + _SAME:
             continue
-        told = replace(found, factor=found.factor / least).refused(duration)
+        lacking = replace(found, factor=found.factor / least)
         if not found.is_soft:
-            raise MissedError(told)
-        warn(told, CompromiseWarning)
+            raise lacking.refusal(duration, usual)
+        warn(lacking.refused(duration), CompromiseWarning)
 
 
-def paces(motion: Motion, limits: ConstraintSystem, least: float = 1.0) -> list[Pace | None]:
+def paces(
+    motion: PoseTrajectory, limits: ConstraintSystem, least: float = 1.0
+) -> list[Pace | None]:
     """For each limit, the least factor, of ``least`` or more, with which a motion keeps it.
+
+    Velocities of a sample are those of the step that led to it, as in a :class:`Motion`.
 
     None where there is none: what asks for a way to travel, or for rest, asks it at any speed.
     """
@@ -232,7 +245,7 @@ def _kept_at_rest(limit: Constraint) -> bool:
     return bool(np.all(~(np.asarray(rest) <= 0)))
 
 
-def _margins(motion: Motion, limits: ConstraintSystem, factor: float) -> Floats:
+def _margins(motion: PoseTrajectory, limits: ConstraintSystem, factor: float) -> Floats:
     """Margins of the start and of each step of a motion that takes so much longer, (N, k)."""
     begin = motion.times[0]
     times = begin + factor * (motion.times - begin)
