@@ -73,31 +73,38 @@ def arc_straight_arc(position: Floats, quaternion: Floats, radius: float) -> lis
     goal[:3, 3] /= radius
     if _at_rest(goal):
         return [Maneuver(())]
-    found = list(_in_plane(goal)) or _found(goal)
-    return _told_apart([_as_maneuver(twists, radius) for twists in found], radius)
+    found = _in_plane(goal) or _found(goal)
+    shortest = min((float(twists[:, 0].sum()) for twists in found), default=0.0)
+    good = [twists for twists in found if twists[:, 0].sum() <= shortest + 2 * np.pi]
+    return _told_apart([_as_maneuver(twists, radius) for twists in good], radius)
 
 
 def blade_turns(position: Floats, quaternion: Floats, radius: float) -> list[Maneuver]:
     """Forwards, where only turning about z is bound to a radius: pitch and roll are free at rest.
 
-    A turn about an axis across z leads any axis anywhere, so a blade can always turn to the goal
-    where it stands, drive straight, rolling as far as the last turn needs, and turn again.
+    - Turn, straight, turn.  Turns about axes across z lead any axis anywhere; between them, the
+      straight rolls by what then is left.  No way is shorter, and none turns more.
+    - Turn until the goal lies in the x-y plane, and drive there
+      (:func:`noslip.maneuvers.planar.dubins`) to the heading from which a turn about an axis across
+      z does the rest; of a goal in the plane nothing is left.
 
     Parameters, what is returned and raised are as of :func:`arc_straight_arc`.
     """
-    _arguments.positive("radius", radius, "meters")
-    goal, (position, quaternion) = _pose(position, quaternion), _normal(position, quaternion)
-    if _at_rest(goal):
-        return [Maneuver(())]
-    way = float(np.linalg.norm(position))
-    first = _swing_to(position / way) if way > _SAME else _STILL
+    radius = _arguments.positive("radius", radius, "meters")
+    position, quaternion = _normal(position, quaternion)
+    way = _size(position)
+    if way <= _SAME * radius:
+        roll, last = _roll_and_swing(quaternion)
+        return [_without_nothing([Stretch("roll", 0.0, (roll, 0.0, 0.0)), _turn(last)])]
+    first = _swing_to(position / way)
     roll, last = _roll_and_swing(product(inverse(first), quaternion))
-    stretches = [
-        _turn(first),
-        Stretch("straight" if way > _SAME else "roll", way, (roll, 0.0, 0.0)),
-        _turn(last),
-    ]
-    return [_without_nothing(stretches)]
+    straight = Stretch("straight", way, (roll, 0.0, 0.0))
+    found = [_without_nothing([_turn(first), straight, _turn(last)])]
+    first, (x, y) = _tilted(position)
+    heading, last = _heading_and_swing(product(inverse(first), quaternion))
+    for driven in planar.dubins(x, y, heading, radius):
+        found.append(_without_nothing([_turn(first), *driven.stretches, _turn(last)]))
+    return _told_apart(found, radius)
 
 
 def turn_drive_turn(
@@ -163,6 +170,24 @@ def _roll_and_swing(quaternion: Floats) -> tuple[float, Floats]:
     return 2 * half, rest
 
 
+def _tilted(position: Floats) -> tuple[Floats, Floats]:
+    """The least rotation about an axis across z that brings the x-y plane to a point, and where."""
+    x, y, z = position
+    flat = np.hypot(x, y)
+    ahead = position[:2] / flat if flat > _SAME * abs(z) else np.array([1.0, 0.0])
+    half = np.arctan2(z, flat) / 2
+    sine = np.sin(half)
+    rotation = np.array([np.cos(half), sine * ahead[1], -sine * ahead[0], 0.0])
+    return rotation, np.hypot(flat, z) * ahead
+
+
+def _heading_and_swing(quaternion: Floats) -> tuple[float, Floats]:
+    """Turn about z (rad) first, then a rotation about an axis across z: together a rotation."""
+    half = np.arctan2(quaternion[3], quaternion[0])
+    rest = product(np.array([np.cos(half), 0.0, 0.0, -np.sin(half)]), quaternion)
+    return 2 * half, rest
+
+
 def _turn(quaternion: Floats) -> Stretch:
     """Where it stands, the shorter way; named by where travel goes."""
     turn = turns_between(_STILL[None], quaternion[None])[0]
@@ -219,18 +244,27 @@ def _found(goal: Floats) -> list[Floats]:
     return found
 
 
-def _in_plane(goal: Floats) -> Iterator[Floats]:
+def _in_plane(goal: Floats) -> list[Floats]:
     """Twists of what leads to a goal in a plane that holds x, without leaving it."""
     position, travel = goal[:3, 3], goal[:3, 0]
-    sideways = max(position[1:], travel[1:], key=lambda each: float(np.hypot(*each)))
+    sideways = max(position[1:], travel[1:], key=_size)
+    if _size(sideways) < _SAME:
+        # Of a half turn it is twice the projection onto its axis, the normal; of none, twice one.
+        z, y = max((goal[1:3, 1:3] + np.eye(2)).T[::-1], key=_size) * [-1, 1]
+        sideways = np.array([y, z])
     ((y, z),) = _unit(sideways[None])
-    normal = np.array([0.0, -z, y])
+    normal, side = np.array([0.0, -z, y]), np.array([0.0, y, z])
     if abs(position @ normal) > _SAME or np.abs(goal[:3, :3] @ normal - normal).max() > _SAME:
-        return
-    side = [0.0, y, z]
-    heading = np.arctan2(travel @ side, travel[0])
-    for maneuver in planar.dubins(position[0], position @ side, heading, 1.0):
-        yield np.array([[each.advance, *(each.turn[2] * normal)] for each in maneuver.stretches])
+        return []
+    words = planar.dubins(position[0], position @ side, np.arctan2(travel @ side, travel[0]), 1.0)
+    return [
+        np.array([[each.advance, *(each.turn[2] * normal)] for each in word.stretches])
+        for word in words
+    ]
+
+
+def _size(vector: Floats) -> float:
+    return float(np.linalg.norm(vector))
 
 
 def _spread(plain: Floats, goal: Floats) -> Iterator[Floats]:
@@ -290,15 +324,12 @@ def _as_maneuver(twists: Floats, radius: float) -> Maneuver:
 
 
 def _told_apart(maneuvers: list[Maneuver], radius: float) -> list[Maneuver]:
-    """Each once, by length, then by turning; none a whole circle longer than the shortest."""
+    """Each once, by length, then by turning."""
     kept: dict[tuple[str, float, float], Maneuver] = {}
     for each in maneuvers:
         kept.setdefault((each.name, round(each.length / radius, 5), round(each.turning, 5)), each)
-    most = min((each.length for each in maneuvers), default=0.0) + 2 * np.pi * radius
-    return sorted(
-        (each for each in kept.values() if each.length <= most),
-        key=lambda each: (round(each.length / radius, 9), each.turning),
-    )
+    # Lengths that differ by rounding are one.
+    return sorted(kept.values(), key=lambda each: (round(each.length / radius, 9), each.turning))
 
 
 def _direction(pitch: float, yaw: float) -> str:
