@@ -189,8 +189,11 @@ def _heading_and_swing(quaternion: Floats) -> tuple[float, Floats]:
 
 
 def _turn(quaternion: Floats) -> Stretch:
-    """Where it stands, the shorter way; named by where travel goes."""
+    """Where it stands, the shorter way, and half a turn to the left; named by where travel goes."""
     turn = turns_between(_STILL[None], quaternion[None])[0]
+    angle = _size(turn)
+    if angle > np.pi - _SAME and tuple(turn[::-1]) < (0.0, 0.0, 0.0):
+        turn *= 1 - 2 * np.pi / angle
     _, left, up = rotated(quaternion[None], np.array([[1.0, 0.0, 0.0]]))[0]
     there = _direction(-up, left) or _direction(turn[1], turn[2])
     return Stretch(f"turn {there}" if there else "roll", 0.0, tuple(turn.tolist()))
