@@ -210,6 +210,7 @@ def test_a_blade_follows(way: Callable[[Floats, Floats, float], list[Maneuver]])
             assert report.satisfied, report
 
 
+@settings(max_examples=30)
 @given(places, turns, radii)
 def test_blades_turn_where_they_stand(place: Floats, rotation: Rotation, radius: float) -> None:
     position = radius * place

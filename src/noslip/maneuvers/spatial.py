@@ -19,8 +19,8 @@ from noslip.maneuvers.maneuver import Maneuver, Stretch, rotated
 from noslip.quaternions import inverse, product, turns_between
 
 _ANGLES = 384
-"""Of the first arc, at which straights to the last arc are looked for: with a quarter of them, the
-shortest way of 3 of 100 random goals is lost."""
+"""Of the first arc, at which straights to the last arc are looked for: the shortest way of 4 of 600
+random goals is lost, with a quarter of the angles of 15."""
 _NEAR = 0.02
 """Where two solutions meet, the search may see no change of sign: cosines this near are tried."""
 _HOPEFUL = 0.5
