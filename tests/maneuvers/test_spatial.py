@@ -32,6 +32,8 @@ radii = st.sampled_from((1e-3, 0.3, 1.0, 40.0))
 # Places and turns of which arcs, straights and half turns are made, hardly off them, and any.
 special = st.sampled_from((0.0, 1e-12, 1e-7, -1e-3, 0.5, 1.0, 2.0, -1.0, -2.0, 4.0, 30.0))
 places = st.tuples(*3 * [special | st.floats(-NEAR, NEAR)]).map(np.array)
+# A goal must be more than rounding off its start to tell a plane.
+apart = st.sampled_from((0.0, 1.0, 2.0, -4.0)) | st.floats(-8, 8).filter(lambda x: abs(x) > 1e-3)
 angles = st.sampled_from((0.0, 1e-9, 1e-4, PI / 2, -PI / 2, PI, PI - 1e-9)) | st.floats(-PI, PI)
 turns = st.one_of(
     st.tuples(st.just(0.0), st.just(0.0), angles),
@@ -151,7 +153,7 @@ def test_no_longer_than_the_way_by_which_a_goal_was_made() -> None:
 
 
 @settings(max_examples=60)
-@given(special | st.floats(-8, 8), special | st.floats(-8, 8), angles, angles, radii)
+@given(apart, apart, apart, angles, radii)
 def test_in_a_plane_it_is_dubins(
     x: float, y: float, heading: float, tilt: float, radius: float
 ) -> None:
@@ -162,7 +164,9 @@ def test_in_a_plane_it_is_dubins(
     found = arc_straight_arc(position, quaternion(rotation), radius)
     flat = planar.dubins(radius * x, radius * y, heading, radius)
     assert found[0].length == pytest.approx(flat[0].length, abs=1e-7 * radius)
-    for maneuver in found:
+    # A goal straight ahead lies in many planes.
+    told = abs(y) > 1e-3 or abs(math.sin(heading)) > 1e-3
+    for maneuver in found if told else ():
         for stretch in maneuver.stretches:
             inside = plane.inv().apply(stretch.turn)
             np.testing.assert_allclose(inside[:2], 0, atol=1e-6)
@@ -253,7 +257,7 @@ def test_turn_drive_turn_leads_to_the_goal(position: Floats, rotation: Rotation)
     assert forwards in found
 
 
-@given(special | st.floats(-8, 8), special | st.floats(-8, 8), st.floats(-3, 3))
+@given(apart, apart, st.floats(-3, 3))
 def test_turn_drive_turn_in_the_plane_is_that_of_the_plane(
     x: float, y: float, heading: float
 ) -> None:
