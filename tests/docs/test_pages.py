@@ -12,6 +12,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -152,10 +153,16 @@ def folder(furnished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     return here
 
 
+@cache
+def learned() -> tuple[ns.PoseTrajectory, ns.ConstrainedDMP]:
+    """A cut, and what was learned from it."""
+    hand = workshop.cut()
+    return hand, ns.learn(hand, ns.Blade())
+
+
 def names_of_a_page() -> dict[str, Any]:
     """Names that pages take for granted."""
-    hand = workshop.cut()
-    dmp = ns.learn(hand, ns.Blade())
+    hand, dmp = learned()
     turn = Rotation.from_euler("z", 0.3)
     names: dict[str, Any] = {
         "__name__": "__main__",
