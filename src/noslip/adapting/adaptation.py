@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache, wraps
-from typing import Any, Literal, ParamSpec, cast
+from functools import lru_cache, partial
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +15,12 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._values import Value
 from noslip.adapting import compiled
+from noslip.adapting.connecting import Connection, Shape, Way, eased
 from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
 from noslip.adapting.unkept import unkept
 from noslip.boundary import Boundary, End
+from noslip.constraints.check import quantity_text
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import (
     CompromiseWarning,
@@ -34,9 +36,9 @@ from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps, fit
 from noslip.law.law import Law
 from noslip.law.scaling import Scaling, scaled
 from noslip.projection.blend import through
-from noslip.projection.request import ADAPTING, Request, Weights
+from noslip.projection.request import ADAPTING, MOST_ATTEMPTS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
-from noslip.projection.trajectory import project_heeding_what_it_can
+from noslip.projection.trajectory import project_heeding_what_it_can, project_nearby
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, motion_from, rollout
@@ -47,6 +49,8 @@ from noslip.verification import followed_with, pose_at, verify
 _FAST, _SAME_SPEED, _GROWTHS = 2.0, 1 + 1e-3, 3
 """How many times as fast as its law a motion may be to a goal that is far, what counts as the same
 speed, and how often a duration grows: at once in most cases, since shape and duration are apart."""
+_HURRIED = 1
+"""Attempts at a motion near the demonstration's, where maneuvers lead to the goal as well."""
 _PER_GAP, _AIMED = 2, 6
 """Basis functions from one place to pass to the next, which are to be told apart, and how often a
 motion is aimed anew: each time it misses a tenth of what it did."""
@@ -67,19 +71,23 @@ class Plan(Value):
     projected : ProjectedTrajectory
     notes : tuple of str
         What a person should know of it: compromises.
+    maneuver : str
+        That it was planned from, such as "right-straight-left, 2.31 m"; empty of the
+        demonstration's own motion, led elsewhere.
     """
 
     law: Law
     request: Request
     projected: ProjectedTrajectory
     notes: tuple[str, ...] = ()
+    maneuver: str = ""
 
     def noting(self, *notes: str) -> Plan:
         """Return the same with more notes."""
         return replace(self, notes=(*self.notes, *notes))
 
     def verified(self, before: Law, rule: Rule) -> Adapted:
-        """See that it comes where it was asked to; tell what it compromises on.
+        """See that it comes where it was asked to; note what it compromises on.
 
         Parameters
         ----------
@@ -92,10 +100,8 @@ class Plan(Value):
         """
         asked = [boundary for boundary in self.request.boundaries if boundary.at > 0]
         motion, compromise = verify(self.law, rule, asked)
-        notes = (*self.notes, compromise, _turning(motion, before, rule) if asked[1:] else "")
-        for note in filter(None, notes):
-            warn(note, CompromiseWarning)
-        return Adapted(**vars(self), motion=motion)
+        turning = _turning(motion, before, rule) if asked[1:] else ""
+        return Adapted(**vars(self.noting(*filter(None, (compromise, turning)))), motion=motion)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -110,63 +116,58 @@ class Adapted(Plan):
 
     motion: Motion
 
+    def told(self) -> Adapted:
+        """Return it, and warn of its compromises."""
+        for note in self.notes:
+            warn(note, CompromiseWarning)
+        return self
 
-P = ParamSpec("P")
+
+Projecting = Callable[[Request], ProjectedTrajectory]
+Planning = Callable[[ConstraintSystem, float | None], Plan]
+"""What shapes a path under constraints, in a duration (s) or in what it takes."""
 
 
-def _giving_time(planning: Callable[P, Plan]) -> Callable[P, Adapted]:
+def _giving_time(planned: Planning, law: Law, rule: Rule, duration: float | None) -> Adapted:
     """Let time give way before the path, or refuse a duration in which neither may; verify it."""
+    first: Plan | None = None
 
-    @wraps(planning)
-    def in_time(*args: P.args, **options: P.kwargs) -> Adapted:
-        law, rule = cast(tuple[Law, Rule], args)
-        duration = cast(float | None, options.pop("duration", None))
+    def carried_out(shaping: ConstraintSystem, factor: float) -> Plan:
+        nonlocal first
+        if first is None or factor == 1:
+            first = planned(shaping, duration)
+            return first
+        return planned(shaping, factor * first.law.duration)
 
-        def planned(system: ConstraintSystem, seconds: float | None) -> Plan:
-            plan = cast(Callable[..., Plan], planning)
-            return plan(law, replace(rule, system=system), duration=seconds, **options)
+    def own_motion(found: Plan, timeless: ConstraintSystem) -> Motion:
+        return rollout(found.law, replace(rule, system=timeless))
 
-        first: Plan | None = None
-
-        def carried_out(shaping: ConstraintSystem, factor: float) -> Plan:
-            nonlocal first
-            if first is None or factor == 1:
-                first = planned(shaping, duration)
-                return first
-            return planned(shaping, factor * first.law.duration)
-
-        def own_motion(found: Plan, timeless: ConstraintSystem) -> Motion:
-            return rollout(found.law, replace(rule, system=timeless))
-
-        if not any(timed(rule.system)):
-            return planned(rule.system, duration).verified(law, rule)
-        found, pace = unhurried(rule.system, carried_out, own_motion, longer=duration is None)
-        if pace.factor == 1:
-            return found.verified(law, rule)
-        if duration is None:
-            taken = replace(pace, factor=found.law.duration / law.duration)
-            return found.noting(taken.told(found.law.duration)).verified(law, rule)
-        # So it is asked for: the path is reshaped, if that helps.
-        refused = pace.refused(duration)
-        try:
-            reshaped = planned(rule.system, duration)
-            kept = pace.name not in reshaped.projected.left_out
-            note = pace.reshaped(duration) if kept else refused
-            return reshaped.noting(note).verified(law, rule)
-        except (ConvergenceError, MissedError) as error:
-            if pace.is_soft:
-                with suppress(MissedError):
-                    return found.noting(refused).verified(law, rule)
-            # What is told must do; where that is refused too, it is not time that lacks.
-            refusal = pace.refusal(duration, stretched(found.projected.trajectory, pace.factor))
-            with muted():
-                planned(rule.system, refusal.duration).verified(law, rule)
-            raise refusal from error
-
-    return in_time
+    if not any(timed(rule.system)):
+        return planned(rule.system, duration).verified(law, rule)
+    found, pace = unhurried(rule.system, carried_out, own_motion, longer=duration is None)
+    if pace.factor == 1:
+        return found.verified(law, rule)
+    if duration is None:
+        taken = replace(pace, factor=found.law.duration / law.duration)
+        return found.noting(taken.told(found.law.duration)).verified(law, rule)
+    # So it is asked for: the path is reshaped, if that helps.
+    refused = pace.refused(duration)
+    try:
+        reshaped = planned(rule.system, duration)
+        kept = pace.name not in reshaped.projected.left_out
+        note = pace.reshaped(duration) if kept else refused
+        return reshaped.noting(note).verified(law, rule)
+    except (ConvergenceError, MissedError) as error:
+        if pace.is_soft:
+            with suppress(MissedError):
+                return found.noting(refused).verified(law, rule)
+        # What is told must do; where that is refused too, it is not time that lacks.
+        refusal = pace.refusal(duration, stretched(found.projected.trajectory, pace.factor))
+        with muted():
+            planned(rule.system, refusal.duration).verified(law, rule)
+        raise refusal from error
 
 
-@_giving_time
 def adapt(
     law: Law,
     rule: Rule,
@@ -180,17 +181,22 @@ def adapt(
     duration: float | None = None,
     via: Iterable[Boundary | Sequence[Any]] = (),
     scaling: Scaling = "none",
+    shape: Shape = "demonstrated",
+    reverse: bool | None = None,
     start: End = "pose",
     end: End = "pose",
     samples: int | None = None,
     position_weight: float = ADAPTING.position,
     position_smoothing: float = ADAPTING.position_smoothing,
     rotation_smoothing: float = ADAPTING.rotation_smoothing,
-) -> Plan:
+) -> Adapted:
     """Find a law that starts, passes and ends elsewhere, and keeps the constraints.
 
     The law is rolled out without constraints, its motion moved to the new boundary values,
-    projected onto the constraints with these values fixed, and fitted again.
+    projected onto the constraints with these values fixed, and fitted again.  Where that leads
+    nowhere, backs up unasked, or goes astray, as it does to a goal behind a car, the motion is
+    planned from a maneuver: the demonstration as far as it leads on, then arcs and straights in
+    closed form, projected likewise.  ``record`` names it.
 
     Parameters
     ----------
@@ -217,6 +223,12 @@ def adapt(
         :func:`noslip.law.scaling.scaled`.  Without scaling the displacement
         grows along the motion by minimum jerk.  Where the path turns, orientations that are
         not named turn along.
+    shape : "demonstrated" or "shortest"
+        Whether the demonstration's shape is kept as far as it leads to the goal, or the motion is
+        planned from the shortest maneuver.
+    reverse : bool, optional
+        Whether the tool may back up where that is shorter; by default where a
+        :class:`noslip.constraints.TurningRadius` that is declared lets it.
     start, end : "free", "position", "rotation" or "pose"
         What of the start and the goal is kept to; all of it by default.  What is not named in
         the call is that of the law.
@@ -255,38 +267,123 @@ def adapt(
     is_plain = (start, end) == ("pose", "pose") and not passed
     is_plain &= all(value is None for value in (*named["start"], goal_velocity))
 
-    def planned(tau: float) -> Plan:
-        if is_plain:
-            to = asked("goal", goal_position, goal_rotation).pose_or(
-                law.goal_position, free.goal_rotation
-            )
-            if made := compiled.made(
-                free, rule, to, weights, duration=tau, samples=count, steps=steps
-            ):
-                return Plan(made.law, made.request, made.projected)
+    @lru_cache(maxsize=2)
+    def own_motion(tau: float) -> Motion:
         begun = initial_state(free, rule, duration=tau)
-        own = motion_from(free, Rule(), begun, tau / (count - 1))
+        return motion_from(free, Rule(), begun, tau / (count - 1))
 
+    def ends(own: Motion, rule: Rule, tau: float) -> tuple[Boundary, Boundary]:
         def reached(name: Literal["start", "goal"], *of_law: Any, at: float, kept: End) -> Boundary:
             place = placed(asked(name, *named[name]), of_law, rule.system, rule.inverse_metric, at)
             if named[name][2] is not None:
                 return place.part(kept)
             return moving(place, own, rule, at, kept)
 
-        first = reached("start", law.start_position, free.start_rotation, at=law.begin, kept=start)
-        last = reached("goal", law.goal_position, free.goal_rotation, at=law.begin + tau, kept=end)
-        ends = (first, *passed, last)
-        request = Request(own, rule.system, ends, weights, begin=law.begin)
-        for place in passed:
-            time = request.begin + place.at * tau
-            require_feasible(request.system, f"via at {place.at:g}", time, place)
-        request = replace(request, reference=through(own, request.boundaries))
+        return (
+            reached("start", law.start_position, free.start_rotation, at=law.begin, kept=start),
+            reached("goal", law.goal_position, free.goal_rotation, at=law.begin + tau, kept=end),
+        )
+
+    def carried(rule: Rule, request: Request, tau: float, project: Projecting) -> Plan:
+        first = request.boundaries[0]
         # A velocity that is merely kept gives way, by some 1e-4 of its peak, to the plan's first
         # step; else the motion would end 5e-6 of its path off.
         exact = start_velocity is not None or not first.moves
-        return carried_out(free, rule, request, steps, tau, functions=functions, exact_start=exact)
+        taken = round(steps * max(1.0, tau / law.duration)) if project is _driven else steps
+        return carried_out(
+            free,
+            rule,
+            request,
+            min(taken, max(steps, MOST_SAMPLES - 1)),
+            tau,
+            functions=functions,
+            exact_start=exact,
+            project=project,
+        )
 
-    return _in_time(planned, law, duration)
+    def nearby(attempts: int, system: ConstraintSystem, seconds: float | None) -> Plan:
+        held = replace(rule, system=system)
+        to = asked("goal", goal_position, goal_rotation).pose_or(
+            law.goal_position, free.goal_rotation
+        )
+
+        def planned(tau: float) -> Plan:
+            if is_plain:
+                if made := compiled.made(
+                    free, held, to, weights, duration=tau, samples=count, steps=steps
+                ):
+                    return Plan(made.law, made.request, made.projected)
+                if attempts < MOST_ATTEMPTS and compiled.is_ready(held, weights):
+                    raise ConvergenceError(
+                        "no motion near the demonstration's found", code=Refusal.NOT_FOUND
+                    )
+            own = own_motion(tau)
+            first, last = ends(own, held, tau)
+            request = Request(
+                own, system, (first, *passed, last), weights, begin=law.begin, attempts=attempts
+            )
+            for place in passed:
+                time = request.begin + place.at * tau
+                require_feasible(system, f"via at {place.at:g}", time, place)
+            request = replace(request, reference=through(own, request.boundaries))
+            return carried(held, request, tau, _projected)
+
+        return _in_time(planned, law, seconds)
+
+    def driven(way: Way, system: ConstraintSystem, seconds: float | None) -> Plan:
+        held = replace(rule, system=system)
+
+        def planned(tau: float) -> Plan:
+            assert connection is not None
+            boundaries = ends(own_motion(tau), held, tau)
+            reference = connection.reference(way, tau, count)
+            request = Request(reference, eased(system), boundaries, weights, begin=law.begin)
+            request = replace(request, reference=through(reference, boundaries))
+            return replace(carried(held, request, tau, _driven), maneuver=str(way))
+
+        assert connection is not None
+        needed = connection.time_needed(way)
+        if seconds is not None or needed <= law.duration:
+            return _in_time(planned, law, seconds)
+        return planned(needed).noting(
+            f"the motion takes {needed:.3g} s, not {law.duration:.3g}, at the pace of its law: "
+            f"{way}; give a duration if it may be faster"
+        )
+
+    def in_time(planning: Planning) -> Adapted:
+        return _giving_time(planning, law, rule, duration)
+
+    connection = None
+    if (start, end) == ("pose", "pose") and not passed:
+        own = own_motion(duration or law.duration)
+        boundaries = ends(own, rule, duration or law.duration)
+        connection = Connection.of(rule.system, own, *boundaries, reverse=reverse)
+    patiently = partial(nearby, MOST_ATTEMPTS)
+    if connection is None or not connection.proposals:
+        return in_time(patiently).told()
+    found: Adapted | None = None
+    failed: Exception | None = None
+    if shape == "demonstrated" and connection.is_near:
+        try:
+            found = in_time(partial(nearby, _HURRIED))
+        except (ConvergenceError, MissedError) as error:
+            failed = error
+        if found is not None and connection.accepts(found.motion):
+            return found.told()
+    for way in connection.ways(shape == "shortest"):
+        try:
+            return in_time(partial(driven, way)).told()
+        except (ConvergenceError, MissedError) as error:
+            failed = failed or error
+    if found is None:
+        found = in_time(patiently)
+    if back := connection.backs_up(found.motion):
+        told = (
+            f"the motion backs up along {quantity_text(back, 'm')}; declare ForwardOnly where it "
+            "must not, or ask for it (reverse=True)"
+        )
+        found = replace(found, notes=(*found.notes, told))
+    return found.told()
 
 
 def _in_time(planned: Callable[[float], Plan], law: Law, duration: float | None) -> Plan:
@@ -349,6 +446,7 @@ def carried_out(
     *,
     functions: int | None = None,
     exact_start: bool = False,
+    project: Projecting | None = None,
 ) -> Plan:
     """Project a reference that meets its boundaries, fit a law of so many steps or more.
 
@@ -360,7 +458,7 @@ def carried_out(
     asked = [boundary for boundary in request.boundaries if boundary.at > 0]
     aimed = request
     for _ in range(_AIMED):
-        projected = _projected(aimed)
+        projected = (project or _projected)(aimed)
         found = _fitted(projected.trajectory, law, functions, steps)
         found = replace(found, duration=duration, steps=steps, begin=request.begin)
         if exact_start and 0 in request.twists:
@@ -424,6 +522,20 @@ def _projected(request: Request) -> ProjectedTrajectory:
     if left_out:
         raise unkept(request, projected, left_out)
     return projected
+
+
+def _driven(request: Request) -> ProjectedTrajectory:
+    """Project a reference that is a maneuver."""
+    found = project_nearby(request)
+    if not found.converged:
+        raise ConvergenceError(
+            "a maneuver leads there, but the iteration onto the constraints did not converge "
+            f"(residual {found.residual:.2g} after {found.iterations} iterations); look at the "
+            "error's iterate",
+            code=Refusal.NOT_CONVERGED,
+            iterate=found.trajectory,
+        )
+    return found
 
 
 def _fitted(trajectory: PoseTrajectory, law: Law, functions: int, steps: int) -> Law:

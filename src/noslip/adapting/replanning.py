@@ -90,7 +90,7 @@ def replan(
         if found := compiled.made(
             law, rule, to, weights, state=state, duration=seconds, samples=samples, steps=law.steps
         ):
-            return Plan(found.law, found.request, found.projected).verified(law, rule)
+            return Plan(found.law, found.request, found.projected).verified(law, rule).told()
     nominal, now = _nominal(law, rule, state, done, samples - 1)
     is_given = duration is not None
     if duration is None:
@@ -124,7 +124,7 @@ def replan(
     # The time step stays what it was, unless that is too long for the fit.
     steps = round(law.steps * duration / state.duration)
     plan = carried_out(law, rule, request, steps, request.reference.duration)
-    return plan.verified(law, rule)
+    return plan.verified(law, rule).told()
 
 
 def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tuple[Motion, int]:

@@ -146,6 +146,28 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
     return replace(best, trajectory=_with_twists(best.trajectory, request))
 
 
+def project_nearby(request: Request) -> ProjectedTrajectory:
+    """Solve a request whose reference all but satisfies it, as a maneuver does; the best if not.
+
+    It begins with the reference itself and heeds limits from the first step on: the way over the
+    equalities alone leads such a reference elsewhere, and back by no step.
+    """
+    best: ProjectedTrajectory | None = None
+    begun = np.zeros((len(request.reference), 3))
+    for factor, barrier, careful in _LIMIT_ATTEMPTS:
+        weights = request.weights.smoother(factor)
+        if len(request.reference) > weights.most_samples:
+            break
+        problem = Problem(replace(request, weights=weights), begun)
+        found = problem.solve(_LIMIT_PATIENCE * request.max_iterations, careful, barrier)
+        if best is None or found.converged or found.residual < best.residual:
+            best = found
+        if found.converged:
+            break
+    assert best is not None
+    return replace(best, trajectory=_with_twists(best.trajectory, request))
+
+
 def project_heeding_what_it_can(request: Request) -> ProjectedTrajectory:
     """Solve a request for a primitive; limits that it cannot heed are left to the run time.
 
@@ -250,7 +272,7 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
     """Attempt after attempt at the equalities; the best result if none converges."""
     best: ProjectedTrajectory | None = None
     moved = _moved(request.reference, request.fixed)
-    for factor, careful, patience in _ATTEMPTS:
+    for factor, careful, patience in _ATTEMPTS[: request.attempts]:
         weights = request.weights.smoother(factor)
         if len(request.reference) > weights.most_samples and best is not None:
             break
@@ -289,7 +311,7 @@ def _project_within(request: Request, without: ProjectedTrajectory) -> Projected
     weights = replace(request.weights, rotation_smoothing=without.smoothing)
     turns = np.asarray(without.turns)
     best: ProjectedTrajectory | None = None
-    for factor, barrier, careful in _LIMIT_ATTEMPTS:
+    for factor, barrier, careful in _LIMIT_ATTEMPTS[: request.attempts]:
         smoother = weights.smoother(factor)
         if len(request.reference) > smoother.most_samples:
             break

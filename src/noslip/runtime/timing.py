@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from noslip._typing import Floats
+from noslip.constraints.declaration import Constraint, constraint_function
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import CompromiseWarning, MissedError, Refusal, warn
 from noslip.runtime.motion import HELD, Motion
@@ -226,8 +227,22 @@ def stretched(trajectory: PoseTrajectory, factor: float) -> PoseTrajectory:
 
 
 def timed(system: ConstraintSystem) -> list[bool]:
-    """For each constraint, whether it is a limit on velocities or accelerations."""
-    return [c.relation != "zero" and c.level != "position" for c in system.constraints]
+    """For each constraint, whether it is a limit on velocities or accelerations that rest keeps.
+
+    One that rest does not keep with room, such as a turning radius, asks for a way to travel, which
+    no duration changes.
+    """
+    return [
+        c.relation != "zero" and c.level != "position" and _kept_at_rest(c)
+        for c in system.constraints
+    ]
+
+
+def _kept_at_rest(limit: Constraint) -> bool:
+    still = np.zeros(3)
+    rest = constraint_function(limit)(0, still, np.eye(3), still, still, still, still)
+    # What is no number at rest says nothing of it.
+    return bool(np.all(~(np.asarray(rest) <= 0)))
 
 
 def _margins(motion: PoseTrajectory, limits: ConstraintSystem, factor: float) -> Floats:
