@@ -18,6 +18,7 @@ from noslip.adapting import compiled
 from noslip.adapting.connecting import Connection, Shape, Way, eased
 from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
+from noslip.adapting.impossible import require_reachable
 from noslip.adapting.unkept import unkept
 from noslip.boundary import Boundary, End
 from noslip.constraints.check import quantity_text
@@ -279,10 +280,10 @@ def adapt(
                 return place.part(kept)
             return moving(place, own, rule, at, kept)
 
-        return (
-            reached("start", law.start_position, free.start_rotation, at=law.begin, kept=start),
-            reached("goal", law.goal_position, free.goal_rotation, at=law.begin + tau, kept=end),
-        )
+        first = reached("start", law.start_position, free.start_rotation, at=law.begin, kept=start)
+        last = reached("goal", law.goal_position, free.goal_rotation, at=law.begin + tau, kept=end)
+        require_reachable(rule.system, first, last)
+        return first, last
 
     def carried(rule: Rule, request: Request, tau: float, project: Projecting) -> Plan:
         first = request.boundaries[0]
@@ -325,6 +326,7 @@ def adapt(
             for place in passed:
                 time = request.begin + place.at * tau
                 require_feasible(system, f"via at {place.at:g}", time, place)
+                require_reachable(system, first, place, f"via at {place.at:g}")
             request = replace(request, reference=through(own, request.boundaries))
             return carried(held, request, tau, _projected)
 
