@@ -38,13 +38,16 @@ _SLOW = 3.0
 """Half waves up to which a cosine costs about as much as a steady roll."""
 _LENGTH_EFFORT = 10.0
 """Effort's root of a way twice as long as the distance: half a turn of roll for a third more."""
-_WAYS, _LED = 512, 12
-"""Ways that are tried, and how many of them are led to the pose: nine of ten arrive."""
+_SEARCHES = ((512, 12), (4096, 60))
+"""Ways that are tried, and how many of them are led to the pose: of the first nine in ten arrive,
+and where none does the second search takes five times as long."""
 _LEAST_ROLL, _MOST_ROLL = 0.1, 10.0
 """Roll over those ways (rad): from nearly an arc to some turns."""
 _SLACK, _CIRCLING = 0.15, 0.25
 """Length over the distance that rolling needs at most, and share of those ways that go round, up to
 a full circle, to poses aside or behind."""
+_ROUNDABOUT = 1.5
+"""Length over the distance from which a way goes round: of half a circle it is pi / 2."""
 _COARSE, _LEADING = 16, 32
 """Stretches of a way that is tried, and of one that is led: what it is off by then is made good."""
 _STEPS, _ENOUGH = 30, 8
@@ -126,15 +129,17 @@ def beveled(
     """
     goal = _Goal.of(position, quaternion, curvature)
     stretches = _arguments.count("stretches", stretches, _MOST_STRETCHES)
-    ways, missed = _led(goal)
     kept: list[Floats] = []
-    for way in ways[missed <= _NEAR]:
-        if len(kept) == most:
+    for search in _SEARCHES:
+        ways, missed = _led(goal, *search)
+        for way in ways[missed <= _NEAR]:
+            if len(kept) < most and _is_new(way, kept):
+                arrived, left = _polished(goal, way, stretches)
+                kept += [arrived] if left <= _ARRIVED and _is_new(arrived, kept) else []
+        # Who went round may have missed the short way.
+        if any(way[-1] < _ROUNDABOUT * goal.distance for way in kept):
             break
-        if all(np.linalg.norm((way - other)[:-1]) > _APART for other in kept):
-            arrived, left = _polished(goal, way, stretches)
-            if left <= _ARRIVED:
-                kept.append(arrived)
+    kept.sort(key=goal.effort)
     return [_maneuver(goal, way, stretches) for way in kept]
 
 
@@ -151,7 +156,7 @@ def nearest_beveled(
     """
     goal = _Goal.of(position, quaternion, curvature)
     stretches = _arguments.count("stretches", stretches, _MOST_STRETCHES)
-    ways, missed = _led(goal)
+    ways, missed = _led(goal, *_SEARCHES[-1])
     way = ways[int(np.argmin(missed))]
     off, slope = _linearized(goal, way[None], stretches)
     # Per root of effort, in the frame at the end, which is as far from the pose's as it is off.
@@ -209,6 +214,14 @@ class _Goal:
         rolls = 1 + (np.arange(_COSINES) / _SLOW) ** 2
         return np.append(rolls, (_LENGTH_EFFORT / self.distance) ** 2)
 
+    def effort(self, ways: Floats) -> Floats:
+        """Effort of ways, shape (..., 11)."""
+        return np.asarray(self.excess(ways) ** 2 @ self.efforts)
+
+    def excess(self, ways: Floats) -> Floats:
+        """Rolls, and length over the distance."""
+        return ways - np.append(np.zeros(_COSINES), self.distance)
+
 
 def _maneuver(goal: _Goal, way: Floats, stretches: int) -> Maneuver:
     advance = float(way[-1]) / stretches
@@ -227,19 +240,22 @@ def _maneuver(goal: _Goal, way: Floats, stretches: int) -> Maneuver:
 # ---------------------------------------------------------------- leading ways to a pose
 
 
-def _led(goal: _Goal) -> tuple[Floats, Floats]:
+def _is_new(way: Floats, others: Sequence[Floats]) -> bool:
+    return all(np.linalg.norm((way - other)[:-1]) > _APART for other in others)
+
+
+def _led(goal: _Goal, tried: int, led: int) -> tuple[Floats, Floats]:
     """Ways (K, 11), first those that arrive with the least effort, and what they miss (K,)."""
-    ways = _tried(goal)
+    ways = _tried(goal, tried)
     missed = np.linalg.norm(_missed(goal, _chain(goal, ways, _COARSE)[-1]), axis=1)
-    ways = ways[np.argsort(missed, kind="stable")[:_LED]]
+    ways = ways[np.argsort(missed, kind="stable")[:led]]
     for step in range(_STEPS):
         off, slope = _linearized(goal, ways, _LEADING)
         missed = np.linalg.norm(off, axis=1)
         if step >= _ENOUGH and np.mean(missed < _NEAR) > 0.5:
             break
         ways = ways + _step(goal, ways, off, slope, _EFFORT_SHARE)
-    effort = (ways - np.append(np.zeros(_COSINES), goal.distance)) ** 2 @ goal.efforts
-    order = np.lexsort((effort, np.where(missed > _NEAR, missed, 0.0)))
+    order = np.lexsort((goal.effort(ways), np.where(missed > _NEAR, missed, 0.0)))
     return ways[order], missed[order]
 
 
@@ -257,7 +273,7 @@ def _polished(goal: _Goal, way: Floats, stretches: int) -> tuple[Floats, float]:
 def _step(goal: _Goal, ways: Floats, off: Floats, slope: Floats, share: float) -> Floats:
     """Least effort, or a share of the way to it, whose end meets the pose to first order."""
     efforts = goal.efforts
-    excess = share * (ways - np.append(np.zeros(_COSINES), goal.distance))
+    excess = share * goal.excess(ways)
     moves = slope / efforts
     matrix = moves @ slope.swapaxes(1, 2)
     far = np.minimum(1.0, np.sum(off**2, axis=1))
@@ -271,24 +287,24 @@ def _step(goal: _Goal, ways: Floats, off: Floats, slope: Floats, share: float) -
     return np.asarray(step / np.maximum(1.0, np.maximum(size / _FAR, 2 * shorter))[:, None])
 
 
-def _tried(goal: _Goal) -> Floats:
-    """Ways to start from, shape (512, 11)."""
-    rolls, straighter, around = _starts()
+def _tried(goal: _Goal, count: int) -> Floats:
+    """Ways to start from, shape (count, 11)."""
+    rolls, straighter, around = _starts(count)
     d = goal.distance
     # What an arc is longer than its chord is d^3 / 24.
     longer = _SLACK * d * straighter + d**3 / 20 * around
-    circling = np.arange(_WAYS) < _CIRCLING * _WAYS
+    circling = np.arange(count) < _CIRCLING * count
     longer[circling] = 2 * np.pi * around[circling]
     return np.column_stack([rolls, d + longer])
 
 
-@lru_cache(maxsize=1)
-def _starts() -> tuple[Floats, Floats, Floats]:
-    """Rolls (512, 10) of the ways to start from, and two numbers from 0 to 1 for their lengths."""
-    random = np.random.default_rng(0)
-    size = _LEAST_ROLL * (_MOST_ROLL / _LEAST_ROLL) ** random.uniform(size=(_WAYS, 1))
-    rolls = size * random.normal(size=(_WAYS, _COSINES)) / (1 + np.arange(_COSINES))
-    return rolls, random.uniform(size=_WAYS), random.uniform(size=_WAYS)
+@lru_cache(maxsize=2)
+def _starts(count: int) -> tuple[Floats, Floats, Floats]:
+    """Rolls (count, 10) of ways to start from, and two numbers from 0 to 1 for their lengths."""
+    random = np.random.default_rng(count)
+    size = _LEAST_ROLL * (_MOST_ROLL / _LEAST_ROLL) ** random.uniform(size=(count, 1))
+    rolls = size * random.normal(size=(count, _COSINES)) / (1 + np.arange(_COSINES))
+    return rolls, random.uniform(size=count), random.uniform(size=count)
 
 
 @lru_cache(maxsize=8)
