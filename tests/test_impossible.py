@@ -229,6 +229,8 @@ def test_a_hard_limit_that_leads_one_way_everywhere_leads_nowhere_back() -> None
         rule("waves", lambda m: m.linear_velocity[2] - ca.cos(m.time)),
         ns.constraints.InMovingFrame(ns.Wheel()),
         beyond("slow", lambda m: m.linear_velocity[2] + 0.1),
+        beyond("there", lambda m: m.linear_velocity[2] + m.position[0] - 9),
+        rule("cone", lambda m: m.linear_velocity[2] + ca.norm_2(m.linear_velocity[:2])),
         beyond("soft", lambda m: m.linear_velocity[2], priority=1),
         beyond("here", lambda m: ca.if_else(m.position[0] < 9, m.linear_velocity[2], 1)),
         ns.SpeedLimit(),

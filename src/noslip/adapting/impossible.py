@@ -7,9 +7,9 @@ then the rows are asked at those rotations alone, which may forbid more.  Where 
 ``c . v >= 0`` of all that is left, the way along c is not negative.
 
 "At every pose" is seen at random ones: what smooth arithmetic has in common there, it has in
-common everywhere.  Constraints that are put together from pieces are left out, and so are rows
-that are not linear in the velocities, or ask for one.  So much that is impossible is not seen, and
-nothing is that is not: no search is taken for a proof.
+common everywhere.  Constraints that are put together from pieces are left out, and so are rows that
+are not homogeneous in the velocities: they ask for one.  So much that is impossible is not seen,
+and nothing is that is not: no search is taken for a proof.
 """
 
 from __future__ import annotations
@@ -196,37 +196,39 @@ def _samples(
 ) -> tuple[list[Rotation], list[Floats], list[Floats]] | None:
     """Rotations, rows of equalities, shape (m, 6), and of limits at random poses.
 
-    Of what is linear in the velocities alone.  Turns that are not free are rows too.  None where
-    too few poses are found at which all are defined.
+    Of equalities ``phi = J xi``, xi the velocities, as of all that are homogeneous in them (Euler):
+    a sum of rows that is the same everywhere then is 0 along every motion.  Of limits with a
+    constant besides that is not positive.  Turns that are not free are rows too.  None where too
+    few poses are found at which all are defined.
     """
     rotations, rows, bounds = list[Rotation](), list[Floats](), list[Floats]()
-    held, bound = np.ones(equalities.size, dtype=bool), np.ones(limits.size, dtype=bool)
+    drifts = list[Floats]()
     fixed = np.hstack([np.zeros((3, 3)), np.eye(3) - spins.T @ spins])
     for _ in range(_DRAWS):
         turned = Rotation.from_rotvec(spins.T @ rng.uniform(-np.pi, np.pi, len(spins))) * rotation
         if len(spins) == 3:
             turned = Rotation.random(rng=rng)
         place = rng.normal(), rng.normal(size=3), turned.as_quat(scalar_first=True)
-        twists = rng.normal(size=(2, 6))
+        twist = rng.normal(size=6)
         try:
-            of_equal, of_limit = (
-                [part.instant(*place, twist[:3], twist[3:])[1:] for twist in twists]
-                for part in (equalities, limits)
-            )
+            found = [part.instant(*place, *np.split(twist, 2))[1:] for part in (equalities, limits)]
         except ConstraintError:
             continue
-        for found, chosen, is_limit in ((of_equal, held, False), (of_limit, bound, True)):
-            (value, jacobian), (_, other) = found
-            size = np.maximum(np.linalg.norm(jacobian, axis=1), _VANISHES)
-            asked = (value - jacobian @ twists[0]) / size
-            chosen &= np.abs(jacobian - other).max(axis=1, initial=0.0) <= _SAME * size
-            chosen &= asked <= _SAME if is_limit else np.abs(asked) <= _SAME
+        value, jacobian = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        size = np.maximum(np.linalg.norm(jacobian, axis=1), _VANISHES)
+        drifts.append((value - jacobian @ twist) / size)
         rotations.append(turned)
-        rows.append(np.vstack([of_equal[0][1], fixed]))
-        bounds.append(of_limit[0][1])
+        rows.append(jacobian[: equalities.size])
+        bounds.append(jacobian[equalities.size :])
         if len(rows) == _POSES:
-            chosen = np.append(held, [True] * 3)
-            return rotations, [row[chosen] for row in rows], [row[bound] for row in bounds]
+            held, given = np.split(np.array(drifts), [equalities.size], axis=1)
+            counts = np.abs(held).max(axis=0) <= _SAME
+            leads = (np.abs(given - given[0]).max(axis=0) <= _SAME) & (given[0] <= _SAME)
+            return (
+                rotations,
+                [np.vstack([row[counts], fixed]) for row in rows],
+                [row[leads] for row in bounds],
+            )
     return None
 
 
