@@ -38,16 +38,13 @@ _SLOW = 3.0
 """Half waves up to which a cosine costs about as much as a steady roll."""
 _LENGTH_EFFORT = 10.0
 """Effort's root of a way twice as long as the distance: half a turn of roll for a third more."""
-_SEARCHES = ((512, 12), (4096, 60))
-"""Ways that are tried, and how many of them are led to the pose: of the first nine in ten arrive,
-and where none does the second search takes five times as long."""
+_SEARCHES = ((512, 12), (2048, 40))
+"""Ways that are tried, and how many of them are led to the pose: of the first nine in ten arrive.
+The second, four times as slow, is for poses that only a certain roll leads to."""
 _LEAST_ROLL, _MOST_ROLL = 0.1, 10.0
 """Roll over those ways (rad): from nearly an arc to some turns."""
-_SLACK, _CIRCLING = 0.15, 0.25
-"""Length over the distance that rolling needs at most, and share of those ways that go round, up to
-a full circle, to poses aside or behind."""
-_ROUNDABOUT = 1.5
-"""Length over the distance from which a way goes round: of half a circle it is pi / 2."""
+_SLACK = 0.15
+"""Length over the distance that rolling needs at most, less one."""
 _COARSE, _LEADING = 16, 32
 """Stretches of a way that is tried, and of one that is led: what it is off by then is made good."""
 _STEPS, _ENOUGH = 30, 8
@@ -64,6 +61,10 @@ _NEAR, _ARRIVED = 1e-3, 1e-12
 """Off the pose (of its distance; rad): what the last steps make good, and what counts as none."""
 _POLISHING = 40
 """Last steps: they double their digits, or add one each where roll all but vanishes."""
+_SETTLING, _HALTING = 5, 0.9
+"""Steps of those after which the distance must fall to less than this share of the one before."""
+_APPROACHING, _LEAST_DAMPED = 40, 1e-10
+"""Steps to the way that ends nearest to a pose: it moves by less than 1 % from the twentieth on."""
 _APART = 0.5
 """Roll's root mean square (rad) from which two ways count as different."""
 _MOST_STRETCHES = 2000
@@ -129,17 +130,16 @@ def beveled(
     """
     goal = _Goal.of(position, quaternion, curvature)
     stretches = _arguments.count("stretches", stretches, _MOST_STRETCHES)
+    if not goal.position.any():
+        return _rolled(goal)
     kept: list[Floats] = []
     for search in _SEARCHES:
         ways, missed = _led(goal, *search)
-        for way in ways[missed <= _NEAR]:
-            if len(kept) < most and _is_new(way, kept):
-                arrived, left = _polished(goal, way, stretches)
-                kept += [arrived] if left <= _ARRIVED and _is_new(arrived, kept) else []
-        # Who went round may have missed the short way.
-        if any(way[-1] < _ROUNDABOUT * goal.distance for way in kept):
+        for way in _different(ways[missed <= _NEAR], most):
+            arrived, left = _polished(goal, way, stretches)
+            kept += [arrived] if left <= _ARRIVED else []
+        if kept:
             break
-    kept.sort(key=goal.effort)
     return [_maneuver(goal, way, stretches) for way in kept]
 
 
@@ -156,8 +156,8 @@ def nearest_beveled(
     """
     goal = _Goal.of(position, quaternion, curvature)
     stretches = _arguments.count("stretches", stretches, _MOST_STRETCHES)
-    ways, missed = _led(goal, *_SEARCHES[-1])
-    way = ways[int(np.argmin(missed))]
+    ways, missed = _led(goal, *_SEARCHES[0])
+    way = _approached(goal, ways[int(np.argmin(missed))], stretches)
     off, slope = _linearized(goal, way[None], stretches)
     # Per root of effort, in the frame at the end, which is as far from the pose's as it is off.
     end = Rotation.from_rotvec(-off[0, 3:]).as_matrix() @ goal.rotation
@@ -220,7 +220,15 @@ class _Goal:
 
     def excess(self, ways: Floats) -> Floats:
         """Rolls, and length over the distance."""
-        return ways - np.append(np.zeros(_COSINES), self.distance)
+        return np.asarray(ways - np.append(np.zeros(_COSINES), self.distance))
+
+
+def _rolled(goal: _Goal) -> list[Maneuver]:
+    """To where it is: rolled in place, if that is all."""
+    turn = Rotation.from_matrix(goal.rotation).as_rotvec()
+    if np.abs(turn[1:]).max() > _ARRIVED:
+        return []
+    return [Maneuver((Stretch("roll", 0.0, (float(turn[0]), 0.0, 0.0)),))]
 
 
 def _maneuver(goal: _Goal, way: Floats, stretches: int) -> Maneuver:
@@ -240,15 +248,23 @@ def _maneuver(goal: _Goal, way: Floats, stretches: int) -> Maneuver:
 # ---------------------------------------------------------------- leading ways to a pose
 
 
-def _is_new(way: Floats, others: Sequence[Floats]) -> bool:
-    return all(np.linalg.norm((way - other)[:-1]) > _APART for other in others)
+def _different(ways: Floats, most: int) -> list[Floats]:
+    """The first ways, of those that roll alike one."""
+    kept: list[Floats] = []
+    for way in ways:
+        if len(kept) == most:
+            break
+        if all(np.linalg.norm((way - other)[:-1]) > _APART for other in kept):
+            kept.append(way)
+    return kept
 
 
 def _led(goal: _Goal, tried: int, led: int) -> tuple[Floats, Floats]:
     """Ways (K, 11), first those that arrive with the least effort, and what they miss (K,)."""
     ways = _tried(goal, tried)
     missed = np.linalg.norm(_missed(goal, _chain(goal, ways, _COARSE)[-1]), axis=1)
-    ways = ways[np.argsort(missed, kind="stable")[:led]]
+    # Of two that end as near the shorter is nearer to what is sought.
+    ways = ways[np.argsort(missed * ways[:, -1], kind="stable")[:led]]
     for step in range(_STEPS):
         off, slope = _linearized(goal, ways, _LEADING)
         missed = np.linalg.norm(off, axis=1)
@@ -261,24 +277,41 @@ def _led(goal: _Goal, tried: int, led: int) -> tuple[Floats, Floats]:
 
 def _polished(goal: _Goal, way: Floats, stretches: int) -> tuple[Floats, float]:
     """Way of so many stretches led to the pose up to rounding, and what it still misses."""
-    ways = way[None]
-    for _ in range(_POLISHING):
+    ways, before = way[None], np.inf
+    for step in range(_POLISHING):
         off, slope = _linearized(goal, ways, stretches)
-        if np.linalg.norm(off) <= _ARRIVED:
+        missed = float(np.linalg.norm(off))
+        if missed <= _ARRIVED or (step > _SETTLING and missed > _HALTING * before):
             break
-        ways = ways + _step(goal, ways, off, slope, 0.0)
-    return ways[0], float(np.linalg.norm(_missed(goal, _chain(goal, ways, stretches)[-1])))
+        ways, before = ways + _step(goal, ways, off, slope, 0.0), missed
+    return ways[0], missed
 
 
-def _step(goal: _Goal, ways: Floats, off: Floats, slope: Floats, share: float) -> Floats:
+def _approached(goal: _Goal, way: Floats, stretches: int) -> Floats:
+    """Way of so many stretches led as near to the pose as it comes (Levenberg-Marquardt)."""
+    damping, off, slope = _DAMPING, *_linearized(goal, way[None], stretches)
+    for _ in range(_APPROACHING):
+        there = way + _step(goal, way[None], off, slope, 0.0, damping)[0]
+        moved, turned = _linearized(goal, there[None], stretches)
+        if np.linalg.norm(moved) < np.linalg.norm(off):
+            way, off, slope, damping = there, moved, turned, max(damping / 4, _LEAST_DAMPED)
+        else:
+            damping *= 4
+    return way
+
+
+def _step(
+    goal: _Goal, ways: Floats, off: Floats, slope: Floats, share: float, damping: float = 0.0
+) -> Floats:
     """Least effort, or a share of the way to it, whose end meets the pose to first order."""
     efforts = goal.efforts
     excess = share * goal.excess(ways)
     moves = slope / efforts
     matrix = moves @ slope.swapaxes(1, 2)
     far = np.minimum(1.0, np.sum(off**2, axis=1))
-    damping = (_LEAST_DAMPING + _DAMPING * far) * np.trace(matrix, axis1=1, axis2=2) / 6
-    matrix += damping[:, None, None] * np.eye(6)
+    damped = damping or _LEAST_DAMPING + _DAMPING * far
+    mean = np.trace(matrix, axis1=1, axis2=2) / 6
+    matrix += (damped * mean)[:, None, None] * np.eye(6)
     wanted = off[..., None] + slope @ excess[..., None]
     step = (np.linalg.solve(matrix, wanted).swapaxes(1, 2) @ moves)[:, 0] - excess
     size = np.sqrt(step**2 @ efforts)
@@ -289,13 +322,11 @@ def _step(goal: _Goal, ways: Floats, off: Floats, slope: Floats, share: float) -
 
 def _tried(goal: _Goal, count: int) -> Floats:
     """Ways to start from, shape (count, 11)."""
-    rolls, straighter, around = _starts(count)
+    rolls, straighter, longer = _starts(count)
     d = goal.distance
     # What an arc is longer than its chord is d^3 / 24.
-    longer = _SLACK * d * straighter + d**3 / 20 * around
-    circling = np.arange(count) < _CIRCLING * count
-    longer[circling] = 2 * np.pi * around[circling]
-    return np.column_stack([rolls, d + longer])
+    more = _SLACK * d * straighter + d**3 / 20 * longer
+    return np.column_stack([rolls, d + more])
 
 
 @lru_cache(maxsize=2)
