@@ -267,6 +267,7 @@ def adapt(
     is_plain = (start, end) == ("pose", "pose") and not passed
     is_plain &= all(value is None for value in (*named["start"], goal_velocity))
 
+    @lru_cache(maxsize=2)
     def own_motion(tau: float) -> Motion:
         begun = initial_state(free, rule, duration=tau)
         return motion_from(free, Rule(), begun, tau / (count - 1))
@@ -362,7 +363,7 @@ def adapt(
         return in_time(patiently).told()
     found: Adapted | None = None
     failed: Exception | None = None
-    if shape == "demonstrated":
+    if shape == "demonstrated" and connection.is_near:
         try:
             found = in_time(partial(nearby, _HURRIED))
         except (ConvergenceError, MissedError) as error:

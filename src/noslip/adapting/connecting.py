@@ -26,6 +26,7 @@ from noslip.errors import InputError
 from noslip.maneuvers.driving import Pace, driven, effort, time_needed
 from noslip.maneuvers.maneuver import Maneuver, integrated
 from noslip.maneuvers.steering import EASED, Steering
+from noslip.projection.blend import through
 from noslip.quaternions import inverse, product, turns_between
 from noslip.runtime.motion import Motion
 from noslip.trajectory import PoseTrajectory
@@ -36,6 +37,9 @@ LONGER = 1.03
 own, has gone astray."""
 BACKED = 0.01
 """Share of its way that a tool may back up, beyond what it does anyway, before it is told."""
+_HOPELESS = 1.5
+"""A maneuver so much longer than the demonstration's motion, merely moved to the goal, is far from
+it: what is found near that is rarely the way there, and takes as long as the rest."""
 EXACT, EXACT_TURN = 1e-4, 1e-3
 """Share of the path, and turn (rad), by which a motion under a turning radius may end off its goal:
 a maneuver ends nearer."""
@@ -203,6 +207,14 @@ class Connection(Value):
 
     def _length(self, maneuver: Maneuver) -> float:
         return sum(effort(each, self.pace.lever) for each in maneuver.stretches)
+
+    @property
+    def is_near(self) -> bool:
+        """Whether the goal may be reached by a motion near the demonstration's, moved there."""
+        if not (self.proposals and self.steering.radius):
+            return True
+        moved = through(self.own, [self.first, self.last])
+        return self.proposals[0].length <= _HOPELESS * (moved.path_length + self._detour)
 
     @property
     def longest(self) -> float:

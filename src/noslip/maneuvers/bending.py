@@ -72,16 +72,6 @@ class Sequence:
 
     stretches: str
 
-    @property
-    def straight(self) -> bool:
-        """Whether there is one."""
-        return "S" in self.stretches
-
-    @property
-    def size(self) -> int:
-        """Number of parameters."""
-        return 2 * self.stretches.count("C") + 1 + self.straight
-
     def arcs(self, parameters: Floats) -> Floats:
         """How far each arc turns (rad), and thus how long it is, shape (K, arcs)."""
         bends = self._bends(parameters)
@@ -89,7 +79,13 @@ class Sequence:
 
     def length(self, parameters: Floats) -> Floats:
         """Of the whole, shape (K,)."""
-        return parameters[:, -1] if self.straight else self.arcs(parameters).sum(axis=1)
+        if "S" in self.stretches:
+            return np.asarray(parameters[:, -1])
+        return np.asarray(self.arcs(parameters).sum(axis=1))
+
+    def straight(self, parameters: Floats) -> Floats:
+        """Length of the straight, shape (K,)."""
+        return np.asarray(self.length(parameters) - self.arcs(parameters).sum(axis=1))
 
     def roll(self, parameters: Floats) -> Floats:
         """Of the whole (rad), shape (K,)."""
@@ -109,7 +105,7 @@ class Sequence:
         found = np.zeros((len(parameters), len(curved), 4))
         found[:, curved, 0] = arcs
         found[:, curved, 2:] = self._bends(parameters)
-        found[:, ~curved, 0] = (length - arcs.sum(axis=1))[:, None]
+        found[:, ~curved, 0] = self.straight(parameters)[:, None]
         found[..., 1] = (spread * roll / np.maximum(length, _SMALL))[:, None] * found[..., 0]
         # All that is left, also where the length is next to none.
         found[:, ~curved, 1] = (roll - found[:, curved, 1].sum(axis=1))[:, None]
