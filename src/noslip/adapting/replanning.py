@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.adapting import compiled
-from noslip.adapting.adaptation import Adapted, Plan, carried_out, samples_of
+from noslip.adapting.adaptation import samples_of
 from noslip.adapting.constants import DETOUR, FEWEST_LEFT, FEWEST_SAMPLES, LEAST_TIME, SETTLED
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
+from noslip.adapting.plan import Adapted, Plan, carried_out
 from noslip.boundary import Boundary, End
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
