@@ -13,9 +13,16 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
+from noslip.constraints.check import step_residuals
+from noslip.constraints.needle import Needle
+from noslip.constraints.system import as_system
+from noslip.edge import Axis
 from noslip.errors import InputError
 from noslip.maneuvers.beveled import beveled, nearest_beveled
 from noslip.maneuvers.maneuver import Maneuver, integrated
+from noslip.maneuvers.steering import Steering
+from noslip.quaternions import product
+from noslip.trajectory import PoseTrajectory
 
 NEAR = 1e-8
 """Off a pose, of the way and rad: what integrating by another method leaves."""
@@ -233,3 +240,27 @@ def test_what_is_no_pose_is_refused(
             asked(position, quaternion, curvature)
     with pytest.raises(InputError, match="stretches"):
         beveled((0.1, 0, 0), (1, 0, 0, 0), 5.0, stretches=0)
+
+
+@pytest.mark.parametrize("curvature", [4.0, -4.0])
+@pytest.mark.parametrize(
+    ("shaft", "bevel"),
+    [("x", "z"), ("x", "-z"), ("-x", "y"), ("z", "-x"), ("y", (1.0, 0.2, -1.0))],
+)
+def test_whatever_its_axes_its_ways_keep_its_declaration(
+    shaft: Axis, bevel: Axis, curvature: float
+) -> None:
+    needle = Needle(shaft, curvature, bevel, reference_point=(0.01, 0.02, -0.03))
+    steering = Steering.of(as_system(needle), reverse=False)
+    assert steering is not None
+    origin, turn = np.array([0.3, -0.2, 0.1]), Rotation.from_rotvec([0.5, 1.0, -2.0])
+    first = steering.seen(origin, turn)
+    goal = inserted(steering.curvature, 0.2, 3.0, [0.5, 1.0, -1.0, 0.3, 0.2])
+    axes = Rotation.from_quat(first[1], scalar_first=True)
+    last = first[0] + axes.apply(goal[0]), product(first[1], goal[1])
+    maneuver = steering.proposals(first, last)[0]
+    # In steps that are so short that a helix is its middle.
+    twists = np.repeat([each.twist / 100 for each in maneuver.stretches], 100, axis=0)
+    positions, rotations = steering.carried(*integrated(twists, *first))
+    motion = PoseTrajectory(np.arange(len(positions)) * 1e-3, positions, rotations)
+    assert np.abs(step_residuals(motion, needle)).max() <= 1e-4 * motion.path_length / motion.duration

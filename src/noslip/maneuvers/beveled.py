@@ -92,6 +92,13 @@ class Nearest(Value):
     turned: float
     lost: Floats
 
+    def __str__(self) -> str:
+        """How near, and what keeps it from coming nearer."""
+        text = f"{1e3 * self.moved:.3g} mm and {np.degrees(self.turned):.2g} degrees off"
+        if not self.directions:
+            return text
+        return f"{text}, where its tip, whatever the roll, is hardly {' or '.join(self.directions)}"
+
     @property
     def directions(self) -> tuple[str, ...]:
         """The lost directions by their largest part: "moved along y", "turned about z"."""
