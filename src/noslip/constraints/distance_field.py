@@ -517,7 +517,7 @@ def _look_up(field: DistanceField) -> ca.Function:
     # Kept as a call in graphs of SX, which cannot look up anything.
     options = {"never_inline": True, "is_diff_in": [False]}
     found = ca.vertcat(at, spline(c.ndim)(near, u))
-    return ca.Function(f"field_{field.digest}", [at], [found], options)
+    return ca.Function(f"grid_{field.digest}", [at], [found], options)
 
 
 def _at_centers(c: Floats) -> Floats:
