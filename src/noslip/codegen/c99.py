@@ -190,7 +190,7 @@ def grids(*functions: ca.Function) -> dict[str, str]:
         lines.append(f"extern const float noslip_{name}[{len(cells)}];")
         lines.append(f"const float noslip_{name}[{len(cells)}] = {{")
         rows = (cells[k : k + 8] for k in range(0, len(cells), 8))
-        lines += ["    " + ", ".join(f"{value:.9g}" for value in row) + "," for row in rows]
+        lines += ["    " + ", ".join(f"{value:#.9g}f" for value in row) + "," for row in rows]
         lines.append("};")
     return {"grids.c": "\n".join([*lines, ""])} if len(lines) > 1 else {}
 
@@ -290,6 +290,8 @@ def _bodies(text: str, look_ups: Mapping[str, ca.Function]) -> list[tuple[str, s
     hidden = {*look_ups, *(each.name() for each in called)}
 
     def look_up(call: re.Match[str]) -> str:
+        if names[call[4]] not in look_ups:
+            return call[0]
         return f"{call[3]}  noslip_look_up_{names[call[4]]}(w+{call[1]}, w+{call[2]});"
 
     return [
