@@ -11,6 +11,7 @@ from typing import Any
 
 import casadi as ca
 
+from noslip.errors import InputError
 from noslip.law import clock
 from noslip.law.layout import (
     BEGINNING,

@@ -13,12 +13,15 @@ for computing exact Euclidean distance transforms, IEEE Trans. PAMI 25, 2003).
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import itertools
 import math
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -28,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from noslip import _arguments
 from noslip._typing import Expression, Floats
+from noslip.constraints.occupied import MISSED, Unknown, read_map, voxels
 from noslip.constraints.shape import Ball, Capsule
 from noslip.errors import InputError
 
@@ -41,6 +45,8 @@ _LOWERINGS = 12
 """Each leaves 0.7 (3-D) of what a coefficient is too high at most: 1 % of a cell after all."""
 MARGIN_CELLS = 10
 """Free cells around what a field is made of, unless told: the rim is then clear of obstacles."""
+_MORE = 2
+"""Cells beyond a margin, so that no less than it is found at the rim, where the spline is lower."""
 _FINEST = 2.0**50
 """Over which what is looked up is rounded: by 1e-15, less than its own rounding."""
 _POINTS_AT_ONCE = 2**15
@@ -124,6 +130,8 @@ class DistanceField:
         grid = _occupied(occupied)
         cell = _arguments.positive("cell", cell, "meters")
         around = math.ceil(_arguments.not_negative("margin", margin) / cell)
+        if around:
+            around += _MORE
         require_cells(tuple(size + 2 * around for size in grid.shape))
         if around:
             grid = np.pad(grid, around)
@@ -134,6 +142,73 @@ class DistanceField:
         axes = _axes(yaw)[:, : grid.ndim]
         corner = _arguments.vector("origin", _three(origin)) - around * cell * axes.sum(axis=1)
         return cls._of_samples(_signed_distances(grid) * cell, cell, corner, yaw)
+
+    @classmethod
+    def from_map(
+        cls, path: str | Path, *, unknown: Unknown = "occupied", margin: float = 0.0
+    ) -> DistanceField:
+        """Distance to what a map of ROS's map_server says is occupied; two dimensions.
+
+        Parameters
+        ----------
+        path : path
+            Of its YAML file, which names the image, PGM or PNG.
+        unknown : "occupied" or "free"
+            What is taken for what the map does not know.
+        margin : float
+            Of free cells that are put around it (m); without, what touches its rim goes on beyond.
+
+        Raises
+        ------
+        InputError
+            If a file is missing or is none of a map, or it is all free or all occupied.
+        MissingDependencyError
+            Without PyYAML (``noslip[maps]``).
+        """
+        found = read_map(path, unknown, MOST_CELLS[2])
+        try:
+            return cls.from_grid(found.grid, found.cell, found.origin, yaw=found.yaw, margin=margin)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: Any,
+        cell: float | None = None,
+        *,
+        scale: float = 1.0,
+        margin: float | None = None,
+    ) -> DistanceField:
+        """Distance to the cells that a closed triangle mesh touches or holds.
+
+        It is up to two cells less than that to the mesh itself, and never more.
+
+        Parameters
+        ----------
+        mesh : path or trimesh.Trimesh
+            STL, OBJ, PLY, OFF or GLB; in the world frame.
+        cell : float, optional
+            Edge of the grid's cells (m); by default a fortieth of the mesh's longest side.
+        scale : float
+            Meters of a unit of the mesh; 0.001 of one in millimeters.
+        margin : float, optional
+            Between mesh and the grid's rim (m); 10 cells by default.
+
+        Raises
+        ------
+        InputError
+            If the file is missing or is no mesh, or the mesh is not closed or takes too many cells.
+        MissingDependencyError
+            Without trimesh (``noslip[meshes]``).
+        """
+        scale = _arguments.positive("scale", scale, "meters")
+        if cell is not None:
+            cell = _arguments.positive("cell", cell, "meters")
+        found = voxels(mesh, cell, scale, MOST_CELLS[3])
+        around = MARGIN_CELLS * found.cell if margin is None else margin
+        field = cls.from_grid(found.grid, found.cell, found.origin, margin=around)
+        return cls(field.coefficients - MISSED * found.cell, field.cell, field.origin)
 
     @classmethod
     def from_points(
@@ -224,7 +299,7 @@ class DistanceField:
         """Of what lies between two corners, from its signed distance at any points."""
         if margin is None:
             margin = MARGIN_CELLS * cell
-        around = _arguments.not_negative("margin", margin)
+        around = _arguments.not_negative("margin", margin) + _MORE * cell
         counts = np.ceil((upper - lower + 2 * around) / cell).astype(int)
         require_cells(counts.tolist())
         # In the middle of what the whole number of cells is too long.
@@ -341,6 +416,42 @@ class DistanceField:
 
     def __hash__(self) -> int:
         return hash(self.digest)
+
+    def to_data(self) -> dict[str, Any]:
+        """Return plain data, for JSON: the numbers to the bit, packed."""
+        packed = zlib.compress(self.coefficients.astype("<f4").tobytes())
+        return {
+            "shape": list(self.coefficients.shape),
+            "cell": self.cell,
+            "origin": list(self.origin),
+            "yaw": self.yaw,
+            "coefficients": base64.b64encode(packed).decode("ascii"),
+        }
+
+    @classmethod
+    def from_data(cls, data: Any) -> DistanceField:
+        """Return the field that :meth:`to_data` wrote.
+
+        Raises
+        ------
+        InputError
+            If the data are none.
+        """
+        try:
+            shape = [int(size) for size in data["shape"]]
+            require_cells(shape)
+            size = 4 * math.prod(shape)
+            packed = base64.b64decode(data["coefficients"], validate=True)
+            # No more than there must be, whatever a file says.
+            raw = zlib.decompressobj().decompress(packed, size + 1)
+            numbers = np.frombuffer(raw, dtype="<f4").reshape(shape)
+            cell, origin, yaw = data["cell"], tuple(data["origin"]), data["yaw"]
+        except InputError:
+            raise
+        except (KeyError, TypeError, ValueError, OverflowError, zlib.error) as error:
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"a field of distances cannot be read: {reason}") from error
+        return cls(numbers, cell, origin, yaw)
 
     def __reduce__(self) -> Any:
         return DistanceField, (self.coefficients, self.cell, self.origin, self.yaw)

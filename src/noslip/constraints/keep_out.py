@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -21,6 +22,7 @@ from noslip.constraints.distance_field import DistanceField
 from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
 from noslip.constraints.instant import Instant
 from noslip.constraints.limit import ROUNDING, Limit, rounded_length
+from noslip.constraints.occupied import MAPS, MESHES
 from noslip.constraints.shape import Ball, Capsule
 from noslip.errors import ConstraintError
 
@@ -110,8 +112,10 @@ class KeepOut(Limit):
 
     Parameters
     ----------
-    field : DistanceField
-        d, see :class:`noslip.constraints.DistanceField`.
+    field : DistanceField or path
+        d, see :class:`noslip.constraints.DistanceField`; of a file that of a ROS map, what it does
+        not know being occupied, or of a closed triangle mesh in meters, with as much room around as
+        is to be kept.
     clearance : float
         c (m): how far from the obstacles the tool stays besides.
     reference_point : 3 numbers
@@ -133,7 +137,6 @@ class KeepOut(Limit):
         settle(
             self,
             self.name,
-            field=_field,
             clearance=_arguments.not_negative,
             reference_point=point,
             spheres=_spheres,
@@ -142,11 +145,13 @@ class KeepOut(Limit):
             raise ConstraintError(
                 "keep-out: spheres stand in place of reference_point; give one of both"
             )
-        needed, rim = self.clearance + max(r for _, r in self._body()), self.field.rim
+        needed = self.clearance + max(radius for _, radius in self._body())
+        settle(self, self.name, field=lambda name, value: _field(name, value, needed))
+        rim = self.field.rim
         if needed > rim > 0:
             raise ConstraintError(
                 f"keep-out: {needed:.4g} m are to be kept, and the field's grid ends {rim:.4g} m "
-                f"from what it holds; make it with margin={needed + 2 * self.field.cell:.3g}"
+                f"from what it holds; make it with margin={needed:.4g} or more"
             )
 
     def _body(self) -> Sequence[tuple[Triple, float]]:
@@ -162,9 +167,19 @@ class KeepOut(Limit):
         )
 
 
-def _field(name: str, value: Any) -> DistanceField:
+def _field(name: str, value: Any, needed: float) -> DistanceField:
+    """A field, or that of a file with room for what is to be kept around it."""
+    ending = Path(value).suffix.lower() if isinstance(value, (str, Path)) else ""
+    if ending in MAPS:
+        return DistanceField.from_map(value, margin=needed)
+    if ending in MESHES:
+        usual = DistanceField.from_mesh(value)
+        return usual if usual.rim >= needed else DistanceField.from_mesh(value, margin=needed)
     if not isinstance(value, DistanceField):
-        raise ConstraintError(f"{name} must be a DistanceField, got {_arguments.short(value)}")
+        raise ConstraintError(
+            f"{name} must be a DistanceField, or a file of a map or mesh that ends with "
+            f"{', '.join(MAPS + MESHES)}; got {_arguments.short(value)}"
+        )
     return value
 
 
