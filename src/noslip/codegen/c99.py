@@ -156,8 +156,8 @@ def core(function: ca.Function, outputs: int, *others: Plain) -> str:
         return plain(Plain({"core": parts[0]}, *_STEPPING), *others)
     helpers, _ = _generated([*parts, *(f for each in others for f in each.functions.values())])
     _, text = _generated(parts)
-    found = looked_up(*parts)
-    texts = [helpers, *_look_ups(found), _screened(text, found, *parts)]
+    look_ups = looked_up(*parts)
+    texts = [helpers, *_look_ups(look_ups), _screened(text, look_ups, *parts)]
     texts += [line for each in others for line in each.lines()]
     return "\n".join(texts).replace("casadi_", "noslip_")
 

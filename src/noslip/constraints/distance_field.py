@@ -182,7 +182,7 @@ class DistanceField:
     ) -> DistanceField:
         """Distance to the cells that a closed triangle mesh touches or holds.
 
-        It is up to two cells less than that to the mesh itself, and never more.
+        It is up to 3.2 cells less than that to the mesh itself, and never more.
 
         Parameters
         ----------
@@ -304,7 +304,7 @@ class DistanceField:
         require_cells(counts.tolist())
         # In the middle of what the whole number of cells is too long.
         origin = (lower + upper - counts * cell) / 2
-        centers = np.indices(counts).reshape(len(counts), -1).T
+        centers = np.indices(tuple(counts.tolist())).reshape(len(counts), -1).T
         several = range(0, len(centers), _POINTS_AT_ONCE)
         parts = [centers[first : first + _POINTS_AT_ONCE] for first in several]
         found = [distance(origin + (part + 0.5) * cell) for part in parts]
@@ -318,7 +318,8 @@ class DistanceField:
         c = distances.copy()
         for _ in range(_LOWERINGS):
             c -= np.maximum(_at_centers(c) - distances, 0)
-        return cls(c - LOWERED[c.ndim] * cell, cell, tuple(origin), yaw)
+        lowered = (c - LOWERED[c.ndim] * cell).astype(np.float32)
+        return cls(lowered, cell, tuple(origin), yaw)
 
     def distance(self, points: ArrayLike) -> Floats:
         """Signed distances of points (m).
