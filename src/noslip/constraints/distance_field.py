@@ -139,7 +139,7 @@ class DistanceField:
             raise InputError("the grid has no occupied cell: there is nothing to keep out of")
         if grid.all():
             raise InputError("all cells of the grid are occupied: there is no place to be")
-        axes = _axes(yaw)[:, : grid.ndim]
+        axes = _axes(_arguments.finite("yaw", yaw))[:, : grid.ndim]
         corner = _arguments.vector("origin", _three(origin)) - around * cell * axes.sum(axis=1)
         return cls._of_samples(_signed_distances(grid) * cell, cell, corner, yaw)
 
@@ -300,8 +300,9 @@ class DistanceField:
         if margin is None:
             margin = MARGIN_CELLS * cell
         around = _arguments.not_negative("margin", margin) + _MORE * cell
-        counts = np.ceil((upper - lower + 2 * around) / cell).astype(int)
+        counts = np.ceil((upper - lower + 2 * around) / cell)
         require_cells(counts.tolist())
+        counts = counts.astype(int)
         # In the middle of what the whole number of cells is too long.
         origin = (lower + upper - counts * cell) / 2
         centers = np.indices(tuple(counts.tolist())).reshape(len(counts), -1).T
@@ -369,6 +370,21 @@ class DistanceField:
         for axis in reversed(range(dimensions)):
             found = np.einsum("n...i,ni->n...", found, weights[:, :, axis])
         return found
+
+    def place(self, at: Floats) -> Floats:
+        """Where points are that are counted in cells from the first one's outer corner.
+
+        Parameters
+        ----------
+        at : array, shape (N, 2) or (N, 3)
+
+        Returns
+        -------
+        array, shape (N, 3)
+            World frame (m).
+        """
+        axes = _axes(self.yaw)[:, : at.shape[1]]
+        return np.asarray(np.array(self.origin) + self.cell * at @ axes.T)
 
     def expression(self, position: Expression) -> Expression:
         """The distance that :meth:`distance` finds (m), as an expression of a position.
@@ -474,8 +490,7 @@ class _Part:
 def _shape(part: Any, cell: float) -> _Part:
     if isinstance(part, DistanceField):
         counts = np.array(part.coefficients.shape)
-        corners = np.indices((2,) * len(counts)).reshape(len(counts), -1).T * counts * part.cell
-        corners = np.array(part.origin) + corners @ _axes(part.yaw)[:, : len(counts)].T
+        corners = part.place(np.indices((2,) * len(counts)).reshape(len(counts), -1).T * counts)
         lower, upper = corners.min(axis=0), corners.max(axis=0)
         if part.is_flat:
             # As high as what it is put together with.
@@ -533,14 +548,14 @@ def _coarse(name: str, value: Any, cell: Any) -> tuple[float, float]:
     return edge, size
 
 
-def require_cells(shape: Sequence[int]) -> None:
+def require_cells(shape: Sequence[float]) -> None:
     """Refuse a grid that memory does not hold."""
     cells = math.prod(shape)
     most = MOST_CELLS.get(len(shape), MOST_CELLS[3])
     if cells > most:
         raise InputError(
-            f"the grid has {cells:.3g} cells ({' x '.join(map(str, shape))}), at most {most:,} are "
-            "held; take larger cells, or cut out the part that matters"
+            f"the grid has {cells:.3g} cells ({' x '.join(f'{size:g}' for size in shape)}), at "
+            f"most {most:,} are held; take larger cells, or cut out the part that matters"
         )
 
 
@@ -551,12 +566,13 @@ def _occupied(value: ArrayLike) -> NDArray[np.bool_]:
         grid = np.empty(0)
     if grid.ndim not in MOST_CELLS or not grid.size:
         raise InputError(f"occupied must be a grid of 2 or 3 dimensions, got shape {grid.shape}")
+    require_cells(grid.shape)
     if grid.dtype != np.bool_ and not (grid.dtype.kind in "iuf" and np.isin(grid, (0, 1)).all()):
         raise InputError(
             "occupied must say of each cell whether there is something: True or False, 1 or 0; "
             "of probabilities, give grid > 0.5"
         )
-    return grid.astype(bool)
+    return grid.astype(bool, copy=False)
 
 
 def _three(origin: Any) -> Any:

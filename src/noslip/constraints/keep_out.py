@@ -23,7 +23,7 @@ from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
 from noslip.constraints.instant import Instant
 from noslip.constraints.limit import ROUNDING, Limit, rounded_length
 from noslip.constraints.occupied import MAPS, MESHES
-from noslip.constraints.shape import Ball, Capsule
+from noslip.constraints.shape import Ball, Capsule, Cells
 from noslip.errors import ConstraintError
 
 
@@ -153,6 +153,16 @@ class KeepOut(Limit):
                 f"keep-out: {needed:.4g} m are to be kept, and the field's grid ends {rim:.4g} m "
                 f"from what it holds; make it with margin={needed:.4g} or more"
             )
+
+    def shape(self) -> Cells:
+        field = self.field
+        return Cells(
+            "keep-out",
+            field.coefficients.shape,
+            field.cell,
+            field.place,
+            lambda at: field.distance(at) - self.clearance,
+        )
 
     def _body(self) -> Sequence[tuple[Triple, float]]:
         return self.spheres or [(self.reference_point, 0.0)]

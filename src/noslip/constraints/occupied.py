@@ -149,8 +149,8 @@ def voxels(mesh: Any, cell: float | None, scale: float, most_cells: int) -> Occu
         raise InputError(f"{name}: has vertices that are not finite numbers")
     if not mesh.is_watertight:
         raise InputError(
-            f"{name}: is not closed, so that it has no inside; repair it (trimesh.repair.fill_holes), "
-            "or take DistanceField.from_points of its vertices"
+            f"{name}: is not closed: it has no inside; repair it (trimesh.repair.fill_holes)"
+            ", or take DistanceField.from_points of its vertices"
         )
     sides = np.ptp(vertices, axis=0)
     cell = cell or float(sides.max()) / CELLS_OF_A_MESH
