@@ -92,6 +92,8 @@ def test_it_is_kept_as_data(rules):
     damaged = specification(rules[2])
     damaged["arguments"]["field"]["distances"]["shape"] = [1, 2]
     refusal(InputError, restore, damaged)
+    damaged["arguments"]["field"] = "room.yaml"
+    assert "only a user may name" in refusal(ConstraintError, restore, damaged)
 
 
 def test_the_command_line_names_files(tmp_path):

@@ -116,6 +116,11 @@ def restore(data: dict[str, Any]) -> Constraint:
     """
     if data["type"] != "declared":
         arguments = {name: _from_data(value) for name, value in data["arguments"].items()}
+        for name in getattr(CATALOG.get(str(data["type"])), "from_files", ()):
+            if isinstance(arguments.get(name), str):
+                raise ConstraintError(
+                    f"{data['type']}: {name} is a file, which only a user may name"
+                )
         return build(str(data["type"]), arguments)
     try:
         values = {name: _from_data(value) for name, value in data.items() if name != "type"}

@@ -132,6 +132,7 @@ class KeepOut(Limit):
 
     name = "keep-out"
     level = "position"
+    from_files = ("field",)
 
     def __post_init__(self) -> None:
         settle(
