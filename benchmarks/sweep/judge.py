@@ -344,7 +344,7 @@ REFUSALS: tuple[tuple[str, str], ...] = (
     ("via points too near", r"no motion found that passes all of"),
     ("demonstrations contradict", r"(run in opposite directions|hold the tool opposite ways)"),
     ("rules contradict", r"contradict each other"),
-    ("nothing near the start", r"no pose near the start satisfies"),
+    ("nothing near the start", r"no pose found near the one given"),
     ("the metric leaves nothing free", r"asks nothing of what the metric leaves free"),
     ("turns too far between samples", r"so that nothing says which way round"),
     ("cannot be filtered or resampled", r"(lowpass|low-pass|--rate)"),
