@@ -121,13 +121,13 @@ def integrated(
     reach = 1
     while reach < len(chain):
         before, after = chain[:-reach], chain[reach:]
-        chain = np.vstack([chain[:reach], _composed(before, after)])
+        chain = np.vstack([chain[:reach], composed(before, after)])
         reach *= 2
     quaternions = chain[:, 3:]
     return chain[:, :3], quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
 
 
-def _composed(first: Floats, then: Floats) -> Floats:
+def composed(first: Floats, then: Floats) -> Floats:
     """Poses, shape (N, 7), of the second as seen from the first."""
     q = first[:, 3:]
     return np.column_stack([first[:, :3] + rotated(q, then[:, :3]), product(q, then[:, 3:])])

@@ -1,0 +1,208 @@
+"""Shorter ways between the same ends, as clear as before.
+
+Between poses along a way the closed-form maneuvers are tried, and of all chains of those that are clear
+the cheapest is kept; then its inner poses are moved for as long as that makes it cheaper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from noslip._typing import Floats
+from noslip.maneuvers.clearing import TOUCHING, Clear, swept
+from noslip.maneuvers.maneuver import Maneuver, Stretch, composed, exponential, integrated
+
+
+class Shot(NamedTuple):
+    """A maneuver and what it costs (m)."""
+
+    maneuver: Maneuver
+    cost: float
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What a search stands on.
+
+    Attributes
+    ----------
+    clear : callable
+        Margins of poses, see :data:`noslip.maneuvers.clearing.Clear`.
+    shots : callable
+        Maneuvers in closed form from a pose (7,) to another.
+    spacing, reach : float
+        See :func:`noslip.maneuvers.clearing.least_margin`.
+    size : float
+        Of the tool's turns (m).
+    """
+
+    clear: Clear
+    shots: Callable[[Floats, Floats], list[Maneuver]]
+    spacing: float
+    reach: float
+    size: float
+
+    def free(self, begins: Floats, twists: Floats) -> Floats:
+        """Whether stretches (N, 6) from poses (N, 7) are clear, shape (N,)."""
+        return swept(begins, twists, self.clear, self.spacing, self.reach) >= -TOUCHING
+
+    def costs(self, twists: Floats) -> Floats:
+        """Of each stretch (m): its way, and a little for turning where it stands."""
+        turning = np.linalg.norm(twists[:, 3:], axis=1)
+        return np.abs(twists[:, 0]) + _TURNING * self.size * np.where(twists[:, 0] == 0, turning, 0)
+
+    def cost(self, stretches: Sequence[Stretch]) -> float:
+        """Of a way (m), with a little for each change of direction."""
+        ways = [np.sign(each.advance) for each in stretches if each.advance]
+        cusps = sum(one != other for one, other in zip(ways, ways[1:], strict=False))
+        twists = np.array([each.twist for each in stretches]).reshape(-1, 6)
+        return float(np.sum(self.costs(twists))) + CUSP * self.size * cusps
+
+    def shot(self, begin: Floats, end: Floats, most: float) -> Shot | None:
+        """The cheapest maneuver from pose to pose that is clear, if it costs less than the most."""
+        for cost, maneuver in self.ordered(begin, end):
+            if cost >= most:
+                break
+            if self.passes(begin, maneuver):
+                return Shot(maneuver, cost)
+        return None
+
+    def ordered(self, begin: Floats, end: Floats) -> list[tuple[float, Maneuver]]:
+        """The cheapest maneuvers from pose to pose, clear or not."""
+        priced = ((self.cost(each.stretches), each) for each in self.shots(begin, end))
+        return sorted(priced, key=lambda each: each[0])[:_WORDS]
+
+    def passes(self, begin: Floats, maneuver: Maneuver) -> bool:
+        """Whether a maneuver from a pose is clear."""
+        if not maneuver.stretches:
+            return True
+        twists = np.array([each.twist for each in maneuver.stretches])
+        poses = np.column_stack(integrated(twists, begin[:3], begin[3:]))
+        return bool(np.all(self.free(poses[:-1], twists)))
+
+
+CUSP = 0.2
+"""What a change of direction costs, in radii: a detour of so much is better than one."""
+_TURNING = 0.1
+"""What a turn of 1 rad costs where the tool stands, in sizes."""
+_WORDS = 3
+"""Of the maneuvers between two poses: longer ones are rarely part of a short way."""
+_NODES = 24
+"""Poses along a way between which maneuvers are tried; the time goes with their square."""
+
+
+def shortened(way: Sequence[Stretch], ground: Ground) -> Maneuver:
+    """A maneuver from the origin to the same end, as clear, at most as long."""
+    chain, cost = [Maneuver((each,)) for each in way], np.inf
+    for _ in range(_ROUNDS):
+        chain = _moved(_chained(chain, ground), ground)
+        now = ground.cost(_stretches(chain))
+        if now > cost * (1 - _WORTH):
+            break
+        cost = now
+    return Maneuver(_joined(_stretches(chain)))
+
+
+_ROUNDS = 4
+_WORTH = 2e-3
+"""Of the cost: what a round must save to be followed by another."""
+
+
+def _stretches(chain: Sequence[Maneuver]) -> list[Stretch]:
+    return [each for link in chain for each in link.stretches]
+
+
+def _joined(stretches: Sequence[Stretch]) -> tuple[Stretch, ...]:
+    """Neighbors of one name and direction are one stretch."""
+    found: list[Stretch] = []
+    for each in stretches:
+        if found and found[-1].name == each.name and found[-1].advance * each.advance > 0:
+            each = Stretch(each.name, found[-1].advance + each.advance, _sum(found.pop(), each))
+        elif found and found[-1].advance == each.advance == 0:
+            turn = _sum(found.pop(), each)
+            each = Stretch("turn left" if turn[2] > 0 else "turn right", 0.0, turn)
+        if each.advance or each.angle > 1e-12:
+            found.append(each)
+    return tuple(found)
+
+
+def _sum(one: Stretch, other: Stretch) -> tuple[float, float, float]:
+    a, b, c = (float(x) for x in np.add(one.turn, other.turn))
+    return a, b, c
+
+
+def _chained(chain: Sequence[Maneuver], ground: Ground) -> list[Maneuver]:
+    """The cheapest chain of clear maneuvers between poses along a way."""
+    pieces = _cut(_stretches(chain), ground)
+    poses = np.column_stack(integrated(np.array([each.twist for each in pieces])))
+    best, links = [0.0], [(0, Maneuver(()))]
+    for k in range(1, len(poses)):
+        kept = (best[-1] + ground.cost([pieces[k - 1]]), k - 1, Maneuver((pieces[k - 1],)))
+        tried = [
+            (best[i] + cost, i, maneuver)
+            for i in range(k)
+            for cost, maneuver in ground.ordered(poses[i], poses[k])
+        ]
+        for total, i, maneuver in sorted(tried, key=lambda each: each[0]):
+            if total >= kept[0]:
+                break
+            if ground.passes(poses[i], maneuver):
+                kept = (total, i, maneuver)
+                break
+        best.append(kept[0])
+        links.append(kept[1:])
+    found, k = [], len(poses) - 1
+    while k:
+        k, maneuver = links[k]
+        found.insert(0, maneuver)
+    return found
+
+
+def _cut(stretches: Sequence[Stretch], ground: Ground) -> list[Stretch]:
+    """A way in about so many pieces as there are to be nodes."""
+    joined = _joined(stretches)
+    costs = [ground.cost([each]) for each in joined]
+    found = []
+    for each, cost in zip(joined, costs, strict=True):
+        parts = max(1, round(_NODES * cost / sum(costs)))
+        a, b, c = each.turn
+        found += parts * [Stretch(each.name, each.advance / parts, (a / parts, b / parts, c / parts))]
+    return found
+
+
+def _moved(chain: list[Maneuver], ground: Ground) -> list[Maneuver]:
+    """The chain with its inner poses moved, along, aside or about, while that makes it cheaper."""
+    ends = np.array([np.concatenate(each.end) for each in chain])
+    poses = [np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])]
+    for end in ends:
+        poses.append(composed(poses[-1][None], end[None])[0])
+    step = 0.5
+    while step > _FINEST:
+        better = False
+        for k in range(1, len(chain)):
+            before = ground.cost(_stretches(chain[k - 1 : k + 1]))
+            for x, y, turn in step * _WAYS:
+                twist = np.array([[ground.size * x, ground.size * y, 0.0, 0.0, 0.0, turn]])
+                pose = composed(poses[k][None], np.column_stack(exponential(twist)))[0]
+                one = ground.ordered(poses[k - 1], pose)
+                other = ground.ordered(pose, poses[k + 1])
+                if not one or not other or one[0][0] + other[0][0] >= before * (1 - 1e-6):
+                    continue
+                first = ground.shot(poses[k - 1], pose, before - other[0][0])
+                second = first and ground.shot(pose, poses[k + 1], before - first.cost)
+                if first and second:
+                    chain[k - 1 : k + 1] = [first.maneuver, second.maneuver]
+                    poses[k], better = pose, True
+                    break
+        if not better:
+            step /= 2
+    return chain
+
+
+_WAYS = np.array([[0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0]], float)
+_FINEST = 0.01
+"""Of a move, in sizes and rad."""
