@@ -68,10 +68,14 @@ class Maneuver:
 
     @property
     def name(self) -> str:
-        """Its stretches as people say them: "right-straight-left", "left-back right"."""
-        return "-".join(
-            ("back " if each.advance < 0 else "") + each.name for each in self.stretches
-        )
+        """Its stretches as people say them; where it stops on its way, there is a comma.
+
+        "right-straight-left", "back right-straight-left" (all of it), "left, back right, left",
+        "turn left, straight, turn right"; "stay" if there are none.
+        """
+        runs = itertools.groupby(self.stretches, lambda each: np.sign(each.advance))
+        names = (("back " if way < 0 else "") + "-".join(e.name for e in run) for way, run in runs)
+        return ", ".join(names) or "stay"
 
     @property
     def length(self) -> float:
@@ -92,7 +96,8 @@ class Maneuver:
     @cached_property
     def end(self) -> tuple[Floats, Floats]:
         """Where it leads: position (3,) and quaternion (4,), in the edge's frame at its start."""
-        positions, quaternions = integrated(np.array([each.twist for each in self.stretches]))
+        twists = [each.twist for each in self.stretches]
+        positions, quaternions = integrated(np.array(twists).reshape(-1, 6))
         return positions[-1], quaternions[-1]
 
 
