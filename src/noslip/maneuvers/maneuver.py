@@ -141,8 +141,15 @@ def composed(first: Floats, then: Floats) -> Floats:
 def rotated(quaternions: Floats, vectors: Floats) -> Floats:
     """Vectors, shape (N, 3), turned by quaternions."""
     axis = quaternions[..., 1:]
-    once = 2 * np.cross(axis, vectors)
-    return np.asarray(vectors + quaternions[..., :1] * once + np.cross(axis, once))
+    once = 2 * _cross(axis, vectors)
+    return np.asarray(vectors + quaternions[..., :1] * once + _cross(axis, once))
+
+
+def _cross(one: Floats, other: Floats) -> Floats:
+    """Cross products of vectors; of a few, NumPy's takes four times as long."""
+    return np.asarray(
+        one[..., [1, 2, 0]] * other[..., [2, 0, 1]] - one[..., [2, 0, 1]] * other[..., [1, 2, 0]]
+    )
 
 
 def exponential(twists: Floats) -> tuple[Floats, Floats]:
@@ -157,6 +164,6 @@ def exponential(twists: Floats) -> tuple[Floats, Floats]:
     square = angle**2
     one = np.where(small, 0.5 - square / 24, (1 - np.cos(safe)) / safe**2)
     two = np.where(small, 1 / 6 - square / 120, (safe - np.sin(safe)) / safe**3)
-    once = np.cross(turn, way)
-    positions = way + one * once + two * np.cross(turn, once)
+    once = _cross(turn, way)
+    positions = way + one * once + two * _cross(turn, once)
     return positions, turned(turn, np.array([1.0, 0.0, 0.0, 0.0]))

@@ -19,7 +19,7 @@ from noslip._typing import Floats
 from noslip.maneuvers.clearing import TOUCHING, Clear, swept
 from noslip.maneuvers.maneuver import Maneuver, Stretch, composed, exponential
 from noslip.maneuvers.planar import dubins, reeds_shepp, turn_drive_turn
-from noslip.maneuvers.shortening import Ground, shortened
+from noslip.maneuvers.shortening import CUSP, Ground, shortened
 
 _LEVELS = ((0.8, 3.0), (0.4, 6.0), (0.2, 12.0))
 """Way of a move, and how far around start and goal is searched, in radii: coarse, then fine."""
@@ -27,8 +27,6 @@ _BATCH = 48
 """Nodes that are expanded at once: enough that arrays cost more than their calls."""
 _TURN = np.pi / 8
 """Of a move where the tool stands (rad)."""
-_CUSP = 0.2
-"""What a change of direction costs, in radii: less than any detour that saves one matters."""
 
 
 def through(
@@ -180,7 +178,7 @@ def _searched(
     twists = np.array([each.twist for each in moves])
     ends = np.column_stack(exponential(twists))
     ways = np.sign(twists[:, 0])
-    costs = ground.costs(twists)
+    costs = np.array([ground.cost([each]) for each in moves])
     fineness = 2 / max(abs(twists[:, 0]))
     turning = 1.5 / max(abs(twists[:, 5]))
 
@@ -225,7 +223,7 @@ def _searched(
         kind = np.tile(np.arange(len(moves)), len(batch))
         after = composed(poses[begin], ends[kind])
         spent = cost[begin] + costs[kind]
-        spent += np.where((move[begin] >= 0) & (ways[move[begin]] * ways[kind] < 0), _CUSP * ground.size, 0)
+        spent += np.where((move[begin] >= 0) & (ways[move[begin]] * ways[kind] < 0), CUSP * ground.size, 0)
         ahead_of = estimate(after[:, :3])
         names = keys(after)
         promising = [

@@ -6,6 +6,7 @@ the cheapest is kept; then its inner poses are moved for as long as that makes i
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -50,17 +51,16 @@ class Ground:
         """Whether stretches (N, 6) from poses (N, 7) are clear, shape (N,)."""
         return swept(begins, twists, self.clear, self.spacing, self.reach) >= -TOUCHING
 
-    def costs(self, twists: Floats) -> Floats:
-        """Of each stretch (m): its way, and a little for turning where it stands."""
-        turning = np.linalg.norm(twists[:, 3:], axis=1)
-        return np.abs(twists[:, 0]) + _TURNING * self.size * np.where(twists[:, 0] == 0, turning, 0)
-
     def cost(self, stretches: Sequence[Stretch]) -> float:
-        """Of a way (m), with a little for each change of direction."""
-        ways = [np.sign(each.advance) for each in stretches if each.advance]
-        cusps = sum(one != other for one, other in zip(ways, ways[1:], strict=False))
-        twists = np.array([each.twist for each in stretches]).reshape(-1, 6)
-        return float(np.sum(self.costs(twists))) + CUSP * self.size * cusps
+        """Of a way (m): its length, and a little for turns where it stands and for cusps."""
+        cost, way = 0.0, 0.0
+        for each in stretches:
+            if each.advance:
+                cost += abs(each.advance) + CUSP * self.size * (way * each.advance < 0)
+                way = each.advance
+            else:
+                cost += _TURNING * self.size * each.angle
+        return cost
 
     def shot(self, begin: Floats, end: Floats, most: float) -> Shot | None:
         """The cheapest maneuver from pose to pose that is clear, if it costs less than the most."""
@@ -91,25 +91,19 @@ _TURNING = 0.1
 """What a turn of 1 rad costs where the tool stands, in sizes."""
 _WORDS = 3
 """Of the maneuvers between two poses: longer ones are rarely part of a short way."""
-_NODES = 24
+_NODES = 16
 """Poses along a way between which maneuvers are tried; the time goes with their square."""
 
 
 def shortened(way: Sequence[Stretch], ground: Ground) -> Maneuver:
     """A maneuver from the origin to the same end, as clear, at most as long."""
-    chain, cost = [Maneuver((each,)) for each in way], np.inf
-    for _ in range(_ROUNDS):
-        chain = _moved(_chained(chain, ground), ground)
-        now = ground.cost(_stretches(chain))
-        if now > cost * (1 - _WORTH):
-            break
-        cost = now
+    chain = _chained([Maneuver((each,)) for each in way], ground)
+    chain = _chained(_moved(chain, ground), ground)
     return Maneuver(_joined(_stretches(chain)))
 
 
-_ROUNDS = 4
 _WORTH = 2e-3
-"""Of the cost: what a round must save to be followed by another."""
+"""What another link must save, in sizes."""
 
 
 def _stretches(chain: Sequence[Maneuver]) -> list[Stretch]:
@@ -139,21 +133,23 @@ def _chained(chain: Sequence[Maneuver], ground: Ground) -> list[Maneuver]:
     """The cheapest chain of clear maneuvers between poses along a way."""
     pieces = _cut(_stretches(chain), ground)
     poses = np.column_stack(integrated(np.array([each.twist for each in pieces])))
-    best, links = [0.0], [(0, Maneuver(()))]
+    best, links = np.zeros(len(poses)), [(0, Maneuver(()))]
     for k in range(1, len(poses)):
-        kept = (best[-1] + ground.cost([pieces[k - 1]]), k - 1, Maneuver((pieces[k - 1],)))
-        tried = [
-            (best[i] + cost, i, maneuver)
-            for i in range(k)
-            for cost, maneuver in ground.ordered(poses[i], poses[k])
+        kept = (best[k - 1] + ground.cost([pieces[k - 1]]), k - 1, Maneuver((pieces[k - 1],)))
+        # At least the distance; what a maneuver costs is asked only of those that come first.
+        least = best[:k] + np.linalg.norm(poses[:k, :3] - poses[k, :3], axis=1)
+        waiting: list[tuple[float, int, Maneuver | None]] = [
+            (total, i, None) for i, total in enumerate(least.tolist())
         ]
-        for total, i, maneuver in sorted(tried, key=lambda each: each[0]):
-            if total >= kept[0]:
-                break
-            if ground.passes(poses[i], maneuver):
+        heapq.heapify(waiting)
+        while waiting and waiting[0][0] < kept[0] - _WORTH * ground.size:
+            total, i, maneuver = heapq.heappop(waiting)
+            if maneuver is None:
+                for cost, maneuver in ground.ordered(poses[i], poses[k])[:1]:
+                    heapq.heappush(waiting, (best[i] + cost, i, maneuver))
+            elif ground.passes(poses[i], maneuver):
                 kept = (total, i, maneuver)
-                break
-        best.append(kept[0])
+        best[k] = kept[0]
         links.append(kept[1:])
     found, k = [], len(poses) - 1
     while k:
