@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from noslip._arguments import LARGEST
 from noslip._typing import Floats
 from noslip.maneuvers.maneuver import Maneuver, composed, exponential, integrated
 
@@ -55,8 +56,11 @@ def swept(begins: Floats, twists: Floats, clear: Clear, spacing: float, reach: f
     share = (np.arange(len(owner)) - first[owner]) / parts[owner]
 
     def margins(owner: Floats, share: Floats) -> Floats:
-        poses = composed(begins[owner], np.column_stack(exponential(share[:, None] * twists[owner])))
-        return clear(poses[:, :3], poses[:, 3:])
+        poses = composed(
+            begins[owner], np.column_stack(exponential(share[:, None] * twists[owner]))
+        )
+        # What is no number is not clear.
+        return np.nan_to_num(clear(poses[:, :3], poses[:, 3:]), nan=-LARGEST)
 
     found = margins(owner, share)
     sampled = np.minimum.reduceat(found, first)

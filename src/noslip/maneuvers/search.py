@@ -2,8 +2,8 @@
 
 Nodes are poses in cells of position and heading, their successors short arcs, straights or turns
 where the tool stands; from promising nodes the closed-form maneuvers to the goal are tried (Dolgov,
-Thrun, Montemerlo and Diebel 2010).  What still lies ahead is estimated by the shortest way on a grid
-around the obstacles.  What is found is shortened, see :mod:`noslip.maneuvers.shortening`.
+Thrun, Montemerlo and Diebel 2010).  What still lies ahead is estimated by the shortest way on a
+grid around the obstacles.  What is found is shortened, see :mod:`noslip.maneuvers.shortening`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from noslip._arguments import count, not_negative, positive, vector
 from noslip._typing import Floats
 from noslip.maneuvers.clearing import TOUCHING, Clear, swept
 from noslip.maneuvers.maneuver import Maneuver, Stretch, composed, exponential
@@ -49,7 +50,8 @@ def through(
     radius : float or None
         Of the tightest turn (m); None for a tool that turns where it stands.
     clear : callable
-        Margins of poses in the edge's frame at the start, see :data:`noslip.maneuvers.clearing.Clear`.
+        Margins of poses in the edge's frame at the start, see
+        :data:`noslip.maneuvers.clearing.Clear`.
     reverse : bool
         Whether it may back up.
     reach : float
@@ -61,7 +63,15 @@ def through(
     -------
     Maneuver or None
         None where nothing was found, which does not mean that there is nothing.
+
+    Raises
+    ------
+    InputError
+        If the goal is not finite, or another number is out of its bounds.
     """
+    x, y, heading = vector("x, y and heading", (x, y, heading), "m, m and rad").tolist()
+    radius = radius if radius is None else positive("radius", radius, "m")
+    reach, expansions = not_negative("reach", reach), count("expansions", expansions)
     size = radius or max(np.hypot(x, y) / 10, reach / 4) or 1.0
     ground = Ground(clear, _shots(radius, reverse), size / 16, reach, size)
     goal = np.array([x, y, 0.0, np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
@@ -69,6 +79,9 @@ def through(
     ends = np.array([start, goal])
     if not np.all(clear(ends[:, :3], ends[:, 3:]) >= -TOUCHING):
         return None
+    straightaway = ground.shot(start, goal, np.inf, words=1)
+    if straightaway is not None:
+        return straightaway.maneuver
     for step, around in _LEVELS:
         moves = _moves(step * size, radius, reverse)
         estimate = _Estimate.over(goal, step * size / 2, around * size, clear, reach)
@@ -113,7 +126,9 @@ class _Estimate:
     ways: Floats
 
     @classmethod
-    def over(cls, goal: Floats, cell: float, around: float, clear: Clear, reach: float) -> _Estimate:
+    def over(
+        cls, goal: Floats, cell: float, around: float, clear: Clear, reach: float
+    ) -> _Estimate:
         """Shortest ways from a grid's points to the goal, along edges that are clear."""
         import scipy.ndimage
         import scipy.sparse
@@ -133,7 +148,9 @@ class _Estimate:
             free = np.zeros(len(begin), bool)
             for turn in (angle, angle + np.pi) if reach else (angle,):
                 rotation = [np.cos(turn / 2), 0, 0, np.sin(turn / 2)]
-                poses = np.column_stack([where, np.zeros(len(where)), np.tile(rotation, (len(where), 1))])
+                poses = np.column_stack(
+                    [where, np.zeros(len(where)), np.tile(rotation, (len(where), 1))]
+                )
                 twists = np.zeros((len(where), 6))
                 twists[:, 0] = way if turn == angle else -way
                 free |= swept(poses, twists, clear, way, reach) >= -TOUCHING
@@ -223,7 +240,9 @@ def _searched(
         kind = np.tile(np.arange(len(moves)), len(batch))
         after = composed(poses[begin], ends[kind])
         spent = cost[begin] + costs[kind]
-        spent += np.where((move[begin] >= 0) & (ways[move[begin]] * ways[kind] < 0), CUSP * ground.size, 0)
+        spent += np.where(
+            (move[begin] >= 0) & (ways[move[begin]] * ways[kind] < 0), CUSP * ground.size, 0
+        )
         ahead_of = estimate(after[:, :3])
         names = keys(after)
         promising = [

@@ -1,12 +1,13 @@
 """Shorter ways between the same ends, as clear as before.
 
-Between poses along a way the closed-form maneuvers are tried, and of all chains of those that are clear
-the cheapest is kept; then its inner poses are moved for as long as that makes it cheaper.
+Between poses along a way the closed-form maneuvers are tried, and of all chains of those that are
+clear the cheapest is kept; then its inner poses are moved for as long as that makes it cheaper.
 """
 
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -62,9 +63,12 @@ class Ground:
                 cost += _TURNING * self.size * each.angle
         return cost
 
-    def shot(self, begin: Floats, end: Floats, most: float) -> Shot | None:
-        """The cheapest maneuver from pose to pose that is clear, if it costs less than the most."""
-        for cost, maneuver in self.ordered(begin, end):
+    def shot(self, begin: Floats, end: Floats, most: float, words: int = 3) -> Shot | None:
+        """The cheapest maneuver from pose to pose that is clear and costs less than the most.
+
+        Of so many: longer ones are rarely part of a short way.
+        """
+        for cost, maneuver in self.ordered(begin, end)[:words]:
             if cost >= most:
                 break
             if self.passes(begin, maneuver):
@@ -74,7 +78,7 @@ class Ground:
     def ordered(self, begin: Floats, end: Floats) -> list[tuple[float, Maneuver]]:
         """The cheapest maneuvers from pose to pose, clear or not."""
         priced = ((self.cost(each.stretches), each) for each in self.shots(begin, end))
-        return sorted(priced, key=lambda each: each[0])[:_WORDS]
+        return sorted(priced, key=lambda each: each[0])
 
     def passes(self, begin: Floats, maneuver: Maneuver) -> bool:
         """Whether a maneuver from a pose is clear."""
@@ -89,8 +93,6 @@ CUSP = 0.2
 """What a change of direction costs, in radii: a detour of so much is better than one."""
 _TURNING = 0.1
 """What a turn of 1 rad costs where the tool stands, in sizes."""
-_WORDS = 3
-"""Of the maneuvers between two poses: longer ones are rarely part of a short way."""
 _NODES = 16
 """Poses along a way between which maneuvers are tried; the time goes with their square."""
 
@@ -166,7 +168,9 @@ def _cut(stretches: Sequence[Stretch], ground: Ground) -> list[Stretch]:
     for each, cost in zip(joined, costs, strict=True):
         parts = max(1, round(_NODES * cost / sum(costs)))
         a, b, c = each.turn
-        found += parts * [Stretch(each.name, each.advance / parts, (a / parts, b / parts, c / parts))]
+        found += parts * [
+            Stretch(each.name, each.advance / parts, (a / parts, b / parts, c / parts))
+        ]
     return found
 
 
@@ -179,26 +183,25 @@ def _moved(chain: list[Maneuver], ground: Ground) -> list[Maneuver]:
     step = 0.5
     while step > _FINEST:
         better = False
-        for k in range(1, len(chain)):
-            before = ground.cost(_stretches(chain[k - 1 : k + 1]))
-            for x, y, turn in step * _WAYS:
-                twist = np.array([[ground.size * x, ground.size * y, 0.0, 0.0, 0.0, turn]])
-                pose = composed(poses[k][None], np.column_stack(exponential(twist)))[0]
-                one = ground.ordered(poses[k - 1], pose)
-                other = ground.ordered(pose, poses[k + 1])
-                if not one or not other or one[0][0] + other[0][0] >= before * (1 - 1e-6):
-                    continue
-                first = ground.shot(poses[k - 1], pose, before - other[0][0])
-                second = first and ground.shot(pose, poses[k + 1], before - first.cost)
-                if first and second:
-                    chain[k - 1 : k + 1] = [first.maneuver, second.maneuver]
-                    poses[k], better = pose, True
-                    break
+        for k, (x, y, turn) in itertools.product(range(1, len(chain)), step * _WAYS):
+            most = ground.cost(_stretches(chain[k - 1 : k + 1])) - _WORTH * ground.size
+            twist = np.array([[ground.size * x, ground.size * y, 0.0, 0.0, 0.0, turn]])
+            pose = composed(poses[k][None], np.column_stack(exponential(twist)))[0]
+            links = ((poses[k - 1], pose), (pose, poses[k + 1]))
+            pair = [maneuver for ends in links for _, maneuver in ground.ordered(*ends)[:1]]
+            if (
+                len(pair) == 2
+                and ground.cost(_stretches(pair)) < most
+                and all(
+                    ground.passes(ends[0], link) for ends, link in zip(links, pair, strict=True)
+                )
+            ):
+                chain[k - 1 : k + 1], poses[k], better = pair, pose, True
         if not better:
             step /= 2
     return chain
 
 
 _WAYS = np.array([[0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0]], float)
-_FINEST = 0.01
+_FINEST = 0.02
 """Of a move, in sizes and rad."""
