@@ -37,13 +37,11 @@ from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
 from noslip.law.scaling import Scaling, scaled
 from noslip.projection.blend import through
-from noslip.projection.request import ADAPTING, MOST_ATTEMPTS, Request, Weights
+from noslip.projection.request import ADAPTING, Request, Weights
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, motion_from
 
-_HURRIED = 1
-"""Attempts at a motion near the demonstration's, where maneuvers lead to the goal as well."""
 _PER_GAP = 2
 """Basis functions from one place to pass to the next, which are to be told apart."""
 
@@ -142,14 +140,14 @@ def adapt(
     def planned(planning: Planning) -> Adapted:
         return giving_time(planning, law, rule, duration)
 
-    patiently = partial(task.nearby, MOST_ATTEMPTS)
+    patiently = partial(task.nearby, True)
     connection = task.connection(duration or law.duration, reverse)
     if connection is None or not connection.proposals:
         return planned(patiently).told()
     found: Adapted | None = None
     if shape == "demonstrated" and connection.is_near:
         with suppress(ConvergenceError, MissedError):
-            found = planned(partial(task.nearby, _HURRIED))
+            found = planned(partial(task.nearby, False))
         if found is not None and connection.accepts(found.motion):
             return found.told()
     failed: ConvergenceError | MissedError | None = None
@@ -264,23 +262,24 @@ class _Task:
             self.rule.system, own, *self.ends(own, self.rule, tau), reverse=reverse
         )
 
-    def nearby(self, attempts: int, system: ConstraintSystem, seconds: float | None) -> Plan:
-        """Plan a motion near the law's own, merely led to the new ends."""
+    def nearby(self, patient: bool, system: ConstraintSystem, seconds: float | None) -> Plan:
+        """Plan a motion near the law's own, merely led to the new ends.
+
+        One that C does not find is looked for, and told of, by who is patient.
+        """
         law, held = self.law, replace(self.rule, system=system)
 
         def planned(tau: float) -> Plan:
             if made := self._compiled(held, tau):
                 return made
-            if self._is_for_c(held) and attempts < MOST_ATTEMPTS:
+            if self._is_for_c(held) and not patient:
                 raise ConvergenceError(
                     "no motion near the demonstration's found", code=Refusal.NOT_FOUND
                 )
             own = self.own_motion(tau)
             first, last = self.ends(own, held, tau)
             boundaries = (first, *self.passed, last)
-            request = Request(
-                own, system, boundaries, self.weights, begin=law.begin, attempts=attempts
-            )
+            request = Request(own, system, boundaries, self.weights, begin=law.begin)
             for place in self.passed:
                 time = request.begin + place.at * tau
                 require_feasible(system, f"via at {place.at:g}", time, place)
