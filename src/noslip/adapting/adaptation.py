@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Literal, get_args
@@ -147,12 +146,15 @@ def adapt(
     if connection is None or not connection.proposals:
         return planned(patiently).told()
     found: Adapted | None = None
+    failed: ConvergenceError | MissedError | None = None
     if shape == "demonstrated" and connection.is_near:
-        with suppress(ConvergenceError, MissedError):
+        try:
             found = planned(partial(task.nearby, _HURRIED))
+        except (ConvergenceError, MissedError) as error:
+            # There is a way, so that another that is refused tells less.
+            failed = error if error.code == Refusal.TOO_FAST else None
         if found is not None and connection.accepts(found.motion):
             return found.told()
-    failed: ConvergenceError | MissedError | None = None
     for way in connection.ways(shape == "shortest"):
         try:
             return planned(partial(task.driven, connection, way)).told()
