@@ -154,7 +154,12 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
     """
     best: ProjectedTrajectory | None = None
     begun = np.zeros((len(request.reference), 3))
+    limited = request.system.limits.size > 0
     for factor, barrier, careful in _LIMIT_ATTEMPTS:
+        # Without limits all attempts begin alike, and only the careful ones lead far: of a needle's
+        # turn that is all but lost, the curvature of the first steps leads nowhere.
+        if not (careful or limited):
+            continue
         weights = request.weights.smoother(factor)
         if len(request.reference) > weights.most_samples:
             break
