@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Literal, get_args
@@ -140,30 +139,33 @@ def adapt(
     def planned(planning: Planning) -> Adapted:
         return giving_time(planning, law, rule, duration)
 
-    patiently = partial(task.nearby, True)
     connection = task.connection(duration or law.duration, reverse)
-    if connection is None or not connection.proposals:
-        return planned(patiently).told()
     found: Adapted | None = None
-    if shape == "demonstrated" and connection.is_near:
-        with suppress(ConvergenceError, MissedError):
-            found = planned(partial(task.nearby, False))
-        if found is not None and connection.accepts(found.motion):
-            return found.told()
     failed: ConvergenceError | MissedError | None = None
-    for way in connection.ways(shape == "shortest"):
-        try:
-            return planned(partial(task.driven, connection, way)).told()
-        except (ConvergenceError, MissedError) as error:
-            failed = failed or error
-            if error.code == Refusal.TOO_FAST:
-                break
+    if connection is not None and connection.proposals:
+        if shape == "demonstrated" and connection.is_near:
+            try:
+                found = planned(partial(task.nearby, False))
+            except (ConvergenceError, MissedError) as error:
+                # There is a way, so that another that is refused tells less.
+                failed = error if error.code == Refusal.TOO_FAST else None
+            if found is not None and connection.accepts(found.motion):
+                return found.told()
+        for way in connection.ways(shape == "shortest"):
+            try:
+                return planned(partial(task.driven, connection, way)).told()
+            except (ConvergenceError, MissedError) as error:
+                failed = failed or error
+                if error.code == Refusal.TOO_FAST:
+                    break
     if found is None:
         try:
-            found = planned(patiently)
-        except (ConvergenceError, MissedError) as error:
+            found = planned(partial(task.nearby, True))
+        except ConvergenceError as error:
+            raise failed or (connection.refused(error) if connection else error) from error
+        except MissedError as error:
             raise failed or error from error
-    if back := connection.backs_up(found.motion):
+    if connection is not None and (back := connection.backs_up(found.motion)):
         told = (
             f"the motion backs up along {quantity_text(back, 'm')}; declare ForwardOnly where it "
             "must not, or ask for it (reverse=True)"
@@ -254,13 +256,10 @@ class _Task:
         return first, last
 
     def connection(self, tau: float, reverse: bool | None) -> Connection | None:
-        """Return what leads from start to goal; None where that is not known, or more is asked."""
-        if set(self.kept.values()) != {"pose"} or self.passed:
-            return None
+        """Return what leads from start to goal; None where nothing says how the tool is steered."""
         own = self.own_motion(tau)
-        return Connection.of(
-            self.rule.system, own, *self.ends(own, self.rule, tau), reverse=reverse
-        )
+        ends = self.ends(own, self.rule, tau)
+        return Connection.of(self.rule.system, own, *ends, vias=len(self.passed), reverse=reverse)
 
     def nearby(self, patient: bool, system: ConstraintSystem, seconds: float | None) -> Plan:
         """Plan a motion near the law's own, merely led to the new ends.

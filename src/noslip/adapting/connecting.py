@@ -23,7 +23,7 @@ from noslip.constraints.keep_out import KeepOut
 from noslip.constraints.rates import AngularRateLimit
 from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.travel import ForwardOnly, TurningRadius
-from noslip.errors import InputError
+from noslip.errors import ConvergenceError, InputError
 from noslip.maneuvers.driving import Pace, driven, effort, time_needed
 from noslip.maneuvers.maneuver import Maneuver, integrated
 from noslip.maneuvers.steering import EASED, Steering
@@ -103,8 +103,10 @@ class Connection(Value):
     own : PoseTrajectory
         The law's motion without constraints.
     first, last : Boundary
-        Start and goal, whole poses.
+        Start and goal.
     system : ConstraintSystem
+    vias : int
+        How many places are to be passed on the way.
     """
 
     steering: Steering
@@ -112,6 +114,7 @@ class Connection(Value):
     first: Boundary
     last: Boundary
     system: ConstraintSystem
+    vias: int = 0
 
     @classmethod
     def of(
@@ -121,6 +124,7 @@ class Connection(Value):
         first: Boundary,
         last: Boundary,
         *,
+        vias: int,
         reverse: bool | None,
     ) -> Connection | None:
         """Return it for what is declared; None where nothing says how the tool is steered.
@@ -144,7 +148,7 @@ class Connection(Value):
             radii = [c for c in system.constraints if isinstance(c, TurningRadius)]
             reverse = not forward and any(c.reverse for c in radii)
         steering = Steering.of(system, reverse)
-        return None if steering is None else cls(steering, own, first, last, system)
+        return None if steering is None else cls(steering, own, first, last, system, vias)
 
     def accepts(self, motion: Motion) -> bool:
         """Whether a motion went where it should: not astray, and not backwards unless asked to."""
@@ -200,7 +204,12 @@ class Connection(Value):
 
     @cached_property
     def proposals(self) -> list[Maneuver]:
-        """Maneuvers from the start to the goal, the shortest first."""
+        """Maneuvers from the start to the goal, the shortest first.
+
+        None where they are no whole poses, or more is to be passed.
+        """
+        if self.vias or not (self.first.is_pose and self.last.is_pose):
+            return []
         return self.steering.proposals(*self._ends)
 
     @cached_property
@@ -235,6 +244,17 @@ class Connection(Value):
         if not (self.proposals and self.steering.radius):
             return False
         return self._is_clear(Way(self.proposals[0]))
+
+    def refused(self, error: ConvergenceError) -> ConvergenceError:
+        """Return an error that tells where a needle comes to instead, which has no maneuver."""
+        if self.vias or not (self.steering.curvature and self.first.is_pose and self.last.is_pose):
+            return error
+        return ConvergenceError(
+            f"{error}; {self.steering.nearest(*self._ends)}",
+            code=error.code,
+            iterate=error.iterate,
+            duration=error.duration,
+        )
 
     def backs_up(self, motion: PoseTrajectory) -> float:
         """Way (m) that a motion backs up; 0 if that is asked for, or next to none."""

@@ -14,7 +14,7 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.travel import TurningRadius
 from noslip.edge import Edge, across
 from noslip.maneuvers import planar, spatial
-from noslip.maneuvers.beveled import beveled
+from noslip.maneuvers.beveled import Nearest, beveled, nearest_beveled
 from noslip.maneuvers.clearing import Clear
 from noslip.maneuvers.maneuver import Maneuver
 from noslip.maneuvers.search import through
@@ -87,6 +87,10 @@ class Steering:
             return planar.turn_drive_turn(*at, reverse=self.reverse)
         drive = planar.reeds_shepp if self.reverse else planar.dubins
         return drive(*at, radius)
+
+    def nearest(self, first: tuple[Floats, Floats], last: tuple[Floats, Floats]) -> Nearest:
+        """Return where a beveled needle comes nearest to a pose of the edge."""
+        return nearest_beveled(*_seen_from(first, last), self.curvature)
 
     def around(
         self, first: tuple[Floats, Floats], last: tuple[Floats, Floats], clear: Clear, reach: float
