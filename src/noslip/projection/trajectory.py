@@ -220,7 +220,6 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         )
     least = result.margins.min(initial=0.0)
     left = f"residual {result.residual:.2g}" + (f", margin {least:.2g}" if least < 0 else "")
-    left += f" after {result.iterations} iterations"
     # More smoothing of the rotation is no advice: it was tried.
     remedies = ["let the position give way (hold_position=False)"] if request.hold_position else []
     remedies += ["low-pass it more", "trim its rests"]
@@ -228,13 +227,14 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
     advice = f"{', '.join(remedies[:-1])}, or {remedies[-1]}"
     if result.residual <= _KEPT and least >= -_KEPT:
         raise ConvergenceError(
-            f"{request.reference.name}: a trajectory that satisfies {names} is found ({left}), but "
-            f"not the nearest: the projection did not converge; {advice}",
+            f"{request.reference.name}: a trajectory that satisfies {names} is found ({left} after "
+            f"{result.iterations} iterations), but the projection did not converge to the nearest; "
+            f"{advice}",
             iterate=result.trajectory,
         )
     raise ConvergenceError(
-        f"{request.reference.name}: no trajectory near it found that satisfies {names} ({left}); "
-        f"{advice}",
+        f"{request.reference.name}: no trajectory near it found that satisfies {names} ({left} "
+        f"after {result.iterations} iterations); {advice}",
         code=Refusal.NOT_FOUND,
         iterate=result.trajectory,
     )
