@@ -341,6 +341,7 @@ REFUSALS: tuple[tuple[str, str], ...] = (
     ("a kept rotation swings", r"with the positions held, a rotation that is kept does not fit"),
     ("limits cannot be kept between the ends", r"no motion found that keeps"),
     ("the goal violates a rule", r"violates '.*' by .* no motion that satisfies it"),
+    ("no motion leads from the start there", r"rules? out; no motion that satisfies"),
     ("via points too near", r"no motion found that passes all of"),
     ("demonstrations contradict", r"(run in opposite directions|hold the tool opposite ways)"),
     ("rules contradict", r"contradict each other"),

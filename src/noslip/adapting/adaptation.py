@@ -17,6 +17,7 @@ from noslip.adapting import compiled
 from noslip.adapting.connecting import Connection, Shape, Way, eased
 from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
+from noslip.adapting.impossible import require_reachable
 from noslip.adapting.plan import (
     Adapted,
     Plan,
@@ -249,10 +250,10 @@ class _Task:
                 return place.part(self.kept[name])
             return moving(place, own, rule, at, self.kept[name])
 
-        return (
-            reached("start", law.start_position, self.free.start_rotation, at=law.begin),
-            reached("goal", law.goal_position, self.free.goal_rotation, at=law.begin + tau),
-        )
+        first = reached("start", law.start_position, self.free.start_rotation, at=law.begin)
+        last = reached("goal", law.goal_position, self.free.goal_rotation, at=law.begin + tau)
+        require_reachable(system, first, last)
+        return first, last
 
     def connection(self, tau: float, reverse: bool | None) -> Connection | None:
         """Return what leads from start to goal; None where that is not known, or more is asked."""
@@ -283,6 +284,7 @@ class _Task:
             for place in self.passed:
                 time = request.begin + place.at * tau
                 require_feasible(system, f"via at {place.at:g}", time, place)
+                require_reachable(system, first, place, f"via at {place.at:g}")
             request = replace(request, reference=through(own, request.boundaries))
             return self._carried_out(held, request, self.steps, tau, projected_onto)
 

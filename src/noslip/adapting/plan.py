@@ -11,7 +11,7 @@ import numpy as np
 
 from noslip._values import Value
 from noslip.adapting.constants import MOST_SAMPLES
-from noslip.adapting.unkept import unkept
+from noslip.adapting.unkept import broken, not_found, unkept
 from noslip.boundary import Boundary
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import (
@@ -31,7 +31,7 @@ from noslip.projection.trajectory import project_heeding_what_it_can, project_ne
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
-from noslip.runtime.timing import Pace, stretched, timed, unhurried
+from noslip.runtime.timing import Pace, timed, unhurried
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import followed_with, pose_at, verify
 
@@ -148,10 +148,9 @@ def giving_time(planned: Planning, law: Law, rule: Rule, duration: float | None)
             with suppress(MissedError):
                 return found.noting(refused).verified(law, rule)
         # What is told must do; where that is refused too, it is not time that lacks.
-        refusal = pace.refusal(duration, stretched(found.projected.trajectory, pace.factor))
         with muted():
-            planned(rule.system, refusal.duration).verified(law, rule)
-        raise refusal from error
+            enough = planned(rule.system, float(pace.needed(duration))).verified(law, rule)
+        raise pace.refusal(duration, enough.motion) from error
 
 
 def at_usual_speed(planned: Callable[[float], Plan], law: Law, duration: float | None) -> Plan:
@@ -217,6 +216,8 @@ def projected_along(request: Request) -> ProjectedTrajectory:
         hard = replace(request, system=_hard(request.system))
         left_out = tuple(set(limits.names) - set(hard.system.limits.names))
         found = replace(project_nearby(hard), left_out=left_out)
+    if not found.converged and (in_the_way := broken(request)):
+        raise not_found(request, in_the_way, request.reference)
     if not found.converged:
         raise ConvergenceError(
             "a maneuver leads there, but the iteration onto the constraints did not converge "

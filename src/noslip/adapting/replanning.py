@@ -12,6 +12,7 @@ from noslip.adapting import compiled
 from noslip.adapting.adaptation import samples_of
 from noslip.adapting.constants import DETOUR, FEWEST_LEFT, FEWEST_SAMPLES, LEAST_TIME, SETTLED
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
+from noslip.adapting.impossible import require_reachable
 from noslip.adapting.plan import Adapted, Plan, carried_out
 from noslip.boundary import Boundary, End
 from noslip.constraints.system import ConstraintSystem
@@ -107,6 +108,7 @@ def replan(
     last = last.part(end)
     first = allowed(_start(system, state, nominal, now), system, rule.inverse_metric, state.time)
     assert first.position is not None
+    require_reachable(system, first, last)
     # Back onto the path, not just to its end, if the way there is long enough.
     moved = through(rest, [last])
     traveled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))

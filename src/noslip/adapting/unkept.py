@@ -32,35 +32,62 @@ def unkept(
     """
     limits = request.system.limits
     hard = limits.part([name in left_out for name in limits.names])
-    path, names = projected.trajectory, ", ".join(left_out)
-    places = "ends or via points" if request.boundaries[2:] else "ends"
+    path = projected.trajectory
     asked = paces(_of_steps(path, request.begin), hard)
     kept = [pace for pace in asked if pace is not None]
     slowest = max(kept, key=lambda pace: pace.factor, default=None)
-    remedies = [f"other {places}", "a way there that is demonstrated", "a priority above 0"]
     if slowest is None or len(kept) < len(asked) or slowest.factor == 1:
-        return ConvergenceError(
-            f"no motion found that keeps {names} between these {places}: give it "
-            f"{', '.join(remedies[:-1])}, or {remedies[-1]}",
-            code=Refusal.NOT_FOUND,
-            iterate=path,
-        )
+        return not_found(request, left_out, path)
     needed = slowest.needed(path.duration)
-    told = f"no motion found that keeps {names} between these {places} in {path.duration:.4g} s"
+    told = f"{_none_keeps(request, left_out)} in {path.duration:.4g} s"
     if any(boundary.moves for boundary in request.boundaries):
         # Slower, it would not begin or end as asked for: more time helps, how much is not known.
         return ConvergenceError(
             f"{told}: along its path it takes {needed} s or more; give it more time (duration), or "
-            f"{remedies[-1]}",
+            "a priority above 0",
             code=Refusal.NOT_FOUND,
             iterate=path,
         )
     return ConvergenceError(
-        f"{told}: along its path it takes {needed} s; give it that (duration), or {remedies[-1]}",
+        f"{told}: along its path it takes {needed} s; give it that (duration), or a priority above "
+        "0",
         code=Refusal.TOO_FAST,
         iterate=stretched(path, slowest.factor),
         duration=float(needed),
     )
+
+
+def not_found(request: Request, names: Sequence[str], best: PoseTrajectory) -> ConvergenceError:
+    """Return that the search came to no motion that keeps some limits, and what to do."""
+    return ConvergenceError(
+        f"{_none_keeps(request, names)}: give it other {_places(request)}, a way there that is "
+        "demonstrated, or a priority above 0",
+        code=Refusal.NOT_FOUND,
+        iterate=best,
+    )
+
+
+def broken(request: Request) -> list[str]:
+    """Names of the hard limits on poses that a request's reference breaks."""
+    limits = request.system.limits
+    limits = limits.part([c.priority == 0 and c.level == "position" for c in limits.constraints])
+    reference = request.reference
+    rest = np.zeros_like(reference.positions)
+    margins = limits.residuals(
+        reference.times + request.begin, reference.positions, reference.quaternions, rest, rest
+    )
+    least = np.split(margins.min(axis=0), np.cumsum(limits.rows)[:-1])
+    return [
+        name for name, rows in zip(limits.names, least, strict=False) if rows.min(initial=0.0) < 0
+    ]
+
+
+def _none_keeps(request: Request, names: Sequence[str]) -> str:
+    return f"no motion found that keeps {', '.join(names)} between these {_places(request)}"
+
+
+def _places(request: Request) -> str:
+    return "ends or via points" if request.boundaries[2:] else "ends"
 
 
 def _of_steps(trajectory: PoseTrajectory, begin: float) -> PoseTrajectory:

@@ -19,6 +19,10 @@ _PROBE = 1e-7
 """Difference for derivatives; they only need to lead to the solution, which is exact."""
 _LONGEST_STEP = 1.0
 """Of an iteration, radii and rad: beyond, the derivatives say little."""
+_EXACT = 1e-13
+"""Missed by less (radii, rad), a goal is reached."""
+_SETTLING = 4
+"""Last iterations, without shortening: enough from anywhere nearby."""
 _HALF_TURN = 1e-2
 """1 + trace of a rotation, below which its error stops growing: it is a half turn off."""
 _DAMPING = 1e-12
@@ -156,7 +160,7 @@ class Sequence:
         goal : array, shape (4, 4)
         iterations : int
         shortening : float
-            Step along what leaves the end alone and makes the whole shorter, in each but the last
+            Step along what leaves the end alone and makes the whole shorter, in each but the last 4
             iterations.
 
         Returns
@@ -171,6 +175,8 @@ class Sequence:
             probed = (parameters[:, None] + probes).reshape(-1, size)
             values = self._missed(probed, spread, goal).reshape(number, -1, 6)
             missed = values[:, 0]
+            if not shortening and np.abs(missed).max(initial=0) < _EXACT:
+                break
             transposed = (values[:, 1:] - missed[:, None]) / _PROBE
             jacobian = np.swapaxes(transposed, 1, 2)
             square = jacobian @ transposed
@@ -178,7 +184,7 @@ class Sequence:
             square += damping[:, None, None] * np.eye(6)
             wanted = missed[..., None]
             downhill = np.zeros_like(parameters)
-            if shortening and left > 4:
+            if shortening and left > _SETTLING:
                 downhill[:] = shortening * self._lengthening(parameters)
                 wanted = wanted - jacobian @ downhill[..., None]
             step = -(transposed @ np.linalg.solve(square, wanted))[..., 0] - downhill

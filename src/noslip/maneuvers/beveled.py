@@ -31,23 +31,20 @@ from noslip._values import Value
 from noslip.errors import InputError
 from noslip.maneuvers.maneuver import Maneuver, Stretch
 
-_COSINES = 10
-"""Of the roll rate, up to four waves and a half: a length more, they are five unknowns over the six
-equations of a pose, and as fast as roll is in use."""
+_COSINES = 20
+"""Of the roll rate, up to nine waves and a half: enough to turn over within a tenth of the way, as
+in a bend to one side, then to the other; with half as many one such pose in six is missed."""
 _SLOW = 3.0
 """Half waves up to which a cosine costs about as much as a steady roll."""
 _LENGTH_EFFORT = 10.0
 """Effort's root of a way twice as long as the distance: half a turn of roll for a third more."""
-_SEARCHES = ((512, 12), (4096, 60))
-"""Ways that are tried, and how many of them are led to the pose: of the first nine in ten arrive,
-and where none does the second search takes five times as long."""
+_SEARCHES = ((512, 12), (2048, 40))
+"""Ways that are tried, and how many of them are led to the pose: of the first nine in ten arrive.
+The second, four times as slow, is for poses that only a certain roll leads to."""
 _LEAST_ROLL, _MOST_ROLL = 0.1, 10.0
 """Roll over those ways (rad): from nearly an arc to some turns."""
-_SLACK, _CIRCLING = 0.15, 0.25
-"""Length over the distance that rolling needs at most, and share of those ways that go round, up to
-a full circle, to poses aside or behind."""
-_ROUNDABOUT = 1.5
-"""Length over the distance from which a way goes round: of half a circle it is pi / 2."""
+_SLACK = 0.15
+"""Length over the distance that rolling needs at most, less one."""
 _COARSE, _LEADING = 16, 32
 """Stretches of a way that is tried, and of one that is led: what it is off by then is made good."""
 _STEPS, _ENOUGH = 30, 8
@@ -58,12 +55,13 @@ _EFFORT_SHARE = 0.6
 """Of the step to the least effort, taken at once with the one to the pose: the whole of it leads
 past where the linearization holds."""
 _DAMPING, _LEAST_DAMPING = 1e-2, 1e-13
-"""On the matrix of a step, over its mean: times the squared distance from the pose, which keeps far
-steps off directions that hardly move the end, and at the end for its definiteness alone."""
+"""On the matrix of a step, over its mean: times the squared distance from the pose, and what keeps
+it definite at the pose."""
 _NEAR, _ARRIVED = 1e-3, 1e-12
 """Off the pose (of its distance; rad): what the last steps make good, and what counts as none."""
-_POLISHING = 40
-"""Last steps: they double their digits, or add one each where roll all but vanishes."""
+_APPROACHING, _WAITING, _TRIED_LAST = 40, 8, 4
+"""Last steps: they double their digits, or add one each where roll all but vanishes; after how many
+nothing waits for the other ways if one has arrived; and how many ways are led nearest."""
 _APART = 0.5
 """Roll's root mean square (rad) from which two ways count as different."""
 _MOST_STRETCHES = 2000
@@ -93,6 +91,13 @@ class Nearest(Value):
     moved: float
     turned: float
     lost: Floats
+
+    def __str__(self) -> str:
+        """How near, and what keeps it from coming nearer."""
+        text = f"{1e3 * self.moved:.3g} mm and {np.degrees(self.turned):.2g} degrees off"
+        if not self.directions:
+            return text
+        return f"{text}, where its tip, whatever the roll, is hardly {' or '.join(self.directions)}"
 
     @property
     def directions(self) -> tuple[str, ...]:
@@ -129,18 +134,15 @@ def beveled(
     """
     goal = _Goal.of(position, quaternion, curvature)
     stretches = _arguments.count("stretches", stretches, _MOST_STRETCHES)
-    kept: list[Floats] = []
+    if not goal.position.any():
+        return _rolled(goal)
     for search in _SEARCHES:
-        ways, missed = _led(goal, *search)
-        for way in ways[missed <= _NEAR]:
-            if len(kept) < most and _is_new(way, kept):
-                arrived, left = _polished(goal, way, stretches)
-                kept += [arrived] if left <= _ARRIVED and _is_new(arrived, kept) else []
-        # Who went round may have missed the short way.
-        if any(way[-1] < _ROUNDABOUT * goal.distance for way in kept):
+        ways = np.array(_different(_led(goal, *search), most))
+        ways, missed = _approached(goal, ways, stretches)
+        if (missed <= _ARRIVED).any():
             break
-    kept.sort(key=goal.effort)
-    return [_maneuver(goal, way, stretches) for way in kept]
+    found = ways[missed <= _ARRIVED]
+    return [_maneuver(goal, way, stretches) for way in found[np.argsort(goal.effort(found))]]
 
 
 def nearest_beveled(
@@ -156,7 +158,7 @@ def nearest_beveled(
     """
     goal = _Goal.of(position, quaternion, curvature)
     stretches = _arguments.count("stretches", stretches, _MOST_STRETCHES)
-    ways, missed = _led(goal, *_SEARCHES[-1])
+    ways, missed = _approached(goal, _led(goal, *_SEARCHES[0])[:_TRIED_LAST], stretches)
     way = ways[int(np.argmin(missed))]
     off, slope = _linearized(goal, way[None], stretches)
     # Per root of effort, in the frame at the end, which is as far from the pose's as it is off.
@@ -210,17 +212,25 @@ class _Goal:
 
     @property
     def efforts(self) -> Floats:
-        """Of the cosines and of what the length is more than the distance, shape (11,)."""
+        """Of the cosines and of what the length is more than the distance, shape (21,)."""
         rolls = 1 + (np.arange(_COSINES) / _SLOW) ** 2
         return np.append(rolls, (_LENGTH_EFFORT / self.distance) ** 2)
 
     def effort(self, ways: Floats) -> Floats:
-        """Effort of ways, shape (..., 11)."""
+        """Effort of ways, shape (..., 21)."""
         return np.asarray(self.excess(ways) ** 2 @ self.efforts)
 
     def excess(self, ways: Floats) -> Floats:
         """Rolls, and length over the distance."""
-        return ways - np.append(np.zeros(_COSINES), self.distance)
+        return np.asarray(ways - np.append(np.zeros(_COSINES), self.distance))
+
+
+def _rolled(goal: _Goal) -> list[Maneuver]:
+    """To where it is: rolled in place, if that is all."""
+    turn = Rotation.from_matrix(goal.rotation).as_rotvec()
+    if np.abs(turn[1:]).max() > _ARRIVED:
+        return []
+    return [Maneuver((Stretch("roll", 0.0, (float(turn[0]), 0.0, 0.0)),))]
 
 
 def _maneuver(goal: _Goal, way: Floats, stretches: int) -> Maneuver:
@@ -240,45 +250,69 @@ def _maneuver(goal: _Goal, way: Floats, stretches: int) -> Maneuver:
 # ---------------------------------------------------------------- leading ways to a pose
 
 
-def _is_new(way: Floats, others: Sequence[Floats]) -> bool:
-    return all(np.linalg.norm((way - other)[:-1]) > _APART for other in others)
+def _different(ways: Floats, most: int) -> list[Floats]:
+    """The first ways, of those that roll alike one."""
+    kept: list[Floats] = []
+    for way in ways:
+        if len(kept) == most:
+            break
+        if all(np.linalg.norm((way - other)[:-1]) > _APART for other in kept):
+            kept.append(way)
+    return kept
 
 
-def _led(goal: _Goal, tried: int, led: int) -> tuple[Floats, Floats]:
-    """Ways (K, 11), first those that arrive with the least effort, and what they miss (K,)."""
+def _led(goal: _Goal, tried: int, led: int) -> Floats:
+    """Ways (led, 21): first those that all but arrive, by effort, then those that end nearest."""
     ways = _tried(goal, tried)
     missed = np.linalg.norm(_missed(goal, _chain(goal, ways, _COARSE)[-1]), axis=1)
-    ways = ways[np.argsort(missed, kind="stable")[:led]]
+    # Of two that end as near the shorter is nearer to what is sought.
+    ways = ways[np.argsort(missed * ways[:, -1], kind="stable")[:led]]
     for step in range(_STEPS):
         off, slope = _linearized(goal, ways, _LEADING)
         missed = np.linalg.norm(off, axis=1)
         if step >= _ENOUGH and np.mean(missed < _NEAR) > 0.5:
             break
-        ways = ways + _step(goal, ways, off, slope, _EFFORT_SHARE)
+        ways = ways + _step(goal, ways, off, slope, _damping(missed), _EFFORT_SHARE)
     order = np.lexsort((goal.effort(ways), np.where(missed > _NEAR, missed, 0.0)))
-    return ways[order], missed[order]
+    return np.asarray(ways[order])
 
 
-def _polished(goal: _Goal, way: Floats, stretches: int) -> tuple[Floats, float]:
-    """Way of so many stretches led to the pose up to rounding, and what it still misses."""
-    ways = way[None]
-    for _ in range(_POLISHING):
-        off, slope = _linearized(goal, ways, stretches)
-        if np.linalg.norm(off) <= _ARRIVED:
+def _approached(goal: _Goal, ways: Floats, stretches: int) -> tuple[Floats, Floats]:
+    """Ways of so many stretches led as near to the pose as each comes, and what it misses (K,).
+
+    By the method of Levenberg and Marquardt: damped more where a step leads away, less where not.
+    """
+    off, slope = _linearized(goal, ways, stretches)
+    missed, more = np.linalg.norm(off, axis=1), np.ones(len(ways))
+    for step in range(_APPROACHING):
+        arrived = missed <= _ARRIVED
+        if arrived.all() or (step > _WAITING and arrived.any()):
             break
-        ways = ways + _step(goal, ways, off, slope, 0.0)
-    return ways[0], float(np.linalg.norm(_missed(goal, _chain(goal, ways, stretches)[-1])))
+        there = ways + _step(goal, ways, off, slope, more * _damping(missed), 0.0)
+        moved, turned = _linearized(goal, there, stretches)
+        left = np.linalg.norm(moved, axis=1)
+        nearer = left < missed
+        ways[nearer], off[nearer], slope[nearer] = there[nearer], moved[nearer], turned[nearer]
+        missed = np.where(nearer, left, missed)
+        more = np.where(nearer, np.maximum(more / 10, 1.0), 10 * more)
+    return ways, missed
 
 
-def _step(goal: _Goal, ways: Floats, off: Floats, slope: Floats, share: float) -> Floats:
+def _damping(missed: Floats) -> Floats:
+    """What keeps far steps off directions that hardly move the end."""
+    return np.asarray(_DAMPING * np.minimum(missed**2, 1.0) + _LEAST_DAMPING)
+
+
+def _step(
+    goal: _Goal, ways: Floats, off: Floats, slope: Floats, damping: Floats, share: float
+) -> Floats:
     """Least effort, or a share of the way to it, whose end meets the pose to first order."""
     efforts = goal.efforts
     excess = share * goal.excess(ways)
     moves = slope / efforts
     matrix = moves @ slope.swapaxes(1, 2)
-    far = np.minimum(1.0, np.sum(off**2, axis=1))
-    damping = (_LEAST_DAMPING + _DAMPING * far) * np.trace(matrix, axis1=1, axis2=2) / 6
-    matrix += damping[:, None, None] * np.eye(6)
+    mean = np.trace(matrix, axis1=1, axis2=2) / 6
+    matrix += (damping * mean)[:, None, None] * np.eye(6)
     wanted = off[..., None] + slope @ excess[..., None]
     step = (np.linalg.solve(matrix, wanted).swapaxes(1, 2) @ moves)[:, 0] - excess
     size = np.sqrt(step**2 @ efforts)
@@ -288,19 +322,17 @@ def _step(goal: _Goal, ways: Floats, off: Floats, slope: Floats, share: float) -
 
 
 def _tried(goal: _Goal, count: int) -> Floats:
-    """Ways to start from, shape (count, 11)."""
-    rolls, straighter, around = _starts(count)
+    """Ways to start from, shape (count, 21)."""
+    rolls, straighter, longer = _starts(count)
     d = goal.distance
     # What an arc is longer than its chord is d^3 / 24.
-    longer = _SLACK * d * straighter + d**3 / 20 * around
-    circling = np.arange(count) < _CIRCLING * count
-    longer[circling] = 2 * np.pi * around[circling]
-    return np.column_stack([rolls, d + longer])
+    more = _SLACK * d * straighter + d**3 / 20 * longer
+    return np.column_stack([rolls, d + more])
 
 
 @lru_cache(maxsize=2)
 def _starts(count: int) -> tuple[Floats, Floats, Floats]:
-    """Rolls (count, 10) of ways to start from, and two numbers from 0 to 1 for their lengths."""
+    """Rolls (count, 20) of ways to start from, and two numbers from 0 to 1 for their lengths."""
     random = np.random.default_rng(count)
     size = _LEAST_ROLL * (_MOST_ROLL / _LEAST_ROLL) ** random.uniform(size=(count, 1))
     rolls = size * random.normal(size=(count, _COSINES)) / (1 + np.arange(_COSINES))
@@ -309,7 +341,7 @@ def _starts(count: int) -> tuple[Floats, Floats, Floats]:
 
 @lru_cache(maxsize=8)
 def _cosines(stretches: int) -> Floats:
-    """Roll of each stretch per cosine, shape (stretches, 10)."""
+    """Roll of each stretch per cosine, shape (stretches, 20)."""
     middles = (np.arange(stretches) + 0.5) / stretches
     return np.cos(np.pi * np.arange(_COSINES) * middles[:, None]) / stretches
 
@@ -324,7 +356,7 @@ def _missed(goal: _Goal, ends: Floats) -> Floats:
 
 
 def _linearized(goal: _Goal, ways: Floats, stretches: int) -> tuple[Floats, Floats]:
-    """What ways (K, 11) miss, shape (K, 6), and how their ends move with them, (K, 6, 11).
+    """What ways (K, 21) miss, shape (K, 6), and how their ends move with them, (K, 6, 21).
 
     A change of roll turns all that follows about the shaft there, a change of length pushes it
     along and turns it about the bevel axis: integrals over the way, by Simpson's rule in each

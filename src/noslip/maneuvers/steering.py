@@ -12,7 +12,7 @@ from noslip.constraints.edge_motion import work_moves
 from noslip.constraints.needle import Needle
 from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.travel import TurningRadius
-from noslip.edge import Edge
+from noslip.edge import Edge, across
 from noslip.maneuvers import planar, spatial
 from noslip.maneuvers.beveled import beveled
 from noslip.maneuvers.maneuver import Maneuver
@@ -53,7 +53,7 @@ class Steering:
         if edged is None or edged.edge is None or edged.edge.lateral is None or work_moves(edged):
             return None
         radii = [c.radius for c in system.constraints if isinstance(c, TurningRadius)]
-        bends = [c.curvature or 0.0 for c in system.constraints if isinstance(c, Needle)]
+        bends = [_bend(c, edged.edge) for c in system.constraints if isinstance(c, Needle)]
         return cls(edged.edge, max(radii, default=0.0), max(bends, default=0.0, key=abs), reverse)
 
     def seen(self, positions: Floats, rotations: Rotation) -> tuple[Floats, Floats]:
@@ -89,3 +89,9 @@ class Steering:
             return planar.turn_drive_turn(x, y, heading, reverse=self.reverse)
         drive = planar.reeds_shepp if self.reverse else planar.dubins
         return drive(x, y, heading, radius)
+
+
+def _bend(needle: Needle, edge: Edge) -> float:
+    """Curvature of a needle about the third axis of its edge, which the bevel may be against."""
+    bevel = across(needle.bevel, needle.shaft)
+    return (needle.curvature or 0.0) * float(np.sign(bevel @ edge.frame[2]))

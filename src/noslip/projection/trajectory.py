@@ -154,7 +154,12 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
     """
     best: ProjectedTrajectory | None = None
     begun = np.zeros((len(request.reference), 3))
+    limited = request.system.limits.size > 0
     for factor, barrier, careful in _LIMIT_ATTEMPTS:
+        # Without limits all attempts begin alike, and only the careful ones lead far: of a needle's
+        # turn that is all but lost, the curvature of the first steps leads nowhere.
+        if not (careful or limited):
+            continue
         weights = request.weights.smoother(factor)
         if len(request.reference) > weights.most_samples:
             break
@@ -215,7 +220,6 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         )
     least = result.margins.min(initial=0.0)
     left = f"residual {result.residual:.2g}" + (f", margin {least:.2g}" if least < 0 else "")
-    left += f" after {result.iterations} iterations"
     # More smoothing of the rotation is no advice: it was tried.
     remedies = ["let the position give way (hold_position=False)"] if request.hold_position else []
     remedies += ["low-pass it more", "trim its rests"]
@@ -223,13 +227,14 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
     advice = f"{', '.join(remedies[:-1])}, or {remedies[-1]}"
     if result.residual <= _KEPT and least >= -_KEPT:
         raise ConvergenceError(
-            f"{request.reference.name}: a trajectory that satisfies {names} is found ({left}), but "
-            f"not the nearest: the projection did not converge; {advice}",
+            f"{request.reference.name}: a trajectory that satisfies {names} is found ({left} after "
+            f"{result.iterations} iterations), but the projection did not converge to the nearest; "
+            f"{advice}",
             iterate=result.trajectory,
         )
     raise ConvergenceError(
-        f"{request.reference.name}: no trajectory near it found that satisfies {names} ({left}); "
-        f"{advice}",
+        f"{request.reference.name}: no trajectory near it found that satisfies {names} ({left} "
+        f"after {result.iterations} iterations); {advice}",
         code=Refusal.NOT_FOUND,
         iterate=result.trajectory,
     )
