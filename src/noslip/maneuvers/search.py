@@ -22,8 +22,11 @@ from noslip.maneuvers.maneuver import Maneuver, Stretch, composed, exponential
 from noslip.maneuvers.planar import dubins, reeds_shepp, turn_drive_turn
 from noslip.maneuvers.shortening import CUSP, Ground, shortened
 
-_LEVELS = ((0.8, 3.0), (0.4, 6.0), (0.2, 12.0))
-"""Way of a move, and how far around start and goal is searched, in radii: coarse, then fine."""
+_LEVELS = ((0.35, 6.0), (0.35, 20.0), (0.18, 10.0))
+"""Way of a move, and how far around start and goal is searched, in radii: near, then wide, then fine.
+Coarser moves find goals sooner, and ways that are up to 30 % longer."""
+_LONGER = 20
+"""Times the nodes before the first way, as many again are looked at for a shorter one."""
 _BATCH = 48
 """Nodes that are expanded at once: enough that arrays cost more than their calls."""
 _TURN = np.pi / 8
@@ -39,7 +42,7 @@ def through(
     *,
     reverse: bool = False,
     reach: float = 0.0,
-    expansions: int = 20_000,
+    expansions: int = 10_000,
 ) -> Maneuver | None:
     """A short maneuver in the plane, from the origin to a pose, that is clear all along.
 
@@ -235,7 +238,7 @@ def _searched(
         shot = ground.shot(poses[nearest], goal, bound - cost[nearest])
         if shot is not None:
             bound, found = cost[nearest] + shot.cost, (nearest, shot.maneuver)
-            expansions = min(expansions, 2 * expanded + 200)
+            expansions = min(expansions, _LONGER * expanded + 2000)
         begin = np.repeat(batch, len(moves))
         kind = np.tile(np.arange(len(moves)), len(batch))
         after = composed(poses[begin], ends[kind])
