@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield hard-use kills fuzz docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach hard-use kills fuzz docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -70,6 +70,9 @@ identified: $(VENV)/.dev ## 100 random tools of each kind and noise, and what is
 
 shield: $(STAMP) ## send noisy chunks of recorded tools through a shield, 1e5 of them; an hour
 	$(BIN)/python -m benchmarks.shield --chunks 100000
+
+reach: $(STAMP) ## adapt to 1300 goals all around, by maneuvers where it takes them; an hour
+	$(BIN)/python -m benchmarks.reach --count 500
 
 kills: $(STAMP) ## kill processes that write into one folder and one cache, 1000 rounds of 2 and of 10
 	$(BIN)/python -m benchmarks.kills --rounds 1000

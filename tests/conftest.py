@@ -12,6 +12,8 @@ from typing import NamedTuple
 import pytest
 from hypothesis import HealthCheck, settings
 
+import objects
+
 settings.register_profile(
     "ci",
     deadline=None,
@@ -25,16 +27,70 @@ settings.load_profile("ci")
 os.environ["NOSLIP_COMPILE"] = "0"
 
 
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder that all workers of one run share."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+@pytest.fixture(scope="session")
+def once(run_folder: Path) -> Callable[[str, Callable[[Path], None]], Path]:
+    """Have a folder filled by the worker that first wants it; the others wait, and find it full."""
+    from noslip._files import locked
+
+    def filled(name: str, fill: Callable[[Path], None]) -> Path:
+        with locked(run_folder / name):
+            folder, done = run_folder / name / "in", run_folder / name / "done"
+            if not done.exists():
+                folder.mkdir(exist_ok=True)
+                fill(folder)
+                done.touch()
+        return folder
+
+    return filled
+
+
+@pytest.fixture(scope="session")
+def demo(once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """Folder that ``noslip demo`` wrote; to be read only."""
+
+    def run(folder: Path) -> None:
+        from noslip.cli import main
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["noslip", "demo", "--out", str(folder / "results")])
+            with pytest.raises(SystemExit) as done:
+                main()
+                raise SystemExit(0)
+        assert not done.value.code
+
+    return once("demo", run) / "results"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def keep_objects(run_folder: Path) -> None:
+    """Have what tests compile themselves kept for the others."""
+    objects.FOLDER = run_folder / "objects"
+
+
 @pytest.fixture
-def compiling(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def compiling(monkeypatch: pytest.MonkeyPatch, run_folder: Path) -> Path:
     """Allow compiling, into a cache folder that the tests of one run share."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler (cc) on this machine")
-    folder = tmp_path_factory.getbasetemp() / "compiled"
+    folder = run_folder / "compiled"
     monkeypatch.setenv("NOSLIP_COMPILE", "1")
     monkeypatch.setenv("NOSLIP_CACHE", str(folder))
     monkeypatch.delenv("CC", raising=False)
     return folder
+
+
+@pytest.fixture
+def uncounted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the counting of instructions in what is exported, which takes seconds."""
+    monkeypatch.setattr("noslip.exporting.export._instructions", lambda *told: None)
+    monkeypatch.setattr("noslip.shielding.exporting.most_instructions", lambda *told: None)
 
 
 @pytest.fixture(scope="session")

@@ -534,8 +534,11 @@ def test_vias_are_met_between_samples_and_close_to_each_other(
 # It was passed, the end left 2 mm off at 160 rad/s.
 @pytest.mark.filterwarnings("ignore::noslip.errors.CompromiseWarning")
 def test_a_via_that_leaves_no_time_to_come_to_the_goal_is_refused() -> None:
-    with pytest.raises(ns.errors.MissedError, match=r"0.995, 1: places 0.005 .* leave more"):
+    with pytest.raises(
+        ns.errors.MissedError, match=r"0.995, 1: places 0.005 .* leave more"
+    ) as told:
         cutting().adapt(via=[near(cutting(), 0.995, 0.01)[:2]])
+    assert told.value.code is ns.errors.Refusal.NOT_FOUND
 
 
 @pytest.mark.parametrize("at", [0, 1, -0.1, 1.5, np.nan, "half"])

@@ -5,29 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from measures import rms
-from noslip.cli import main
 
 pytestmark = pytest.mark.slow
 EXCISIONS = range(1, 9)
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("demo") / "results"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["noslip", "demo", "--out", str(folder)])
-        try:
-            main()
-        except SystemExit as stop:
-            assert not stop.code
-    return folder
 
 
 class Rows:
@@ -78,8 +64,8 @@ class Rows:
 
 
 @pytest.fixture(scope="module")
-def example(results) -> dict[str, Rows]:
-    folder = results / "numerical_example"
+def example(demo) -> dict[str, Rows]:
+    folder = demo / "numerical_example"
     names = ("demonstration", "regular", "constrained", "optimized")
     return {name: Rows(folder / f"{name}.csv") for name in names}
 
@@ -120,9 +106,9 @@ def test_constrained_keeps_orientation_and_constraint_and_loses_the_path(example
 
 
 @pytest.mark.parametrize("number", EXCISIONS)
-def test_trained_excision_follows_its_demonstration_without_slip(results, number):
-    demonstration = Rows(results / "excision" / f"demonstration_{number}.csv")
-    trained = Rows(results / "excision" / f"trained_{number}.csv")
+def test_trained_excision_follows_its_demonstration_without_slip(demo, number):
+    demonstration = Rows(demo / "excision" / f"demonstration_{number}.csv")
+    trained = Rows(demo / "excision" / f"trained_{number}.csv")
     assert demonstration.slip > 1e-3
     assert trained.slip <= 1e-10
     # Steps of a rollout are the demonstration's, or a fraction of them.
@@ -133,8 +119,8 @@ def test_trained_excision_follows_its_demonstration_without_slip(results, number
     assert rms(np.linalg.norm(positions - demonstration.p, axis=1)) <= 0.5e-3
 
 
-def test_summary_agrees_with_the_files_and_says_synthetic(results, example):
-    summary = json.loads((results / "summary.json").read_text())
+def test_summary_agrees_with_the_files_and_says_synthetic(demo, example):
+    summary = json.loads((demo / "summary.json").read_text())
     assert summary["excision"]["synthetic"] is True
     optimized = summary["numerical_example"]["optimized"]
     assert optimized["residual_peak"] == pytest.approx(example["optimized"].slip, rel=0.5)
@@ -150,9 +136,9 @@ ROWS = {
 }
 
 
-def test_the_readme_tells_the_numbers_of_the_summary(results):
+def test_the_readme_tells_the_numbers_of_the_summary(demo):
     """In mm, m/s and rad/s, as rounded there; residuals that are rounding by their size."""
-    summary = json.loads((results / "summary.json").read_text())["numerical_example"]
+    summary = json.loads((demo / "summary.json").read_text())["numerical_example"]
     readme = (Path(__file__).resolve().parents[1] / "README.md").read_text()
     for row, motions in ROWS.items():
         told = re.search(rf"^\| {re.escape(row)} \|(.*)\|$", readme, re.MULTILINE)[1]
@@ -164,9 +150,9 @@ def test_the_readme_tells_the_numbers_of_the_summary(results):
             assert motion["angular_speed_peak"] == pytest.approx(turning, rel=0.05)
 
 
-def test_figures_are_there_in_both_formats(results):
+def test_figures_are_there_in_both_formats(demo):
     for folder, count in (("numerical_example", 2), ("excision", 3)):
-        pictures = sorted((results / folder).glob("*.png"))
+        pictures = sorted((demo / folder).glob("*.png"))
         assert len(pictures) == count
         for picture in pictures:
             assert picture.read_bytes().startswith(b"\x89PNG")

@@ -68,7 +68,11 @@ def test_a_repr_is_one_line_that_names_the_type_and_lists_no_numbers(name: str) 
     assert "[" not in told and "object at" not in told
 
 
-@pytest.mark.parametrize("rule", [*(kind() for kind in CATALOG.values()), *RULES], ids=repr)
+SAID = [kind() for name, kind in CATALOG.items() if name != "keep-out"]
+"""Without that of a field, which has too many numbers to be said."""
+
+
+@pytest.mark.parametrize("rule", [*SAID, *RULES], ids=repr)
 def test_a_constraint_says_how_it_is_made(rule: ns.Constraint) -> None:
     assert eval(repr(rule), vars(ns.constraints)) == rule
 

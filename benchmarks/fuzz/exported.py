@@ -19,6 +19,8 @@ SOURCES = ("noslip.c", "plan.c", "replan.c", "controller.c", "cut.c")
 def build(folder: Path) -> Path:
     """Compile the target beside an exported ``cut``; ``guided`` where libFuzzer is installed.
 
+    Of what was compiled in this folder before, only texts that changed since are again.
+
     Raises
     ------
     subprocess.CalledProcessError
@@ -30,9 +32,13 @@ def build(folder: Path) -> Path:
         compiler, name = ["clang", f"{SANITIZED},fuzzer"], "guided"
     else:
         compiler, name = ["cc", SANITIZED, "-DDRIVEN"], "driven"
-    sources = (*SOURCES, str(HERE / "exported.c"))
-    command = [*compiler, *FLAGS, f"-I{HERE.parent}", *sources, "-lm", "-o", name]
-    _done(command, folder).check_returncode()
+    sources = [*(folder / source for source in SOURCES), HERE / "exported.c"]
+    objects = [folder / f"{source.stem}.{name}.o" for source in sources]
+    for source, made in zip(sources, objects, strict=True):
+        if not made.exists() or made.stat().st_mtime_ns < source.stat().st_mtime_ns:
+            command = [*compiler, *FLAGS, f"-I{HERE.parent}", "-c", str(source), "-o", str(made)]
+            _done(command, folder).check_returncode()
+    _done([*compiler, *map(str, objects), "-lm", "-o", name], folder).check_returncode()
     return folder / name
 
 

@@ -48,6 +48,13 @@ def finite(name: str, value: Any) -> float:
     return found
 
 
+def flag(name: str, value: Any) -> bool:
+    """Return whether something is so."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} must be True or False, got {short(value)}")
+    return bool(value)
+
+
 LARGEST = 1e12
 """Beyond any length or weight that means something, and far from where doubles overflow."""
 MOST_SAMPLES = 2_000_000

@@ -12,7 +12,8 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import ClassVar
+from enum import StrEnum
+from typing import Any, ClassVar
 
 _muted: ContextVar[bool] = ContextVar("muted", default=False)
 
@@ -22,6 +23,29 @@ def one_line(text: object) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
 
 
+class Refusal(StrEnum):
+    """Why there is no motion as asked: the ``code`` of an error, and what helps.
+
+    Only ``IMPOSSIBLE`` says that there is none; all others, that none was found.
+    """
+
+    TOO_FAST = "too-fast"
+    """The path is fine, but a limit on speeds, rates or accelerations cannot be kept on it in the
+    duration asked for: take the error's ``duration``, or loosen that limit."""
+    NOT_CONVERGED = "not-converged"
+    """There is a motion that keeps the constraints, but the iteration to the nearest did not end:
+    look at the error's ``iterate``, and smooth what is projected."""
+    NOT_FOUND = "not-found"
+    """The search came to no motion that keeps the constraints: take other ends, loosen one of the
+    constraints, or demonstrate the way."""
+    IMPOSSIBLE = "impossible"
+    """It is proven that no motion does, by the constraint that the message names: ask for something
+    else, or leave that constraint out."""
+    MISSED = "missed"
+    """A motion was made, but carried out it misses its goal, a via point or a hard limit: the
+    message says by how much, and what was tried."""
+
+
 class NoslipError(Exception):
     """Base of every error that noslip raises on purpose.
 
@@ -29,9 +53,27 @@ class NoslipError(Exception):
     ----------
     page : str
         Of the documentation, that tells more; empty where the message tells all.
+    code : Refusal or None
+        Why there is no motion as asked; None of what has no motion to do with.
+    iterate : PoseTrajectory or None
+        The best motion that was found.
+    duration : float or None
+        That suffices (s), where time is all that lacks.
     """
 
     page: ClassVar[str] = ""
+    code: Refusal | None = None
+
+    def __init__(
+        self,
+        *arguments: object,
+        code: Refusal | None = None,
+        iterate: Any = None,
+        duration: float | None = None,
+    ) -> None:
+        super().__init__(*arguments)
+        self.code = code or self.code
+        self.iterate, self.duration = iterate, duration
 
     def __str__(self) -> str:
         return one_line(super().__str__())
@@ -57,12 +99,14 @@ class ConvergenceError(NoslipError, RuntimeError):
     """A projection did not converge; the message says what to change."""
 
     page = "docs/concepts/projections.md"
+    code = Refusal.NOT_CONVERGED
 
 
 class MissedError(NoslipError, RuntimeError):
     """A motion misses its goal, a via point or a hard limit; says by how much and what to do."""
 
     page = "docs/refusals.md"
+    code = Refusal.MISSED
 
 
 class MissingDependencyError(NoslipError, ImportError):

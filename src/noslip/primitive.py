@@ -253,6 +253,7 @@ class ConstrainedDMP(Value):
                     adapted.request.reference,
                     adapted.projected,
                     Deviation.between(adapted.motion, adapted.projected.trajectory),
+                    adapted.maneuver,
                 ),
             ),
             spread=spread,

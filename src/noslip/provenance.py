@@ -78,6 +78,9 @@ class LearningRecord:
         Rotation smoothing with which it converged.
     left_out : tuple of str
         Limits that the projection could not heed; they hold at run time alone.
+    maneuver : str
+        That an adapted motion was planned from, such as "right-straight-left, 2.31 m"; empty of
+        the demonstration's own motion, led elsewhere.
     """
 
     demonstration: str
@@ -93,6 +96,7 @@ class LearningRecord:
     rotation_change: float = 0.0
     smoothing: float = 0.0
     left_out: tuple[str, ...] = ()
+    maneuver: str = ""
 
     __repr__ = short_repr
 
@@ -102,9 +106,15 @@ class LearningRecord:
         demonstration: PoseTrajectory,
         projected: ProjectedTrajectory | None,
         deviation: Deviation,
+        maneuver: str = "",
     ) -> LearningRecord:
         """Return the record of a demonstration, projected if there are constraints."""
-        found = cls(demonstration.name, samples=len(demonstration), **asdict(deviation))
+        found = cls(
+            demonstration.name,
+            samples=len(demonstration),
+            maneuver=maneuver,
+            **asdict(deviation),
+        )
         if projected is None:
             return found
         moved = projected.trajectory.positions - demonstration.positions

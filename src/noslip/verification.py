@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from noslip._typing import Floats
 from noslip.boundary import Boundary
 from noslip.constraints.check import quantity_text
-from noslip.errors import CompromiseWarning, MissedError, warn
+from noslip.errors import CompromiseWarning, MissedError, Refusal, warn
 from noslip.law.law import Law
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import POSITION_ONLY
@@ -149,10 +149,10 @@ def verify(
     if wrong is None:
         return motions[0], ""
     is_failure, text = wrong
-    text += f"; {_remedy(law, rule, asked)}"
+    missed = _missed(text, motions[0], law, rule, asked)
     if is_failure and strict:
-        raise MissedError(text)
-    return motions[0], text
+        raise missed
+    return motions[0], str(missed)
 
 
 def _at_steps(law: Law, rule: Rule, duration: float | None = None) -> list[Motion]:
@@ -238,8 +238,9 @@ def require_hard_limits(law: Law, rule: Rule) -> None:
     ------
     MissedError
     """
-    if wrong := _wrong([rollout(law, rule)], rule, ()):
-        raise MissedError(f"{wrong[1]}; {_remedy(law, rule, ())}")
+    motion = rollout(law, rule)
+    if wrong := _wrong([motion], rule, ()):
+        raise _missed(wrong[1], motion, law, rule, ())
 
 
 def _goal_of(motion: Motion) -> Boundary:
@@ -320,8 +321,17 @@ def pose_at(motion: PoseTrajectory, fraction: float) -> tuple[Floats, Rotation]:
     return before + share * (after - before), turn * first
 
 
-def _remedy(law: Law, rule: Rule, asked: Sequence[Boundary]) -> str:
-    """What makes it do as asked: one after another is tried."""
+def _missed(
+    text: str, motion: Motion, law: Law, rule: Rule, asked: Sequence[Boundary]
+) -> MissedError:
+    """What is wrong with a motion, and what mends it."""
+    remedy, duration = _remedy(law, rule, asked)
+    code = Refusal.MISSED if duration is None else Refusal.TOO_FAST
+    return MissedError(f"{text}; {remedy}", code=code, iterate=motion, duration=duration)
+
+
+def _remedy(law: Law, rule: Rule, asked: Sequence[Boundary]) -> tuple[str, float | None]:
+    """What makes it do as asked, and the duration (s) if that does: one after another is tried."""
 
     def does(rule: Rule, duration: float | None = None) -> bool:
         return _wrong(_at_steps(law, rule, duration), rule, asked) is None
@@ -330,18 +340,16 @@ def _remedy(law: Law, rule: Rule, asked: Sequence[Boundary]) -> str:
     if rule.inverse_metric == POSITION_ONLY and system.size:
         usual = rollout(law, Rule()).path_length / law.steps
         if does(replace(rule, inverse_metric=inverse_metric(system, "shared", None, usual))):
-            return "metric 'shared' mends that"
+            return "metric 'shared' mends that", None
     for factor in _LONGER:
-        if does(rule, factor * law.duration):
-            return (
-                f"a duration of {factor * law.duration:.3g} s, not {law.duration:.3g}, mends that"
-            )
+        if does(rule, longer := factor * law.duration):
+            return f"a duration of {longer:.3g} s, not {law.duration:.3g}, mends that", longer
     if system.limits.size and does(replace(rule, system=system.equalities)):
         names = ", ".join(system.limits.names)
-        return f"{names} in its way: loosen that, or choose ends farther from it"
+        return f"{names} in its way: loosen that, or choose ends farther from it", None
     others = ["other ends or via points" if asked[1:] else "other ends"]
     others += ["a path farther from the limits"] if system.limits.size else []
     return (
-        f"no other metric and no longer duration mends that: choose {', '.join(others)} or more "
-        "basis functions"
-    )
+        f"no metric that was tried mends that, nor {_LONGER[-1]:g} times the duration: choose "
+        f"{', '.join(others)} or more basis functions"
+    ), None

@@ -13,7 +13,7 @@ from benchmarks import soak
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc)")
 
 
-def test_a_short_soak_passes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_short_soak_passes(capsys: pytest.CaptureFixture[str], uncounted: None) -> None:
     assert soak.main(["--steps", "200000", "--seed", "3"]) == 0
     told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [found["set"] for found in told] == [chosen.name for chosen in soak.SETS]
@@ -28,7 +28,7 @@ def test_a_short_soak_passes(capsys: pytest.CaptureFixture[str]) -> None:
     assert sum(found["pushes"] for found in steps) > 50
 
 
-def test_it_notices_what_slips(tmp_path: Path) -> None:
+def test_it_notices_what_slips(tmp_path: Path, uncounted: None) -> None:
     pushed = soak.Set("plane", (soak.ns.constraints.PlaneContact(),), 1.0, 1.0)
     # Off its plane a tool is pulled in, not at once.
     assert not soak.soak(pushed, 20_000, 0, tmp_path)["passed"]

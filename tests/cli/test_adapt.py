@@ -26,6 +26,8 @@ HEADER = [
     "angular_speed_ratio",
     "iterations",
     "duration_s",
+    "code",
+    "needed_duration_s",
     "message",
 ]
 
@@ -227,7 +229,8 @@ def test_a_row_that_fails_is_listed_and_the_rest_is_finished(noslip, saved, tmp_
     on, off, also = summary_of(out)
     assert (on["converged"], off["converged"], also["converged"]) == ("true", "false", "true")
     assert "plane-contact" in off["message"] and on["message"] == ""
-    empty = [name for name in HEADER if name not in ("name", "converged", "message")]
+    assert (on["code"], off["code"]) == ("", "impossible")
+    empty = [name for name in HEADER if name not in ("name", "converged", "code", "message")]
     assert not any(off[name] for name in empty)
 
 

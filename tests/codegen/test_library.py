@@ -101,23 +101,23 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder, printed
 
 
-@pytest.mark.parametrize("what", ["step", "plan"])
 @pytest.mark.parametrize("how", ["cut", "overwritten", "without its sum", "empty"])
-def test_a_broken_cache_is_built_again(
-    how: str, what: str, built: tuple[Path, str], tmp_path: Path
-) -> None:
+def test_a_broken_cache_is_built_again(how: str, built: tuple[Path, str], tmp_path: Path) -> None:
+    """The step's code and the plan's, which are read and built apart."""
     whole_cache, printed = built
     cache = shutil.copytree(whole_cache, tmp_path / "cache")
-    (file,) = cache.glob(f"{what}-*.so")
-    whole = file.read_bytes()
-    if how == "without its sum":
-        file.with_suffix(".sha256").unlink()
-    else:
-        file.write_bytes({"cut": whole[: len(whole) // 2], "empty": b""}.get(how, whole[::-1]))
+    files = [file for what in ("step", "plan") for file in cache.glob(f"{what}-*.so")]
+    wholes = [file.read_bytes() for file in files]
+    assert len(files) == 2
+    for file, whole in zip(files, wholes, strict=True):
+        if how == "without its sum":
+            file.with_suffix(".sha256").unlink()
+        else:
+            file.write_bytes({"cut": whole[: len(whole) // 2], "empty": b""}.get(how, whole[::-1]))
     process = started(cache)
     assert process.communicate(timeout=PATIENCE)[0] == printed
     assert process.returncode == 0
-    assert file.read_bytes() == whole
+    assert [file.read_bytes() for file in files] == wholes
 
 
 @pytest.mark.slow

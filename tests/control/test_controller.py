@@ -20,6 +20,7 @@ import noslip as ns
 from learned import under
 from motions import along, eased
 from noslip._typing import Floats
+from noslip.adapting import compiled
 from noslip.control.clock import HASTE
 from noslip.control.controller import ACCEPT, FASTER, SILENT
 from noslip.errors import NoslipError
@@ -813,7 +814,7 @@ def test_rules_that_know_the_time_or_the_speed_run_in_true_time() -> None:
 
 
 def test_in_true_time_rules_hold_while_the_clock_slows_and_plans_change(either: str) -> None:
-    dmp = CASES["breathing"]()
+    dmp = case("breathing")
     goal = dmp.goal_position + [0.03, 0.02, 0.0]
     controller = dmp.controller(time_step=dmp.duration / 400)
     states, largest = [controller.reset()], 0.0
@@ -866,7 +867,7 @@ def test_it_pauses_on_its_path_and_goes_on(either: str) -> None:
 
 
 def test_a_halted_tool_moves_along_with_what_moves(either: str) -> None:
-    dmp = CASES["breathing"]()
+    dmp = case("breathing")
     controller = dmp.controller(time_step=dmp.duration / 400)
     states = [controller.step() for _ in range(100)]
     controller.pause(within=0.0)
@@ -903,6 +904,14 @@ CASES: dict[str, Any] = {
 }
 
 
+@cache
+def case(name: str) -> ns.ConstrainedDMP:
+    """One of these; learned without machine code, which would be made of each rule's plans."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NOSLIP_COMPILE", "0")
+        return CASES[name]()
+
+
 def turning_over() -> ns.PoseTrajectory:
     s = np.linspace(0, 1, 401)
     yaw = 3 * np.pi * s
@@ -932,8 +941,12 @@ def agrees(state: ns.State, expected: ns.State) -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_its_steps_are_those_of_the_primitive(name: str, either: str) -> None:
-    dmp = CASES[name]()
+def test_its_steps_are_those_of_the_primitive(
+    name: str, either: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Nothing is planned here, and to compile what plans takes seconds a rule.
+    monkeypatch.setattr(compiled, "compile_for", lambda rule: None)
+    dmp = case(name)
     h = dmp.duration / 400
     # Not bounded: some begin at speed.
     controller = dmp.controller(time_step=h, faster=np.inf)
@@ -951,7 +964,7 @@ def test_its_steps_are_those_of_the_primitive(name: str, either: str) -> None:
 
 
 def test_steps_may_differ_in_length(either: str) -> None:
-    dmp = CASES["turning over"]()
+    dmp = case("turning over")
     controller = dmp.controller(time_step=1e-3, faster=np.inf)
     expected, rng = dmp.initial_state(), np.random.default_rng(0)
     # Even for a while, as late cycles come, then even again.
@@ -973,7 +986,7 @@ def test_what_was_stepped_stays_as_it_was(either: str) -> None:
 
 
 def test_stepping_in_place_allocates_nothing_that_stays(either: str) -> None:
-    dmp = CASES["blade"]()
+    dmp = case("blade")
     controller = dmp.controller(time_step=dmp.duration / 5000)
     for _ in range(100):
         controller.advance()

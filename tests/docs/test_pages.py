@@ -10,7 +10,9 @@ import re
 import shlex
 import shutil
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -55,6 +57,8 @@ ELSEWHERE = {
 """Commands that do not run here, by how they begin."""
 NEEDS_A_CLUSTER = "tcp://10.0.0.5"
 """Python that does not run here."""
+COUNTS = "export.md"
+"""The page on which instructions are counted; what others export is the same."""
 REFUSED = "noslip simulate excision.json --placement"
 ILLUSTRATION = ("noslip learn --each", "noslip view excision.json")
 """What these print on a page is of thousands of recordings, or of a server."""
@@ -127,19 +131,17 @@ class Measured:
 
 
 @pytest.fixture(scope="session")
-def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def furnished(once: Callable[[str, Callable[[Path], None]], Path], demo: Path) -> Path:
     """A folder with what ``noslip demo`` writes, and what the pages take for granted."""
     for extra in ("rosbags", "pyarrow", "h5py"):
         pytest.importorskip(extra, reason="the pages' recordings need all extras")
-    folder = tmp_path_factory.mktemp("workshop")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["noslip", "demo", "--out", str(folder / "noslip-demo")])
-        with pytest.raises(SystemExit) as done:
-            main()
-        assert not done.value.code
-    own = dict(enumerate(text for kind, text in blocks(DOCS / "constraints" / "own_rule.md")))
-    workshop.furnish(folder, own[0])
-    return folder
+
+    def furnish(folder: Path) -> None:
+        shutil.copytree(demo, folder / "noslip-demo")
+        own = dict(enumerate(text for kind, text in blocks(DOCS / "constraints" / "own_rule.md")))
+        workshop.furnish(folder, own[0])
+
+    return once("workshop", furnish)
 
 
 @pytest.fixture
@@ -151,10 +153,16 @@ def folder(furnished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     return here
 
 
+@cache
+def learned() -> tuple[ns.PoseTrajectory, ns.ConstrainedDMP]:
+    """A cut, and what was learned from it."""
+    hand = workshop.cut()
+    return hand, ns.learn(hand, ns.Blade())
+
+
 def names_of_a_page() -> dict[str, Any]:
     """Names that pages take for granted."""
-    hand = workshop.cut()
-    dmp = ns.learn(hand, ns.Blade())
+    hand, dmp = learned()
     turn = Rotation.from_euler("z", 0.3)
     names: dict[str, Any] = {
         "__name__": "__main__",
@@ -186,8 +194,14 @@ def names_of_a_page() -> dict[str, Any]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_block_of_a_page_runs(
-    page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    page: Path,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
 ) -> None:
+    if page.name != COUNTS:
+        request.getfixturevalue("uncounted")
     names = names_of_a_page()
     for kind, block in blocks(page):
         for text, smaller in SMALLER.items():

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -28,13 +29,19 @@ from links import broken_links  # noqa: E402 - found on the path above
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built pages.
+def site(once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """The built pages."""
+    return once("site", build) / "built"
+
+
+def build(folder: Path) -> None:
+    """Build the pages.
 
     The examples and the notebooks have tests of their own and are not run again; all else is as
     ``make docs`` builds it, from a copy, since the gallery writes beside its source.
     """
-    copy = tmp_path_factory.mktemp("source")
+    copy, out = folder / "source", folder / "built"
+    copy.mkdir()
     for part in ("docs", "examples"):
         (copy / part).mkdir()
         for path in (ROOT / part).rglob("*"):
@@ -42,7 +49,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
             if path.is_file() and not {"_build", "_generated"} & set(inside.parts):
                 (copy / inside).parent.mkdir(parents=True, exist_ok=True)
                 (copy / inside).write_bytes(path.read_bytes())
-    out = tmp_path_factory.mktemp("site")
     unrun = ["-D", "plot_gallery=0", "-D", "nb_execution_mode=off"]
     command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--quiet", *unrun]
     source = {"PYTHONPATH": os.pathsep.join([str(ROOT / "src"), os.environ.get("PYTHONPATH", "")])}
@@ -55,7 +61,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    return out
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -202,23 +203,31 @@ def assert_right_or_refused(file: Path, start: float, kept: list[int], parts: li
     return said
 
 
+@cache
+def table(name: str, kind: str, time: str) -> tuple[Written, Written, float, list[str], list[Any]]:
+    """Rotation, clock and its start; header and rows of all columns."""
+    layout = LAYOUTS[name]
+    turn, (clocked, start) = rotation(kind, layout), clock(time)
+    columns = {
+        **clocked.of,
+        **dict(zip(layout["position"], POSITIONS.T, strict=True)),
+        **turn.of,
+    }
+    rows = [list(map(cell, row)) for row in zip(*columns.values(), strict=True)]
+    return turn, clocked, start, list(columns), rows
+
+
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_every_table_is_read_right_or_refused_with_the_option_that_helps(
     name: str, tmp_path: Path
 ) -> None:
-    layout, refused, count = LAYOUTS[name], 0, 0
+    refused, count = 0, 0
     for kind, time, dialect, fault in itertools.product(KINDS, CLOCKS, DIALECTS, FAULTS):
         if time == "numbers" and fault in ("twice", "backwards"):
             continue  # the same number twice is no clock's fault
-        turn, (clocked, start) = rotation(kind, layout), clock(time)
-        columns = {
-            **clocked.of,
-            **dict(zip(layout["position"], POSITIONS.T, strict=True)),
-            **turn.of,
-        }
-        rows = [list(map(cell, row)) for row in zip(*columns.values(), strict=True)]
-        rows, kept = faulty(fault, rows, len(clocked.of))
-        header = [key.upper() for key in columns] if name == "capitals" else list(columns)
+        turn, clocked, start, columns, whole = table(name, kind, time)
+        rows, kept = faulty(fault, list(whole), len(clocked.of))
+        header = [key.upper() for key in columns] if name == "capitals" else columns
         parts = [(clocked.needed, clocked.word), (turn.needed, turn.word), FAULTS[fault]]
         if name == "no header":
             header = []

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import pytest
-from cpp import CC, SOURCES, ran
+from cpp import CC, OBJECTS, SOURCES
 from test_replan_in_c import of
 
 from noslip.exporting import export
+from objects import objects
 
 Exporter = Callable[[str], Path]
 
@@ -25,7 +27,9 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Exporter:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(export, "_instructions", lambda *told: None)
             of(name).export_c(folder)
-        ran(CC, "-std=c99", "-O1", "-c", *SOURCES, folder=folder)
+        made = objects(folder, SOURCES, CC, "-std=c99", "-O1")
+        for name, code in zip(OBJECTS, made, strict=True):
+            shutil.copy(code, folder / name)
         return folder
 
     return exported

@@ -15,7 +15,6 @@ from test_export import build, needs_compiler, run
 import noslip as ns
 from motions import gentle_cut
 from noslip._typing import Floats
-from noslip.exporting import export
 
 BRAKING = 0.3
 
@@ -142,9 +141,8 @@ def test_a_motion_that_ends_at_speed_is_braked_along_its_path(
 @needs_compiler
 @pytest.mark.parametrize("braking", [0.0, BRAKING])
 def test_the_exported_step_ends_as_python_does(
-    braking: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    braking: float, tmp_path: Path, uncounted: None
 ) -> None:
-    monkeypatch.setattr(export, "_instructions", lambda *told: None)
     dmp, count = running(), 150
     h = 0.0123 * dmp.duration
     dmp.export_c(tmp_path, name="cut")

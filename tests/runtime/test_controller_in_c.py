@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_export import ARM, CC, EMULATOR, build, needs_emulator, uncounted
+from test_export import ARM, CC, EMULATOR, build, needs_emulator
 
 import noslip as ns
 from benchmarks.feedback import tasks
@@ -24,7 +24,6 @@ from benchmarks.feedback.trial import NAMED, Trial
 from motions import along, eased
 from noslip.control.controller import FASTER
 
-__all__ = ["uncounted"]
 pytestmark = pytest.mark.skipif(CC is None, reason="no C compiler (cc) on this machine")
 SAME = 1e-9
 """m, and of quaternions."""

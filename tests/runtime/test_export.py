@@ -20,7 +20,7 @@ import noslip as ns
 from learned import under
 from noslip.errors import NoslipError
 from noslip.experiments.numerical_example import demonstration
-from noslip.exporting import export
+from objects import objects
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O2")
 CC = shutil.which("cc")
@@ -77,9 +77,10 @@ def build(
 ) -> Path:
     """Compile the step, or more, the numbers and a main."""
     program = folder / main.removesuffix(".c")
-    sources = (*parts, f"{name}.c", main)
+    command = (compiler, *STRICT, *flags)
+    made = objects(folder, (*parts, f"{name}.c", main), *command)
     done = subprocess.run(
-        [str(compiler), *STRICT, *flags, *sources, "-lm", "-o", program.name],
+        [*map(str, command), *map(str, made), "-lm", "-o", program.name],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -92,12 +93,6 @@ def build(
 
 def run(program: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([str(program)], capture_output=True, text=True, check=False)
-
-
-@pytest.fixture
-def uncounted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the counting of instructions, which takes seconds."""
-    monkeypatch.setattr(export, "_instructions", lambda *told: None)
 
 
 @needs_compiler
@@ -303,19 +298,18 @@ double run_@(void) {
 
 @needs_compiler
 def test_two_exports_with_prefixes_make_one_program(tmp_path: Path, uncounted: None) -> None:
-    objects = []
+    made: list[str] = []
     for side, name in (("a", "blade"), ("b", "limits")):
         folder = tmp_path / name
         primitive(name).export_c(folder, name=f"cut_{side}", prefix=side)
         (folder / "run.c").write_text(RUN.replace("@", side))
         sources = ["noslip.c", "plan.c", "replan.c", "controller.c", f"cut_{side}.c", "run.c"]
-        subprocess.run([str(CC), *STRICT, "-c", *sources], cwd=folder, check=True)
-        objects += [str((folder / source).with_suffix(".o")) for source in sources]
+        made += map(str, objects(folder, sources, CC, *STRICT))
     (tmp_path / "main.c").write_text(
         "#include <stdio.h>\ndouble run_a(void); double run_b(void);\n"
         'int main(void) { printf("%.17g %.17g", run_a(), run_b()); return 0; }\n'
     )
-    link = [str(CC), *STRICT, "main.c", *objects, "-lm", "-o", "main"]
+    link = [str(CC), *STRICT, "main.c", *made, "-lm", "-o", "main"]
     subprocess.run(link, cwd=tmp_path, check=True)
     found = [float(each) for each in run(tmp_path / "main").stdout.split()]
     for name, end in zip(("blade", "limits"), found, strict=True):
@@ -342,11 +336,7 @@ def test_mathematics_that_ignores_nan_is_refused(
 def test_clang_has_nothing_to_say_either(name: str, tmp_path: Path, uncounted: None) -> None:
     primitive(name).export_c(tmp_path, name="cut")
     sources = ["noslip.c", "plan.c", "replan.c", "controller.c", "cut.c"]
-    for file in (*sources, "test.c", "example.c", "example_replan.c"):
-        command = ["clang", *STRICT, "-c", file]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert done.stderr == ""
+    objects(tmp_path, [*sources, "test.c", "example.c", "example_replan.c"], "clang", *STRICT)
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:

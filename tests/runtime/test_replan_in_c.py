@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
-from test_export import ARM, CC, EMULATOR, STRICT, moving, needs_compiler, primitive, uncounted
+from test_export import ARM, CC, EMULATOR, STRICT, moving, needs_compiler, primitive
 
 import noslip as ns
 from learned import under
@@ -21,12 +22,11 @@ from noslip.adapting import replan
 from noslip.experiments.numerical_example import demonstration
 from noslip.runtime.rollout import rollout
 from noslip.runtime.state import State
-
-__all__ = ["uncounted"]
+from objects import objects
 
 Floats = NDArray[np.float64]
 KNOTS, MOST_STEPS = 201, 1100
-SOURCES = ("noslip.c", "plan.c", "replan.c", "cut.c", "main.c")
+SOURCES = ("noslip.c", "plan.c", "replan.c", "cut.c")
 MAIN = r"""
 #include "cut.h"
 #include "replan.h"
@@ -119,7 +119,9 @@ def build(
         "UNITS": units,
     }
     defined = [f"-D{name}={value}" for name, value in sizes.items()]
-    command = [str(compiler), *STRICT, *flags, *defined, *SOURCES, "-lm", "-o", "main"]
+    command = [str(compiler), *STRICT, *flags]
+    made = map(str, objects(folder, SOURCES, *command))
+    command += [*defined, "main.c", *made, "-lm", "-o", "main"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return folder / "main"
@@ -202,6 +204,7 @@ NAMES = ["blade", "free", "shared", "winding", "few basis functions", "underdamp
 NAMES += ["replanned", *CASES]
 
 
+@cache
 def of(name: str) -> ns.ConstrainedDMP:
     return CASES[name]() if name in CASES else primitive(name)
 
@@ -366,8 +369,8 @@ def test_memory_is_as_little_as_it_says(tmp_path: Path, uncounted: None) -> None
 def test_the_example_plans_while_it_moves(tmp_path: Path, uncounted: None) -> None:
     dmp = ns.learn(demonstration(), [ns.Blade()])
     dmp.export_c(tmp_path, name="cut")
-    sources = ("noslip.c", "plan.c", "replan.c", "cut.c", "example_replan.c")
-    command = [str(CC), *STRICT, *sources, "-lm", "-o", "example"]
+    made = objects(tmp_path, (*SOURCES, "example_replan.c"), CC, *STRICT)
+    command = [str(CC), *map(str, made), "-lm", "-o", "example"]
     subprocess.run(command, cwd=tmp_path, check=True)
     done = subprocess.run([str(tmp_path / "example")], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -22,7 +22,7 @@ import noslip as ns
 from measures import degrees, speed_along
 from noslip._typing import Floats
 from noslip.errors import InputError
-from noslip.shielding import exporting
+from objects import objects
 
 CC = shutil.which("cc")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O2")
@@ -313,12 +313,6 @@ def test_whatever_the_hand_does_the_tool_does_not_slip(
 # ---------------------------------------------------------------- in C
 
 
-@pytest.fixture
-def uncounted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the counting of instructions, which takes seconds."""
-    monkeypatch.setattr(exporting, "most_instructions", lambda *told: None)
-
-
 @pytest.mark.skipif(CC is None, reason="no C compiler (cc) on this machine")
 @pytest.mark.parametrize("name", ["blade", "needle", "limits", "surface"])
 def test_the_stream_in_c_is_that_in_python(name: str, tmp_path: Path, uncounted: None) -> None:
@@ -344,14 +338,8 @@ def exported(name: str) -> ns.Shield:
 
 def run(folder: Path, *sources: str) -> subprocess.CompletedProcess[str]:
     program = sources[-1].removesuffix(".c")
-    made = subprocess.run(
-        [str(CC), *STRICT, "shield.c", *sources, "-lm", "-o", program],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (made.returncode, made.stderr) == (0, "")
+    made = objects(folder, ("shield.c", *sources), CC, *STRICT)
+    subprocess.run([str(CC), *map(str, made), "-lm", "-o", program], cwd=folder, check=True)
     return subprocess.run([f"./{program}"], cwd=folder, capture_output=True, text=True, check=False)
 
 

@@ -194,6 +194,24 @@ def only(constraint: ns.Constraint, size: float = 0.2) -> Shape:
     return shape
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_a_field_is_drawn_where_its_margin_is_zero(yaw):
+    grid = np.zeros((14, 12, 10), dtype=bool)
+    grid[3:7, 4:9, 3:6] = grid[3:10, 4:6, 3:6] = True
+    solid = ns.constraints.DistanceField.from_grid(grid, 0.02, (0.1, 0.0, 0.3), yaw=yaw)
+    flat = ns.constraints.DistanceField.from_grid(grid[:, :, 4], 0.02, yaw=yaw)
+    for field in (solid, flat):
+        rule = ns.constraints.KeepOut(field, clearance=0.003)
+        shape = only(rule)
+        assert residual_at(rule, shape.vertices)[:, 0] == pytest.approx(0, abs=1e-4)
+        # Each edge has a face on both sides; of walls those above and below have one.
+        edges = np.sort(np.stack([shape.faces, np.roll(shape.faces, -1, axis=1)], axis=2), axis=2)
+        counts = np.unique(edges.reshape(-1, 2), axis=0, return_counts=True)[1]
+        assert set(counts) == ({2} if field is solid else {1, 2})
+    nothing = ns.constraints.DistanceField(np.ones((4, 4)), 0.1)
+    assert shapes([ns.constraints.KeepOut(nothing)], (0, 0, 0), 1.0) == []
+
+
 @pytest.mark.parametrize("constraint", ROUND + FLAT, ids=lambda c: c.name)
 def test_shapes_lie_where_the_residual_is_zero(constraint):
     shape = only(constraint)

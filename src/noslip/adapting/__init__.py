@@ -7,7 +7,8 @@ new boundary values by minimum jerk, projected onto the constraints with these v
 primitive is fitted to the result.  From a state in the middle of a motion, the same is re-planning.
 """
 
-from noslip.adapting.adaptation import Adapted, adapt
+from noslip.adapting.adaptation import adapt
+from noslip.adapting.plan import Adapted
 from noslip.adapting.replanning import REPLANNED_SAMPLES, replan
 
 __all__ = ["REPLANNED_SAMPLES", "Adapted", "adapt", "replan"]

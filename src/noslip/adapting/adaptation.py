@@ -1,165 +1,53 @@
-"""A motion moved to other ends, projected, and a primitive fitted to it."""
+"""A motion led to other ends: near the demonstration's, or by a maneuver."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache, wraps
-from typing import Any, Literal, ParamSpec, cast
+from functools import cached_property, partial
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip._values import Value
 from noslip.adapting import compiled
+from noslip.adapting.connecting import Connection, Shape, Way, eased
 from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
-from noslip.boundary import Boundary, End
-from noslip.constraints.system import ConstraintSystem
-from noslip.errors import (
-    CompromiseWarning,
-    ConstraintError,
-    ConvergenceError,
-    InputError,
-    MissedError,
-    warn,
+from noslip.adapting.impossible import require_reachable
+from noslip.adapting.plan import (
+    Adapted,
+    Plan,
+    Planning,
+    Projecting,
+    at_usual_speed,
+    carried_out,
+    giving_time,
+    projected_along,
+    projected_onto,
 )
-from noslip.law.fitting import MOST_BASIS_FUNCTIONS, fewest_steps, fit
+from noslip.boundary import Boundary, End
+from noslip.constraints.check import quantity_text
+from noslip.constraints.system import ConstraintSystem
+from noslip.errors import ConvergenceError, InputError, MissedError, Refusal
+from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
 from noslip.law.scaling import Scaling, scaled
 from noslip.projection.blend import through
-from noslip.projection.request import ADAPTING, Request, Weights
-from noslip.projection.result import ProjectedTrajectory
-from noslip.projection.trajectory import project_heeding_what_it_can
+from noslip.projection.request import ADAPTING, MOST_ATTEMPTS, Request, Weights
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
-from noslip.runtime.rollout import initial_state, motion_from, rollout
-from noslip.runtime.timing import Pace, timed, unhurried
-from noslip.trajectory import PoseTrajectory
-from noslip.verification import followed_with, pose_at, verify
+from noslip.runtime.rollout import initial_state, motion_from
 
-_FAST, _SAME_SPEED, _GROWTHS = 2.0, 1 + 1e-3, 3
-"""How many times as fast as its law a motion may be to a goal that is far, what counts as the same
-speed, and how often a duration grows: at once in most cases, since shape and duration are apart."""
-_PER_GAP, _AIMED = 2, 6
-"""Basis functions from one place to pass to the next, which are to be told apart, and how often a
-motion is aimed anew: each time it misses a tenth of what it did."""
-_EXACT, _EXACT_TURN = 1e-6, 1e-6
-"""Share of the path, and turn (rad), that a via point may be missed by."""
+_HURRIED = 1
+"""Attempts at a motion near the demonstration's, where maneuvers lead to the goal as well."""
+_PER_GAP = 2
+"""Basis functions from one place to pass to the next, which are to be told apart."""
 
 
-@dataclass(frozen=True, eq=False)
-class Plan(Value):
-    """A law and how it was found; not yet seen to come where it was asked to.
-
-    Attributes
-    ----------
-    law : Law
-        Fitted to the projected trajectory.
-    request : Request
-        What was projected: the unconstrained motion, moved to the boundaries.
-    projected : ProjectedTrajectory
-    notes : tuple of str
-        What a person should know of it: compromises.
-    """
-
-    law: Law
-    request: Request
-    projected: ProjectedTrajectory
-    notes: tuple[str, ...] = ()
-
-    def noting(self, *notes: str) -> Plan:
-        """Return the same with more notes."""
-        return replace(self, notes=(*self.notes, *notes))
-
-    def verified(self, before: Law, rule: Rule) -> Adapted:
-        """See that it comes where it was asked to; tell what it compromises on.
-
-        Parameters
-        ----------
-        before : Law
-            What it was adapted from.
-
-        Raises
-        ------
-        MissedError
-        """
-        asked = [boundary for boundary in self.request.boundaries if boundary.at > 0]
-        motion, compromise = verify(self.law, rule, asked)
-        notes = (*self.notes, compromise, _turning(motion, before, rule) if asked[1:] else "")
-        for note in filter(None, notes):
-            warn(note, CompromiseWarning)
-        return Adapted(**vars(self), motion=motion)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Adapted(Plan):
-    """What an adaptation comes to: a plan that was verified.
-
-    Attributes
-    ----------
-    motion : Motion
-        Of the law, at its default step: it was seen to come where it was asked to.
-    """
-
-    motion: Motion
-
-
-P = ParamSpec("P")
-
-
-def _giving_time(planning: Callable[P, Plan]) -> Callable[P, Adapted]:
-    """Let time give way before the path, or refuse a duration in which neither may; verify it."""
-
-    @wraps(planning)
-    def in_time(*args: P.args, **options: P.kwargs) -> Adapted:
-        law, rule = cast(tuple[Law, Rule], args)
-        duration = cast(float | None, options.pop("duration", None))
-
-        def planned(system: ConstraintSystem, seconds: float | None) -> Plan:
-            plan = cast(Callable[..., Plan], planning)
-            return plan(law, replace(rule, system=system), duration=seconds, **options)
-
-        first: Plan | None = None
-
-        def carried_out(shaping: ConstraintSystem, factor: float) -> Plan:
-            nonlocal first
-            if first is None or factor == 1:
-                first = planned(shaping, duration)
-                return first
-            return planned(shaping, factor * first.law.duration)
-
-        def own_motion(found: Plan, timeless: ConstraintSystem) -> Motion:
-            return rollout(found.law, replace(rule, system=timeless))
-
-        if not any(timed(rule.system)):
-            return planned(rule.system, duration).verified(law, rule)
-        found, pace = unhurried(rule.system, carried_out, own_motion, longer=duration is None)
-        if pace.factor == 1:
-            return found.verified(law, rule)
-        if duration is None:
-            taken = replace(pace, factor=found.law.duration / law.duration)
-            return found.noting(taken.told(found.law.duration)).verified(law, rule)
-        # So it is asked for: the path is reshaped, if that helps.
-        refused = pace.refused(duration)
-        try:
-            reshaped = planned(rule.system, duration)
-            kept = pace.name not in reshaped.projected.left_out
-            note = pace.reshaped(duration) if kept else refused
-            return reshaped.noting(note).verified(law, rule)
-        except (ConvergenceError, MissedError) as error:
-            if pace.is_soft:
-                with suppress(MissedError):
-                    return found.noting(refused).verified(law, rule)
-            raise MissedError(refused) from error
-
-    return in_time
-
-
-@_giving_time
 def adapt(
     law: Law,
     rule: Rule,
@@ -173,17 +61,22 @@ def adapt(
     duration: float | None = None,
     via: Iterable[Boundary | Sequence[Any]] = (),
     scaling: Scaling = "none",
+    shape: Shape = "demonstrated",
+    reverse: bool | None = None,
     start: End = "pose",
     end: End = "pose",
     samples: int | None = None,
     position_weight: float = ADAPTING.position,
     position_smoothing: float = ADAPTING.position_smoothing,
     rotation_smoothing: float = ADAPTING.rotation_smoothing,
-) -> Plan:
+) -> Adapted:
     """Find a law that starts, passes and ends elsewhere, and keeps the constraints.
 
     The law is rolled out without constraints, its motion moved to the new boundary values,
-    projected onto the constraints with these values fixed, and fitted again.
+    projected onto the constraints with these values fixed, and fitted again.  Where that leads
+    nowhere, backs up unasked, or goes astray, as it does to a goal behind a car, the motion is
+    planned from a maneuver: the demonstration as far as it leads on, then arcs and straights in
+    closed form, projected likewise.  ``record`` names it.
 
     Parameters
     ----------
@@ -210,6 +103,12 @@ def adapt(
         :func:`noslip.law.scaling.scaled`.  Without scaling the displacement
         grows along the motion by minimum jerk.  Where the path turns, orientations that are
         not named turn along.
+    shape : "demonstrated" or "shortest"
+        Whether the demonstration's shape is kept as far as it leads to the goal, or the motion is
+        planned from the shortest maneuver.
+    reverse : bool, optional
+        Whether the tool may back up where that is shorter; by default where a
+        :class:`noslip.constraints.TurningRadius` that is declared lets it.
     start, end : "free", "position", "rotation" or "pose"
         What of the start and the goal is kept to; all of it by default.  What is not named in
         the call is that of the law.
@@ -230,97 +129,232 @@ def adapt(
     """
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
-    passed = Boundary.vias(via)
-    functions, gap = law.basis.count, np.diff([0.0, *(place.at for place in passed), 1.0]).min()
-    while functions * gap < _PER_GAP and 2 * fewest_steps(functions) < MOST_SAMPLES:
-        functions *= 2
-    steps = law.steps * -(-fewest_steps(functions) // law.steps)
-    count = samples_of(functions, steps, samples)
+    if shape not in get_args(Shape):
+        raise InputError(f"shape must be demonstrated or shortest, got {_arguments.short(shape)}")
     named = {
         "start": (start_position, start_rotation, start_velocity),
         "goal": (goal_position, goal_rotation, goal_velocity),
     }
-    free = law
-    if scaling != "none":
-        free = scaled(law, scaling, start_position=start_position, goal_position=goal_position)
-
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
-    is_plain = (start, end) == ("pose", "pose") and not passed
-    is_plain &= all(value is None for value in (*named["start"], goal_velocity))
+    passed, kept = Boundary.vias(via), {"start": start, "goal": end}
+    task = _Task(law, rule, named, kept, passed, weights, scaling, samples)
 
-    def planned(tau: float) -> Plan:
-        if is_plain:
-            to = asked("goal", goal_position, goal_rotation).pose_or(
-                law.goal_position, free.goal_rotation
+    def planned(planning: Planning) -> Adapted:
+        return giving_time(planning, law, rule, duration)
+
+    patiently = partial(task.nearby, MOST_ATTEMPTS)
+    connection = task.connection(duration or law.duration, reverse)
+    if connection is None or not connection.proposals:
+        return planned(patiently).told()
+    found: Adapted | None = None
+    if shape == "demonstrated" and connection.is_near:
+        with suppress(ConvergenceError, MissedError):
+            found = planned(partial(task.nearby, _HURRIED))
+        if found is not None and connection.accepts(found.motion):
+            return found.told()
+    failed: ConvergenceError | MissedError | None = None
+    for way in connection.ways(shape == "shortest"):
+        try:
+            return planned(partial(task.driven, connection, way)).told()
+        except (ConvergenceError, MissedError) as error:
+            failed = failed or error
+            if error.code == Refusal.TOO_FAST:
+                break
+    if found is None:
+        try:
+            found = planned(patiently)
+        except (ConvergenceError, MissedError) as error:
+            raise failed or error from error
+    if back := connection.backs_up(found.motion):
+        told = (
+            f"the motion backs up along {quantity_text(back, 'm')}; declare ForwardOnly where it "
+            "must not, or ask for it (reverse=True)"
+        )
+        found = replace(found, notes=(*found.notes, told))
+    return found.told()
+
+
+_Named = Mapping[str, tuple[ArrayLike | None, Rotation | None, Velocity]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What an adaptation is asked for, and the ways to plan it.
+
+    Attributes
+    ----------
+    law, rule
+    named : mapping
+        Position, rotation and velocity that are asked for at the start and at the goal.
+    kept : mapping
+        What is kept of each.
+    passed : tuple of Boundary
+        On the way.
+    weights : Weights
+    scaling : Scaling
+    samples : int or None
+    """
+
+    law: Law
+    rule: Rule
+    named: _Named
+    kept: Mapping[str, End]
+    passed: tuple[Boundary, ...]
+    weights: Weights
+    scaling: Scaling
+    samples: int | None
+
+    def __post_init__(self) -> None:
+        # What is wrong with them is said before anything is planned.
+        assert self.free and self.count
+
+    @cached_property
+    def free(self) -> Law:
+        """The law as its path follows the new ends before it is projected."""
+        if self.scaling == "none":
+            return self.law
+        to = {f"{name}_position": named[0] for name, named in self.named.items()}
+        return scaled(self.law, self.scaling, **to)
+
+    @cached_property
+    def functions(self) -> int:
+        """Basis functions: as many as tell the places to pass apart."""
+        found = self.law.basis.count
+        gap = np.diff([0.0, *(place.at for place in self.passed), 1.0]).min()
+        while found * gap < _PER_GAP and 2 * fewest_steps(found) < MOST_SAMPLES:
+            found *= 2
+        return found
+
+    @cached_property
+    def steps(self) -> int:
+        """Of the motion that is found."""
+        return self.law.steps * -(-fewest_steps(self.functions) // self.law.steps)
+
+    @cached_property
+    def count(self) -> int:
+        """Samples of the projection."""
+        return samples_of(self.functions, self.steps, self.samples)
+
+    def own_motion(self, tau: float) -> Motion:
+        """Return the law's motion in a duration, without constraints."""
+        begun = initial_state(self.free, self.rule, duration=tau)
+        return motion_from(self.free, Rule(), begun, tau / (self.count - 1))
+
+    def ends(self, own: Motion, rule: Rule, tau: float) -> tuple[Boundary, Boundary]:
+        """Return start and goal, of which what is not named is the law's own."""
+        law, system = self.law, rule.system
+
+        def reached(name: Literal["start", "goal"], *of_law: Any, at: float) -> Boundary:
+            place = placed(asked(name, *self.named[name]), of_law, system, rule.inverse_metric, at)
+            if self.named[name][2] is not None:
+                return place.part(self.kept[name])
+            return moving(place, own, rule, at, self.kept[name])
+
+        first = reached("start", law.start_position, self.free.start_rotation, at=law.begin)
+        last = reached("goal", law.goal_position, self.free.goal_rotation, at=law.begin + tau)
+        require_reachable(system, first, last)
+        return first, last
+
+    def connection(self, tau: float, reverse: bool | None) -> Connection | None:
+        """Return what leads from start to goal; None where that is not known, or more is asked."""
+        if set(self.kept.values()) != {"pose"} or self.passed:
+            return None
+        own = self.own_motion(tau)
+        return Connection.of(
+            self.rule.system, own, *self.ends(own, self.rule, tau), reverse=reverse
+        )
+
+    def nearby(self, attempts: int, system: ConstraintSystem, seconds: float | None) -> Plan:
+        """Plan a motion near the law's own, merely led to the new ends."""
+        law, held = self.law, replace(self.rule, system=system)
+
+        def planned(tau: float) -> Plan:
+            if made := self._compiled(held, tau):
+                return made
+            if self._is_for_c(held) and attempts < MOST_ATTEMPTS:
+                raise ConvergenceError(
+                    "no motion near the demonstration's found", code=Refusal.NOT_FOUND
+                )
+            own = self.own_motion(tau)
+            first, last = self.ends(own, held, tau)
+            boundaries = (first, *self.passed, last)
+            request = Request(
+                own, system, boundaries, self.weights, begin=law.begin, attempts=attempts
             )
-            if made := compiled.made(
-                free, rule, to, weights, duration=tau, samples=count, steps=steps
-            ):
-                return Plan(made.law, made.request, made.projected)
-        begun = initial_state(free, rule, duration=tau)
-        own = motion_from(free, Rule(), begun, tau / (count - 1))
+            for place in self.passed:
+                time = request.begin + place.at * tau
+                require_feasible(system, f"via at {place.at:g}", time, place)
+                require_reachable(system, first, place, f"via at {place.at:g}")
+            request = replace(request, reference=through(own, request.boundaries))
+            return self._carried_out(held, request, self.steps, tau, projected_onto)
 
-        def reached(name: Literal["start", "goal"], *of_law: Any, at: float, kept: End) -> Boundary:
-            place = placed(asked(name, *named[name]), of_law, rule.system, rule.inverse_metric, at)
-            if named[name][2] is not None:
-                return place.part(kept)
-            return moving(place, own, rule, at, kept)
+        return at_usual_speed(planned, law, seconds)
 
-        first = reached("start", law.start_position, free.start_rotation, at=law.begin, kept=start)
-        last = reached("goal", law.goal_position, free.goal_rotation, at=law.begin + tau, kept=end)
-        ends = (first, *passed, last)
-        request = Request(own, rule.system, ends, weights, begin=law.begin)
-        for place in passed:
-            time = request.begin + place.at * tau
-            require_feasible(request.system, f"via at {place.at:g}", time, place)
-        request = replace(request, reference=through(own, request.boundaries))
+    def _is_for_c(self, held: Rule) -> bool:
+        """Whether C plans it: a whole pose at the goal, and nothing else."""
+        is_plain = set(self.kept.values()) == {"pose"} and not self.passed
+        others = (*self.named["start"], self.named["goal"][2])
+        is_plain &= all(value is None for value in others)
+        return is_plain and compiled.is_ready(held, self.weights)
+
+    def _compiled(self, held: Rule, tau: float) -> Plan | None:
+        if not self._is_for_c(held):
+            return None
+        position, rotation, _ = self.named["goal"]
+        to = asked("goal", position, rotation).pose_or(
+            self.law.goal_position, self.free.goal_rotation
+        )
+        made = compiled.made(
+            self.free, held, to, self.weights, duration=tau, samples=self.count, steps=self.steps
+        )
+        return None if made is None else Plan(made.law, made.request, made.projected)
+
+    def driven(
+        self, connection: Connection, way: Way, system: ConstraintSystem, seconds: float | None
+    ) -> Plan:
+        """Plan a motion from a maneuver."""
+        law, held = self.law, replace(self.rule, system=system)
+
+        def planned(tau: float) -> Plan:
+            boundaries = self.ends(self.own_motion(tau), held, tau)
+            reference = connection.reference(way, tau, self.count)
+            request = Request(
+                through(reference, boundaries),
+                eased(system),
+                boundaries,
+                self.weights,
+                begin=law.begin,
+            )
+            # Of steps as short as the law's.
+            steps = round(self.steps * max(1.0, tau / law.duration))
+            steps = min(steps, max(self.steps, MOST_SAMPLES - 1))
+            found = self._carried_out(held, request, steps, tau, projected_along)
+            return replace(found, maneuver=str(way))
+
+        needed = connection.time_needed(way)
+        if seconds is not None or needed <= law.duration:
+            return at_usual_speed(planned, law, seconds)
+        return planned(needed).noting(
+            f"the motion takes {needed:.3g} s, not {law.duration:.3g}, at the pace of its law: "
+            f"{way}; give a duration if it may be faster"
+        )
+
+    def _carried_out(
+        self, held: Rule, request: Request, steps: int, tau: float, project: Projecting
+    ) -> Plan:
         # A velocity that is merely kept gives way, by some 1e-4 of its peak, to the plan's first
         # step; else the motion would end 5e-6 of its path off.
-        exact = start_velocity is not None or not first.moves
-        return carried_out(free, rule, request, steps, tau, functions=functions, exact_start=exact)
-
-    return _in_time(planned, law, duration)
-
-
-def _in_time(planned: Callable[[float], Plan], law: Law, duration: float | None) -> Plan:
-    """Plan a motion in its duration, or in a longer one in which it is not much too fast.
-
-    If it takes longer, or is too fast for a path so long, a note tells.
-    """
-    usual, tau = _usual_speed(law), duration or law.duration
-    found = planned(tau)
-    # Speed over what is fast enough, and that which the duration asked for does not make up for.
-    peak = _fastest(found.projected.trajectory)
-    excess = peak / usual / _FAST if usual else 0.0
-    if min(excess, excess * tau / law.duration) <= _SAME_SPEED:
-        return found
-    told = f"at {peak:.3g} m/s, {peak / usual:.3g} times as fast as its law does"
-    if duration is None:
-        try:
-            longer = found
-            # Rules with a time of their own do not just take longer.
-            for _ in range(_GROWTHS):
-                more = _fastest(longer.projected.trajectory) / usual / _FAST
-                if more > _SAME_SPEED:
-                    longer = planned(longer.law.duration * more)
-            return longer.noting(
-                f"the motion takes {longer.law.duration:.3g} s, not {law.duration:.3g}, in which "
-                f"it would move {told}; give a duration if it may"
-            )
-        except (ConstraintError, ConvergenceError, MissedError):
-            pass
-    needed = Pace(excess).needed(tau)
-    return found.noting(f"the motion moves {told}; a duration of {needed} s or more mends that")
-
-
-def _fastest(motion: PoseTrajectory) -> float:
-    return float(np.linalg.norm(motion.step_velocities()[0], axis=1).max())
-
-
-# One law is adapted to many goals.
-@lru_cache(maxsize=16)
-def _usual_speed(law: Law) -> float:
-    return _fastest(rollout(law, Rule()))
+        exact = self.named["start"][2] is not None or not request.boundaries[0].moves
+        return carried_out(
+            self.free,
+            held,
+            request,
+            steps,
+            tau,
+            functions=self.functions,
+            exact_start=exact,
+            project=project,
+        )
 
 
 def samples_of(functions: int, steps: int, samples: int | None) -> int:
@@ -331,109 +365,3 @@ def samples_of(functions: int, steps: int, samples: int | None) -> int:
     if samples < FEWEST_SAMPLES:
         raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
     return samples
-
-
-def carried_out(
-    law: Law,
-    rule: Rule,
-    request: Request,
-    steps: int,
-    duration: float,
-    *,
-    functions: int | None = None,
-    exact_start: bool = False,
-) -> Plan:
-    """Project a reference that meets its boundaries, fit a law of so many steps or more.
-
-    The fit begins with the velocity that leads onto the path, or exactly with what was asked for.
-    What its motion misses of a via point, between two samples or by the fit, is aimed past it.
-    """
-    functions = functions or law.basis.count
-    steps = max(steps, fewest_steps(functions))
-    asked = [boundary for boundary in request.boundaries if boundary.at > 0]
-    aimed = request
-    for _ in range(_AIMED):
-        projected = _projected(aimed)
-        found = _fitted(projected.trajectory, law, functions, steps)
-        found = replace(found, duration=duration, steps=steps, begin=request.begin)
-        if exact_start and 0 in request.twists:
-            found = replace(found, start_velocity=np.concatenate(request.twists[0]) * duration)
-        if len(asked) == 1 or (past := _aimed_past(aimed, asked, rollout(found, rule))) is None:
-            break
-        aimed = past
-    else:
-        raise MissedError(
-            f"no motion found that passes all of {', '.join(f'{b.at:g}' for b in asked)}: places "
-            f"{np.diff([0.0, *(b.at for b in asked)]).min():.2g} of the motion apart are too far "
-            "from each other for that; leave more of it between them"
-        )
-    return Plan(found, request, projected)
-
-
-def _turning(motion: Motion, law: Law, rule: Rule) -> str:
-    """Say that a motion turns much faster than its law, to pass what it was asked to."""
-    peak, usual = (
-        float(np.linalg.norm(m.step_velocities()[1], axis=1).max())
-        for m in (motion, rollout(law, rule))
-    )
-    if peak <= _FAST * usual:
-        return ""
-    return (
-        f"to pass its via points the motion turns at {peak:.3g} rad/s, not {usual:.3g}; give it a "
-        "longer duration, or via points farther apart or nearer to its path"
-    )
-
-
-def _aimed_past(aimed: Request, asked: Sequence[Boundary], motion: Motion) -> Request | None:
-    """Return a request aimed past what a motion misses by as much; None where it misses nothing."""
-    corrected, exact = {b.at: b for b in aimed.boundaries}, True
-    for boundary in asked:
-        position, rotation = pose_at(motion, boundary.at)
-        past = corrected[boundary.at]
-        if boundary.position is not None and past.position is not None:
-            missed = boundary.position - position
-            exact &= bool(np.linalg.norm(missed) <= _EXACT * motion.path_length)
-            past = replace(past, position=past.position + missed)
-        if boundary.rotation is not None and past.rotation is not None:
-            turn = boundary.rotation * rotation.inv()
-            exact &= bool(turn.magnitude() <= _EXACT_TURN)
-            past = replace(past, rotation=turn * past.rotation)
-        corrected[boundary.at] = past
-    return None if exact else replace(aimed, boundaries=tuple(corrected.values()))
-
-
-def _projected(request: Request) -> ProjectedTrajectory:
-    """Project a reference that meets its boundaries, heeding every hard limit."""
-    projected = project_heeding_what_it_can(request)
-    limits = request.system.limits
-    left_out = [
-        name
-        for name, constraint in zip(limits.names, limits.constraints, strict=True)
-        if constraint.priority == 0 and name in projected.left_out
-    ]
-    if left_out:
-        places = "ends or via points" if request.boundaries[2:] else "ends"
-        raise ConvergenceError(
-            f"no motion found that keeps {', '.join(left_out)} between these {places}; give it "
-            f"more time (duration), other {places}, or a priority above 0"
-        )
-    return projected
-
-
-def _fitted(trajectory: PoseTrajectory, law: Law, functions: int, steps: int) -> Law:
-    """Fit a law like another one, of the basis functions that it takes."""
-    samples = min(steps + 1, MOST_SAMPLES)
-    if len(trajectory) < samples:
-        times = np.linspace(trajectory.times[0], trajectory.times[-1], samples)
-        trajectory = trajectory.resampled(times=times)
-
-    def fitted(trajectories: Sequence[PoseTrajectory], count: int) -> Law:
-        return fit(
-            trajectories,
-            basis_functions=count,
-            alpha=law.attractor.alpha,
-            beta=law.attractor.beta,
-            alpha_s=law.clock.alpha_s,
-        )
-
-    return followed_with(fitted, [trajectory], functions, MOST_BASIS_FUNCTIONS)[0]

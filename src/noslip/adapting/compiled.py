@@ -129,6 +129,16 @@ class Made:
     projected: ProjectedTrajectory
 
 
+def is_ready(rule: Rule, weights: Weights) -> bool:
+    """Whether what plans with such weights is for C, and there; if not yet, it is begun."""
+    usual = replace(ADAPTING, rotation_smoothing=weights.rotation_smoothing)
+    if weights != usual or "position" in rule.system.limits.row_levels:
+        return False
+    # Who plans once may do so often; meanwhile it is planned without.
+    native(rule).begin()
+    return native(rule).library is not None
+
+
 def made(
     law: Law,
     rule: Rule,
@@ -157,15 +167,11 @@ def made(
     steps : int
         Of the law that is found, in the duration of the state or in its own.
     """
-    system = rule.system
+    if not is_ready(rule, weights):
+        return None
+    system, library = rule.system, native(rule).library
+    assert library is not None
     smoother = weights.rotation_smoothing / ADAPTING.rotation_smoothing
-    usual = replace(ADAPTING, rotation_smoothing=weights.rotation_smoothing)
-    if weights != usual or "position" in system.limits.row_levels:
-        return None
-    # Who plans once may do so often; meanwhile it is planned without.
-    native(rule).begin()
-    if (library := native(rule).library) is None:
-        return None
     functions, rows = law.basis.count, system.size
     struct, sizes = numbers.Struct(law, rule), np.zeros(2, dtype=np.int32)
     library.sizes(samples, MOST_SAMPLES, functions, sizes.ctypes.data)

@@ -15,7 +15,7 @@ from noslip._typing import Floats
 from noslip.adapting.constants import OFF
 from noslip.boundary import Boundary, End, kept_twist, twist
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import ConstraintError
+from noslip.errors import ConstraintError, Refusal
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
@@ -171,5 +171,6 @@ def require_feasible(system: ConstraintSystem, what: str, time: float, boundary:
         if counts and level == "position" and priority == 0 and off > OFF:
             raise ConstraintError(
                 f"{what} violates {name!r} by {off:.3g} {unit}; no motion that satisfies it "
-                f"{'ends' if what == 'goal' else 'passes'} there"
+                f"{'ends' if what == 'goal' else 'passes'} there",
+                code=Refusal.IMPOSSIBLE,
             )

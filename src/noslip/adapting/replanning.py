@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.adapting import compiled
-from noslip.adapting.adaptation import Adapted, Plan, carried_out, samples_of
+from noslip.adapting.adaptation import samples_of
 from noslip.adapting.constants import DETOUR, FEWEST_LEFT, FEWEST_SAMPLES, LEAST_TIME, SETTLED
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
+from noslip.adapting.impossible import require_reachable
+from noslip.adapting.plan import Adapted, Plan, carried_out
 from noslip.boundary import Boundary, End
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
@@ -90,7 +92,7 @@ def replan(
         if found := compiled.made(
             law, rule, to, weights, state=state, duration=seconds, samples=samples, steps=law.steps
         ):
-            return Plan(found.law, found.request, found.projected).verified(law, rule)
+            return Plan(found.law, found.request, found.projected).verified(law, rule).told()
     nominal, now = _nominal(law, rule, state, done, samples - 1)
     is_given = duration is not None
     if duration is None:
@@ -106,6 +108,7 @@ def replan(
     last = last.part(end)
     first = allowed(_start(system, state, nominal, now), system, rule.inverse_metric, state.time)
     assert first.position is not None
+    require_reachable(system, first, last)
     # Back onto the path, not just to its end, if the way there is long enough.
     moved = through(rest, [last])
     traveled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))
@@ -124,7 +127,7 @@ def replan(
     # The time step stays what it was, unless that is too long for the fit.
     steps = round(law.steps * duration / state.duration)
     plan = carried_out(law, rule, request, steps, request.reference.duration)
-    return plan.verified(law, rule)
+    return plan.verified(law, rule).told()
 
 
 def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tuple[Motion, int]:

@@ -251,11 +251,19 @@ class _Family:
             except (NoslipError, ArithmeticError) as error:
                 # What an earlier run wrote there is no primitive for this goal.
                 target.unlink(missing_ok=True)
-                self.outcomes.append(Outcome(name, converged=False, message=str(error)))
+                self.outcomes.append(_refused(name, error))
                 return
         texts = [self.outcomes[-1].message, *(str(warning.message) for warning in told)]
         message = "; ".join(filter(None, texts))
         self.outcomes[-1] = replace(self.outcomes[-1], message=message)
+
+
+def _refused(name: str, error: Exception) -> Outcome:
+    """What became of a goal that is refused."""
+    refused = Outcome(name, converged=False, message=str(error))
+    if not isinstance(error, NoslipError):
+        return refused
+    return replace(refused, code=error.code or "", needed_duration_s=error.duration)
 
 
 # ---------------------------------------------------------------- what goes in

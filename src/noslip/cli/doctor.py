@@ -29,6 +29,8 @@ EXTRAS = {
     "bags": ("rosbags",),
     "tables": ("pyarrow",),
     "hdf5": ("h5py",),
+    "maps": ("yaml",),
+    "meshes": ("trimesh",),
     "align": ("dtaidistance",),
     "robots": ("mujoco", "daqp"),
     "video": ("imageio", "imageio_ffmpeg"),

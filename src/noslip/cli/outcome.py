@@ -31,6 +31,10 @@ class Outcome:
     iterations : int or None
         Of the projection.
     duration_s : float or None
+    code : str
+        Of the refusal, see :class:`noslip.errors.Refusal`; empty where there is none.
+    needed_duration_s : float or None
+        With which the refusal says that it goes.
     message : str
         Why it failed, or what a person should know.
     """
@@ -46,6 +50,8 @@ class Outcome:
     angular_speed_ratio: float | None = None
     iterations: int | None = None
     duration_s: float | None = None
+    code: str = ""
+    needed_duration_s: float | None = None
     message: str = ""
 
     @property

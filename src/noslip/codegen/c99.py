@@ -11,6 +11,7 @@ from typing import Any
 
 import casadi as ca
 
+from noslip.errors import InputError
 from noslip.law import clock
 from noslip.law.layout import (
     BEGINNING,
@@ -32,12 +33,19 @@ _BOTH = re.compile(r"\((\w+)(&&|\|\|)(\w+)\)")
 _INPUT = re.compile(r"arg\[(\d)\]\? arg\[\d\]\[(\d+)\] : 0")
 _OUTPUT = re.compile(r"if \(res\[(\d)\]!=0\) res\[\d\]\[(\d+)\]=")
 _CALL = re.compile(r"if \(casadi_f(\d+)\(([^,]*), ([^,]*), iw, ([^,]*), 0\)\) return 1;")
+_LOOK_UP = re.compile(
+    r"  arg\[\d+\]=w\+(\d+);\n  res\[\d+\]=w\+(\d+);\n((?:  w\[\d+\] = \w+;\n)+)"
+    r"  if \(casadi_f(\d+)\(arg\+\d+, res\+\d+, iw, w\+\d+, 0\)\) return 1;"
+)
+"""Of a graph of expressions: the call of a function that looks something up."""
 _BODY = re.compile(
     r"^/\* (\w+):.*\nstatic int casadi_f(\d+)\(.*\{\n((?:.*\n)*?)  return 0;\n\}", re.MULTILINE
 )
 """Name, number and statements of a function."""
 _HELPER = re.compile(r"^casadi_real casadi_\w+\(.*\) \{(?:.*\}|\n(?:.*\n)*?\})$", re.MULTILINE)
 _STEPS = "LONGEST_STEP LATEST"
+MOST_CELLS = 2**18
+"""Of a grid that is looked up in C: one MiB, and a second to write."""
 _COMMENT_COLUMN = 40
 """Where comments begin in a struct, so that they stand under each other."""
 
@@ -148,8 +156,57 @@ def core(function: ca.Function, outputs: int, *others: Plain) -> str:
         return plain(Plain({"core": parts[0]}, *_STEPPING), *others)
     helpers, _ = _generated([*parts, *(f for each in others for f in each.functions.values())])
     _, text = _generated(parts)
-    texts = [helpers, _screened(text, *parts), *(line for each in others for line in each.lines())]
+    look_ups = looked_up(*parts)
+    texts = [helpers, *_look_ups(look_ups), _screened(text, look_ups, *parts)]
+    texts += [line for each in others for line in each.lines()]
     return "\n".join(texts).replace("casadi_", "noslip_")
+
+
+def looked_up(*functions: ca.Function) -> dict[str, ca.Function]:
+    """What graphs call to look something up in a grid, by name.
+
+    See :meth:`noslip.constraints.DistanceField.expression`.
+    """
+    called = (each for function in functions for each in function.find_functions())
+    return {each.name(): each for each in called if each.name().startswith("grid_")}
+
+
+def grids(*functions: ca.Function) -> dict[str, str]:
+    """``grids.c``, the numbers that graphs look up; nothing if they look up none.
+
+    Raises
+    ------
+    InputError
+        If a grid is too large for C.
+    """
+    lines = ["/* Grids that constraints look up, such as distances to obstacles. */"]
+    for name, function in sorted(looked_up(*functions).items()):
+        kinds = map(function.instruction_id, range(function.n_instructions()))
+        cells = function.instruction_MX(list(kinds).index(ca.OP_CONST)).to_DM().nonzeros()
+        if len(cells) > MOST_CELLS:
+            raise InputError(
+                f"a field of {len(cells):,} cells is too large for C, at most {MOST_CELLS:,} are "
+                "exported (1 MiB); take larger cells, or cut out the part that matters"
+            )
+        lines.append(f"extern const float noslip_{name}[{len(cells)}];")
+        lines.append(f"const float noslip_{name}[{len(cells)}] = {{")
+        rows = (cells[k : k + 8] for k in range(0, len(cells), 8))
+        lines += ["    " + ", ".join(f"{value:#.9g}f" for value in row) + "," for row in rows]
+        lines.append("};")
+    return {"grids.c": "\n".join([*lines, ""])} if len(lines) > 1 else {}
+
+
+def _look_ups(found: Mapping[str, ca.Function]) -> Iterator[str]:
+    """Functions of C that look something up, of CasADi's names."""
+    splines = set()
+    for name, function in found.items():
+        parts = {part.name(): part for part in function.find_functions()}
+        places, spline, axes = parts["places"], parts["spline"], function.numel_in(0)
+        yield from _plain({f"places_in_{name}": places}, ("at",), ("numbers", "u"))
+        if axes not in splines:
+            yield from _plain({f"spline_{axes}": spline}, ("near", "u"), ("found",))
+        splines.add(axes)
+        yield _filled("grid.c", NAME=name, NEAR=spline.numel_in(0), AXES=axes)
 
 
 def _generated(functions: Iterable[ca.Function]) -> tuple[str, str]:
@@ -190,9 +247,11 @@ _STEPPING = ("state", "step"), ("after", "output")
 
 def plain(*several: Plain) -> str:
     """Code of expression graphs that call no others."""
-    helpers, _ = _generated(f for each in several for f in each.functions.values())
+    functions = [f for each in several for f in each.functions.values()]
+    helpers, _ = _generated(functions)
     lines = (line for each in several for line in each.lines())
-    return "\n".join([helpers, *lines]).replace("casadi_", "noslip_")
+    found = looked_up(*functions)
+    return "\n".join([helpers, *_look_ups(found), *lines]).replace("casadi_", "noslip_")
 
 
 def _with_types(code: str) -> str:
@@ -207,7 +266,8 @@ def _plain(
     functions: dict[str, ca.Function], inputs: Sequence[str], outputs: Sequence[str]
 ) -> Iterator[str]:
     _, text = _generated(functions.values())
-    for (name, function), (_, _, body) in zip(functions.items(), _BODY.findall(text), strict=True):
+    bodies = _bodies(text, looked_up(*functions.values()))
+    for (name, function), (_, _, body) in zip(functions.items(), bodies, strict=True):
         code = _INPUT.sub(lambda m: f"{inputs[int(m[1])]}[{m[2]}]", body)
         code = _OUTPUT.sub(lambda m: f"{outputs[int(m[1])]}[{m[2]}]=", code)
         given = [f"const noslip_real *{each}" for each in inputs[: function.n_in()]]
@@ -218,13 +278,36 @@ def _plain(
         unused = [n for n in (*inputs[: function.n_in()], *outputs) if f"{n}[" not in code]
         yield head
         yield from (f"  (void){name};" for name in unused)
+        if "w[" in code:
+            yield f"  noslip_real w[{function.sz_w()}];"
         yield from (_with_types(code), "}", "")
 
 
-def _screened(text: str, short: ca.Function, whole: ca.Function) -> str:
+def _bodies(text: str, look_ups: Mapping[str, ca.Function]) -> list[tuple[str, str, str]]:
+    """Names, numbers and statements of functions, but of those that look something up."""
+    found = _BODY.findall(text)
+    names = {number: name for name, number, _ in found}
+    called = (each for function in look_ups.values() for each in function.find_functions())
+    hidden = {*look_ups, *(each.name() for each in called)}
+
+    def look_up(call: re.Match[str]) -> str:
+        if names[call[4]] not in look_ups:
+            return call[0]
+        return f"{call[3]}  noslip_look_up_{names[call[4]]}(w+{call[1]}, w+{call[2]});"
+
+    return [
+        (name, number, _LOOK_UP.sub(look_up, body))
+        for name, number, body in found
+        if name not in hidden
+    ]
+
+
+def _screened(
+    text: str, look_ups: Mapping[str, ca.Function], short: ca.Function, whole: ca.Function
+) -> str:
     """Graphs that call others; what decides and repeats is written by hand."""
     found, names = [], {}
-    for name, number, body in _BODY.findall(text):
+    for name, number, body in _bodies(text, look_ups):
         names[number] = name
         if name in ("some", "none", "up_to"):
             continue

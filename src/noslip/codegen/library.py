@@ -247,6 +247,7 @@ class Library:
             "noslip.h": c99.header(rows, 0),
             "inside.h": c99.template("inside.h"),
             "noslip.c": c99.source(step_function, rows) + "\n" + c99.template("many.c"),
+            **c99.grids(step_function),
         }
         path = built("step", texts)
         code, pointer, count = ctypes.CDLL(str(path)), ctypes.c_void_p, ctypes.c_longlong

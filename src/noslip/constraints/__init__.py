@@ -14,9 +14,10 @@ from noslip.constraints.decorators import (
     position_constraint,
     velocity_constraint,
 )
+from noslip.constraints.distance_field import DistanceField
 from noslip.constraints.fixed_point import FixedPoint
 from noslip.constraints.instant import Instant
-from noslip.constraints.keep_out import KeepOutCapsule, KeepOutSphere
+from noslip.constraints.keep_out import KeepOut, KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
 from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
@@ -37,11 +38,13 @@ __all__ = [
     "ConstraintSystem",
     "CylinderContact",
     "DepthLimit",
+    "DistanceField",
     "FixedPoint",
     "ForwardOnly",
     "HalfSpace",
     "InMovingFrame",
     "Instant",
+    "KeepOut",
     "KeepOutCapsule",
     "KeepOutSphere",
     "Needle",

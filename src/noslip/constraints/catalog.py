@@ -19,6 +19,7 @@ from noslip.constraints.declaration import (
     given_arguments,
     of_a_user,
 )
+from noslip.constraints.distance_field import DistanceField
 from noslip.constraints.expression import Instructions, Opaque
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
@@ -115,6 +116,11 @@ def restore(data: dict[str, Any]) -> Constraint:
     """
     if data["type"] != "declared":
         arguments = {name: _from_data(value) for name, value in data["arguments"].items()}
+        for name in getattr(CATALOG.get(str(data["type"])), "from_files", ()):
+            if isinstance(arguments.get(name), str):
+                raise ConstraintError(
+                    f"{data['type']}: {name} is a file, which only a user may name"
+                )
         return build(str(data["type"]), arguments)
     try:
         values = {name: _from_data(value) for name, value in data.items() if name != "type"}
@@ -131,6 +137,8 @@ def _as_data(value: Any) -> Any:
         return dataclasses.asdict(value)
     if isinstance(value, Constraint):
         return specification(value)
+    if isinstance(value, DistanceField):
+        return {"distances": value.to_data()}
     return {"instructions": value.to_data()} if isinstance(value, (Instructions, Opaque)) else value
 
 
@@ -139,6 +147,8 @@ def _from_data(value: Any) -> Any:
         return Edge(**value)
     if isinstance(value, dict) and "instructions" in value:
         return Instructions.from_data(value["instructions"])
+    if isinstance(value, dict) and "distances" in value:
+        return DistanceField.from_data(value["distances"])
     return restore(value) if isinstance(value, dict) and "type" in value else value
 
 

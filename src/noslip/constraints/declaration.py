@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
 from functools import lru_cache
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import casadi as ca
 
@@ -70,6 +70,8 @@ class Constraint(ABC):
     radii : tuple of float
         Of inequalities ``r - |x| >= 0``, x affine in velocities or accelerations: r of each row.
         The tool is kept within such balls as they are, not within planes that touch them.
+    from_files : tuple of str
+        Arguments that may be files, which a user names but no saved primitive does.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Constraint(ABC):
     priority: int = 0
     edge: Edge | None = None
     radii: tuple[float, ...] = ()
+    from_files: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def residual(self, motion: Instant) -> Expression:

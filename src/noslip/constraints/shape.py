@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from noslip._typing import Expression
+from noslip._typing import Expression, Floats
 
 Kind = Literal["contact", "limit", "keep-out", "mark"]
 """What a shape means: where the tool stays, a side it keeps to, where it must not be, a point."""
@@ -73,6 +73,29 @@ class Implicit:
 
 
 @dataclass(frozen=True)
+class Cells:
+    """What is not above 0 within a grid; one of two dimensions is extruded along z.
+
+    Attributes
+    ----------
+    counts : tuple of int
+        Cells along the grid's axes.
+    cell : float
+        Edge of a cell (m).
+    place : callable
+        Points in cells from the first one's outer corner, shape (N, n) -> world (m), (N, 3).
+    value : callable
+        World (m), shape (N, 3) -> distance to what is drawn (m), (N,).
+    """
+
+    kind: Kind
+    counts: tuple[int, ...]
+    cell: float
+    place: Callable[[Floats], Floats]
+    value: Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True)
 class Mark:
     """A point (m), world frame."""
 
@@ -80,4 +103,4 @@ class Mark:
     kind: Kind = "mark"
 
 
-Shape = Plane | Ball | Tube | Capsule | Sides | Implicit | Mark
+Shape = Plane | Ball | Tube | Capsule | Sides | Implicit | Cells | Mark

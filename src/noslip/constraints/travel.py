@@ -25,6 +25,10 @@ from noslip.constraints.instant import Instant
 from noslip.constraints.limit import Limit
 from noslip.edge import Axis, Edge, across, checked_axis
 
+_KINK = 1e-3
+"""Speed (m/s) below which the margin of a turning radius is rounded where a tool changes between
+forwards and backwards: far below that of a motion, far above the change of speed in a step."""
+
 
 @register
 @dataclass(frozen=True)
@@ -69,6 +73,10 @@ class TurningRadius(Limit):
     without the kink: ``v_f - r w_u >= 0`` and ``v_f + r w_u >= 0``.  Their sum is ``2 v_f >= 0``:
     the tool moves forward only, and does not turn on the spot.
 
+    Of a tool that may back up, as a car may (Reeds and Shepp 1990), it is ``|v_f| - r |w_u| >= 0``,
+    in one row without kinks: ``sqrt(v_f^2 + e^2) - sqrt(r^2 w_u^2 + e^2)`` has the same sign, for
+    any speed e.
+
     Parameters
     ----------
     radius : float
@@ -80,26 +88,38 @@ class TurningRadius(Limit):
         the edge.
     reference_point : 3 numbers
         The point of the tool whose path it is (m, body frame).
+    reverse : bool
+        Whether the tool may back up.
     """
 
     radius: float = 0.05
     edge: Edge | Axis = "x"  # type: ignore[assignment]
     up: Axis = "z"
     reference_point: Triple = ORIGIN
+    reverse: bool = False
 
     name = "turning-radius"
     level = "velocity"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, radius=length, up=checked_axis, reference_point=point)
+        settle(
+            self,
+            self.name,
+            radius=length,
+            up=checked_axis,
+            reference_point=point,
+            reverse=_arguments.flag,
+        )
         settle_edge(self, self.name, None)
         across(self.up, _travel(self), "turning-radius: up and edge")
 
     def residual(self, motion: Instant) -> Expression:
-        """Forward speed beyond what bends to the left, and to the right, need (m/s)."""
+        """Speed beyond what bends to the left, and to the right, need (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
         forward = ca.dot(body_axis(motion, _travel(self)), velocity)
         turning = ca.dot(body_axis(motion, across(self.up, _travel(self))), motion.angular_velocity)
+        if self.reverse:
+            return ca.sqrt(forward**2 + _KINK**2) - ca.sqrt((self.radius * turning) ** 2 + _KINK**2)
         return [forward - self.radius * turning, forward + self.radius * turning]
 
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.adapting import replan
+from noslip.adapting.impossible import alone, common_rows
 from noslip.control.clock import CELLS, PLAN_AT_REST, Bounds, Schedule
 from noslip.errors import muted
 from noslip.law.law import Law
@@ -183,20 +184,14 @@ def reachable(rule: Rule, state: State) -> Floats:
     ground, no motion reaches.  It stands in the span of the rows at every orientation.
     """
     rows, rng = rule.system.equalities, np.random.default_rng(0)
-    spans = np.zeros((6, 6))
+    jacobians = []
     for turn in Rotation.from_rotvec(0.5 * rng.normal(size=(_ORIENTATIONS, 3))):
         quaternion = (turn * state.rotation).as_quat(scalar_first=True)
         twist = rng.normal(size=(2, 3))
-        jacobian = rows.instant(state.time, state.position, quaternion, *twist)[2]
-        _, sizes, span = np.linalg.svd(jacobian, full_matrices=False)
-        span = span[sizes > 1e-9 * sizes.max(initial=0.0)]
-        spans += span.T @ span / _ORIENTATIONS
-    shares, common = np.linalg.eigh(spans)
-    common = common[:, shares > 1 - 1e-9]
+        jacobians.append(rows.instant(state.time, state.position, quaternion, *twist)[2])
     # Of these, those that need no turn.
-    _, sizes, mixed = np.linalg.svd(common[3:])
-    alone = common[:3] @ mixed[np.count_nonzero(sizes > 1e-9) :].T
-    return np.asarray(np.eye(3) - alone @ np.linalg.pinv(alone))
+    directions = alone(common_rows(jacobians))
+    return np.asarray(np.eye(3) - directions.T @ directions)
 
 
 def engine_of(plan: Law, rule: Rule, memory: Memory, time_step: float) -> Virtual | Compiled:

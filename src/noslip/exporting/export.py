@@ -71,7 +71,8 @@ def export_c(
     Exported
         ``noslip.h`` and ``noslip.c`` (the step under these constraints); ``replan.h``,
         ``replan.c``, ``plan.h`` and ``plan.c`` (new plans); ``controller.h`` and ``controller.c``
-        (the loop); ``inside.h`` (what they share); ``NAME.h`` and ``NAME.c`` (this primitive's
+        (the loop); ``inside.h`` (what they share); ``grids.c``, where constraints look up fields
+        of distances; ``NAME.h`` and ``NAME.c`` (this primitive's
         numbers); ``example.c``, ``example_replan.c``, ``example_controller.cpp``, ``test.c`` and
         ``CMakeLists.txt``.
 
@@ -152,6 +153,7 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         f"{name}.h": declared,
         f"{name}.c": numbers.text(law, rule, name),
     }
+    values["GRIDS"] = " grids.c" if "grids.c" in texts else ""
     examples = ("example.c", "example_replan.c", "example_controller.cpp")
     for file in (*examples, "test.c", "CMakeLists.txt"):
         text = c99.template(file)
@@ -173,4 +175,5 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
 def _instructions(texts: dict[str, str], name: str, example: str, function: str) -> int | None:
     """Most instructions of a call of a function while an example runs."""
     sources = ["noslip.c", "plan.c", "replan.c", f"{name}.c", f"{example}.c"]
+    sources += [file for file in texts if file == "grids.c"]
     return most_instructions(texts, sources, function, _NO_PLAN)

@@ -74,7 +74,10 @@ class Maneuver:
         "turn left, straight, turn right"; "stay" if there are none.
         """
         runs = itertools.groupby(self.stretches, lambda each: np.sign(each.advance))
-        names = (("back " if way < 0 else "") + "-".join(e.name for e in run) for way, run in runs)
+        names = (
+            ("back " if way < 0 else "") + "-".join(name for name, _ in itertools.groupby(words))
+            for way, words in ((way, [each.name for each in run]) for way, run in runs)
+        )
         return ", ".join(names) or "stay"
 
     @property

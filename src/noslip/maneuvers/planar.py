@@ -21,11 +21,10 @@ from noslip._arguments import LARGEST, between, positive, vector
 from noslip.maneuvers.maneuver import Maneuver, Stretch
 
 _TINY = 1e-10
-"""What is taken for rounding, of angles (rad), and of lengths relative to the goal's distance: a
-tenth of what the ends are exact to."""
-_ROUNDING = 1e-12
-"""What is taken for rounding, of lengths, in radii: centers lie about one off, and goals are the
-results of other calculations."""
+"""What is taken for rounding of a goal, relative to its distance: a tenth of what ends are exact
+to."""
+_ROUNDING = 1e-13
+"""The same of goals within a radius, in radii: centers lie one radius off."""
 _MOST_CUSPS = 2
 """No goal needs more (Reeds and Shepp 1990)."""
 _LEFT, _STRAIGHT, _RIGHT = 1, 0, -1
@@ -137,7 +136,7 @@ def turn_drive_turn(x: float, y: float, heading: float, *, reverse: bool = False
 
 def _turns_in_place(angle: float) -> Iterator[Stretch]:
     """One turn, or none if it vanishes."""
-    angle = _the_shorter_way(angle)
+    angle = _the_shorter_way(angle, _TINY)
     if abs(angle) > _TINY:
         yield Stretch(f"turn {_NAMES[_LEFT if angle > 0 else _RIGHT]}", 0.0, (0.0, 0.0, angle))
 
@@ -145,7 +144,7 @@ def _turns_in_place(angle: float) -> Iterator[Stretch]:
 def _scaled(
     x: float, y: float, heading: float, radius: float
 ) -> tuple[complex, float, float, float]:
-    """Return the goal in radii, its heading, the radius (m), and which lengths are none (radii)."""
+    """Return the goal in radii, its heading, the radius (m), and what is none (radii, rad)."""
     x, y, heading = vector("x, y and heading", (x, y, heading), "m, m and rad").tolist()
     radius = positive("radius", radius, "m")
     # Else the goal in radii means nothing.
@@ -157,6 +156,11 @@ def _scaled(
 def _apart(goal: complex, heading: float, first: int, last: int) -> complex:
     """From the center of the first circle to that of the last, on these sides."""
     return goal + 1j * (last * cmath.exp(1j * heading) - first)
+
+
+def _argument(z: complex) -> float:
+    """Its angle (rad); that of cmath fails where it underflows."""
+    return math.atan2(z.imag, z.real)
 
 
 def _around_a_straight(
@@ -176,7 +180,7 @@ def _around_a_straight(
         if min(slack, straight) < -tiny:
             continue
         touching = along == across == 0
-        course = heading if touching else cmath.phase(apart / (way * along - 1j * across))
+        course = heading if touching else _argument(apart / (way * along - 1j * across))
         quarter = way * math.pi / 2
         yield [
             (first, first * (course - before * begin * quarter)),
@@ -196,7 +200,7 @@ def _three_arcs(goal: complex, heading: float, tiny: float) -> Iterator[_Word]:
             continue
         angle = 2 * math.asin(abs(apart) / 4) if abs(apart) < 4 - tiny else math.pi
         for turn in (angle, -angle):
-            first = cmath.phase(1j * side * apart / (1 - cmath.exp(1j * turn)))
+            first = _argument(1j * side * apart / (1 - cmath.exp(1j * turn)))
             last = heading - first - turn
             yield [(side, side * first), (-side, -side * turn), (side, side * last)]
 
@@ -210,7 +214,7 @@ def _four_arcs(goal: complex, heading: float, tiny: float) -> Iterator[_Word]:
         for sign in (1, -1):
             # Of one circle, any heading in the middle will do; half the way makes them short.
             middle = (
-                cmath.phase(sign * 1j * side * apart)
+                _argument(sign * 1j * side * apart)
                 if 2 * far > tiny
                 else heading / 2 + (0 if sign > 0 else math.pi)
             )
@@ -223,7 +227,7 @@ def _four_arcs(goal: complex, heading: float, tiny: float) -> Iterator[_Word]:
                 ]
         # Without: what one turns, the other turns back.
         for turn in _angles((5 - far**2) / 4, tiny):
-            first = cmath.phase(1j * side * apart / (2 - cmath.exp(1j * turn)))
+            first = _argument(1j * side * apart / (2 - cmath.exp(1j * turn)))
             yield [
                 (side, side * first),
                 (-side, -side * turn),
@@ -241,11 +245,11 @@ def _to_point(goal: complex, tiny: float) -> Iterator[_Word]:
         if slack < -tiny:
             continue
         straight = math.sqrt(slack * (far + 1)) if slack > tiny else 0.0
-        yield [(side, side * cmath.phase(apart / (straight - 1j * side))), (_STRAIGHT, straight)]
+        yield [(side, side * _argument(apart / (straight - 1j * side))), (_STRAIGHT, straight)]
         for bearing in _angles((far**2 + 3) / (4 * far), tiny):
             middle = 2 * apart / far * cmath.exp(1j * bearing)
-            first = cmath.phase(1j * side * middle)
-            last = cmath.phase(-1j * side * (apart - middle))
+            first = _argument(1j * side * middle)
+            last = _argument(-1j * side * (apart - middle))
             yield [(side, side * first), (-side, -side * (last - first))]
 
 
@@ -258,20 +262,20 @@ def _angles(cosine: float, tiny: float) -> tuple[float, ...]:
     return math.acos(cosine), -math.acos(cosine)
 
 
-def _forwards(angle: float) -> float:
+def _forwards(angle: float, tiny: float) -> float:
     """An arc's angle, from 0 to a full turn; 0 where rounding would make it a full turn."""
     angle %= 2 * math.pi
-    return angle if angle < 2 * math.pi - _TINY else 0.0
+    return angle if angle < 2 * math.pi - tiny else 0.0
 
 
-def _the_shorter_way(angle: float) -> float:
+def _the_shorter_way(angle: float, tiny: float) -> float:
     """An arc's angle, from -pi to pi; pi where rounding would make it -pi."""
     angle = math.remainder(angle, 2 * math.pi)
-    return angle if angle > _TINY - math.pi else angle + 2 * math.pi
+    return angle if angle > tiny - math.pi else angle + 2 * math.pi
 
 
 def _maneuvers(
-    words: Iterable[_Word], radius: float, tiny: float, way: Callable[[float], float]
+    words: Iterable[_Word], radius: float, tiny: float, way: Callable[[float, float], float]
 ) -> list[Maneuver]:
     """What the words are: in order, each once, with as few cusps as suffice."""
     found: dict[tuple[int, ...], list[_Word]] = {}
@@ -299,14 +303,14 @@ def _maneuvers(
     ]
 
 
-def _tidied(word: _Word, tiny: float, way: Callable[[float], float]) -> _Word:
+def _tidied(word: _Word, tiny: float, way: Callable[[float, float], float]) -> _Word:
     """Arcs the right way round, without what vanishes; neighbors on one circle are one."""
     tidy: _Word = []
     for side, amount in word:
         if tidy and tidy[-1][0] == side:
             amount += tidy.pop()[1]
-        amount = way(amount) if side else amount
-        if abs(amount) > (_TINY if side else tiny):
+        amount = way(amount, tiny) if side else amount
+        if abs(amount) > tiny:
             tidy.append((side, amount))
     return tidy
 

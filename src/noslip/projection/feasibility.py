@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.errors import ConstraintError
+from noslip.errors import ConstraintError, Refusal
 from noslip.projection.nearest import nearest
 from noslip.projection.pointwise import project_velocities
 from noslip.trajectory import PoseTrajectory
@@ -54,9 +54,11 @@ def project_pose(
     system = as_system(constraints).of_poses
     pose, residual = _nearest_pose(system, time, position, quaternion, inverse_metric)
     if residual > _APART:
+        free = "" if all(inverse_metric) else ', or let the rotation give way too: metric="shared"'
         raise ConstraintError(
-            f"no pose near the start satisfies {' and '.join(system.names)} (residual "
-            f'{residual:.2g}); start closer, or let the rotation give way too: metric="shared"'
+            f"no pose found near the one given that satisfies {' and '.join(system.names)} "
+            f"(residual {residual:.2g}); give one closer to it{free}",
+            code=Refusal.NOT_FOUND,
         )
     return pose
 
@@ -91,8 +93,10 @@ def require_consistent(system: ConstraintSystem, trajectory: PoseTrajectory) -> 
             # It alone is not reached from here; the projection says so in its own words.
             continue
         raise ConstraintError(
-            f"constraints {' and '.join(map(repr, culprits))} contradict each other: no pose and "
-            f"motion near t = {time:.3g} s of {trajectory.name} satisfies them together"
+            f"constraints {' and '.join(map(repr, culprits))} seem to contradict each other: no "
+            f"pose and motion near t = {time:.3g} s of {trajectory.name} is found that satisfies "
+            "them together; leave one out",
+            code=Refusal.NOT_FOUND,
         )
 
 

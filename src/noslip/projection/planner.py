@@ -161,7 +161,7 @@ def sources(stage: Stage) -> dict[str, str]:
     }.items():
         header = header.replace(f"@{name}@", str(value))
     code = c99.template("plan.c").replace("@GENERATED@", "\n".join(generated))
-    return {"plan.h": header, "plan.c": code}
+    return {"plan.h": header, "plan.c": code, **c99.grids(*stage.functions)}
 
 
 _FOR_PYTHON = """

@@ -30,7 +30,7 @@ from noslip._typing import Floats
 from noslip.boundary import Boundary, End
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
-from noslip.errors import ConvergenceError, InputError
+from noslip.errors import ConvergenceError, InputError, Refusal
 from noslip.projection.blend import spread
 from noslip.projection.detour import around
 from noslip.projection.heading import Heading, turn_edge_into_path
@@ -54,6 +54,9 @@ _LIMIT_PATIENCE = 4
 _NEARBY, _MOSTLY, _SWINGING = 20, 0.5, 1e-4
 """Steps on either side of a kept rotation in which it is seen to swing, share of the changes from
 step to step that alternate, and least amplitude (rad): of a smooth turn a twentieth alternates."""
+_KEPT = 1e-8
+"""Residual, in the constraint's own unit, and violation of a limit at which a motion satisfies its
+constraints, whether or not the iteration saw that it is the nearest: what limits converge to."""
 _CLEARANCE = 3e-4
 """Of the path's length: what a fit of the path is off it, and what barriers act before a limit that
 a tool passes by.  Without it every touch is a jolt, and a blade misses its goal by up to 2 %."""
@@ -143,6 +146,33 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
     return replace(best, trajectory=_with_twists(best.trajectory, request))
 
 
+def project_nearby(request: Request) -> ProjectedTrajectory:
+    """Solve a request whose reference all but satisfies it, as a maneuver does; the best if not.
+
+    It begins with the reference itself and heeds limits from the first step on: the way over the
+    equalities alone leads such a reference elsewhere, and back by no step.
+    """
+    best: ProjectedTrajectory | None = None
+    begun = np.zeros((len(request.reference), 3))
+    limited = request.system.limits.size > 0
+    for factor, barrier, careful in _LIMIT_ATTEMPTS:
+        # Without limits all attempts begin alike, and only the careful ones lead far: of a needle's
+        # turn that is all but lost, the curvature of the first steps leads nowhere.
+        if not (careful or limited):
+            continue
+        weights = request.weights.smoother(factor)
+        if len(request.reference) > weights.most_samples:
+            break
+        problem = Problem(replace(request, weights=weights), begun)
+        found = problem.solve(_LIMIT_PATIENCE * request.max_iterations, careful, barrier)
+        if best is None or found.converged or found.residual < best.residual:
+            best = found
+        if found.converged:
+            break
+    assert best is not None
+    return replace(best, trajectory=_with_twists(best.trajectory, request))
+
+
 def project_heeding_what_it_can(request: Request) -> ProjectedTrajectory:
     """Solve a request for a primitive; limits that it cannot heed are left to the run time.
 
@@ -185,13 +215,28 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         raise ConvergenceError(
             f"{request.reference.name}: with the positions held, a rotation that is kept does not "
             f"fit the path under {names}: the tool would swing by {np.degrees(swing):.2g} degrees "
-            "from step to step; let the position give way (hold_position=False), or free it"
+            "from step to step; let the position give way (hold_position=False), or free it",
+            iterate=result.trajectory,
         )
-    freer = "let the position give way (hold_position=False), " if request.hold_position else ""
+    least = result.margins.min(initial=0.0)
+    left = f"residual {result.residual:.2g}" + (f", margin {least:.2g}" if least < 0 else "")
+    # More smoothing of the rotation is no advice: it was tried.
+    remedies = ["let the position give way (hold_position=False)"] if request.hold_position else []
+    remedies += ["low-pass it more", "trim its rests"]
+    remedies += ["free its ends or take others"] if request.fixed else []
+    advice = f"{', '.join(remedies[:-1])}, or {remedies[-1]}"
+    if result.residual <= _KEPT and least >= -_KEPT:
+        raise ConvergenceError(
+            f"{request.reference.name}: a trajectory that satisfies {names} is found ({left} after "
+            f"{result.iterations} iterations), but the projection did not converge to the nearest; "
+            f"{advice}",
+            iterate=result.trajectory,
+        )
     raise ConvergenceError(
-        f"{request.reference.name}: no trajectory near it found that satisfies {names} (residual "
-        f"{result.residual:.2g} after {result.iterations} iterations); {freer}low-pass it more, "
-        "trim rests, raise rotation_smoothing, or free its ends"
+        f"{request.reference.name}: no trajectory near it found that satisfies {names} ({left} "
+        f"after {result.iterations} iterations); {advice}",
+        code=Refusal.NOT_FOUND,
+        iterate=result.trajectory,
     )
 
 
@@ -232,7 +277,7 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
     """Attempt after attempt at the equalities; the best result if none converges."""
     best: ProjectedTrajectory | None = None
     moved = _moved(request.reference, request.fixed)
-    for factor, careful, patience in _ATTEMPTS:
+    for factor, careful, patience in _ATTEMPTS[: request.attempts]:
         weights = request.weights.smoother(factor)
         if len(request.reference) > weights.most_samples and best is not None:
             break
@@ -271,7 +316,7 @@ def _project_within(request: Request, without: ProjectedTrajectory) -> Projected
     weights = replace(request.weights, rotation_smoothing=without.smoothing)
     turns = np.asarray(without.turns)
     best: ProjectedTrajectory | None = None
-    for factor, barrier, careful in _LIMIT_ATTEMPTS:
+    for factor, barrier, careful in _LIMIT_ATTEMPTS[: request.attempts]:
         smoother = weights.smoother(factor)
         if len(request.reference) > smoother.most_samples:
             break

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copyreg
+from typing import Any
+
 import numpy as np
 
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import NoslipError
+from noslip.errors import NoslipError, Refusal
 from noslip.robots.kinematics import APART
 from noslip.robots.model import NEAR
 from noslip.robots.placement import Candidate, Placement, place
@@ -53,9 +56,14 @@ class InfeasibleMotionError(NoslipError, RuntimeError):
         duration: float | None = None,
         placement: Placement | None = None,
     ) -> None:
-        super().__init__(message)
+        code = Refusal.NOT_FOUND if duration is None else Refusal.TOO_FAST
+        super().__init__(message, code=code, duration=duration)
         self.limit, self.joint, self.time, self.margin = limit, joint, time, margin
-        self.duration, self.placement = duration, placement
+        self.placement = placement
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What the constructor insists on is among the attributes.
+        return copyreg.__newobj__, (type(self), *self.args), vars(self)  # type: ignore[attr-defined]
 
 
 def refusal(

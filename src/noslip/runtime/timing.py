@@ -16,8 +16,9 @@ import numpy as np
 import scipy
 
 from noslip._typing import Floats
+from noslip.constraints.declaration import Constraint, constraint_function
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import CompromiseWarning, MissedError, warn
+from noslip.errors import CompromiseWarning, MissedError, Refusal, warn
 from noslip.runtime.motion import HELD, Motion
 from noslip.trajectory import PoseTrajectory
 
@@ -67,6 +68,15 @@ class Pace:
         return (
             f"{self.name!r} cannot be kept in {duration:.4g} s: along its path the motion takes "
             f"{self.needed(duration)} s; give it that, or leave the duration out"
+        )
+
+    def refusal(self, duration: float, motion: PoseTrajectory) -> MissedError:
+        """Return the same as an error, with a motion along that path."""
+        return MissedError(
+            self.refused(duration),
+            code=Refusal.TOO_FAST,
+            iterate=motion,
+            duration=float(self.needed(duration)),
         )
 
     def reshaped(self, duration: float) -> str:
@@ -162,14 +172,18 @@ def require_time(usual: Motion, system: ConstraintSystem, duration: float) -> No
         # What is not kept in the usual duration either is not a matter of time.
         if found is None or not least * (1 + _SAME) < found.factor <= 1 + _SAME:
             continue
-        told = replace(found, factor=found.factor / least).refused(duration)
+        lacking = replace(found, factor=found.factor / least)
         if not found.is_soft:
-            raise MissedError(told)
-        warn(told, CompromiseWarning)
+            raise lacking.refusal(duration, usual)
+        warn(lacking.refused(duration), CompromiseWarning)
 
 
-def paces(motion: Motion, limits: ConstraintSystem, least: float = 1.0) -> list[Pace | None]:
+def paces(
+    motion: PoseTrajectory, limits: ConstraintSystem, least: float = 1.0
+) -> list[Pace | None]:
     """For each limit, the least factor, of ``least`` or more, with which a motion keeps it.
+
+    Velocities of a sample are those of the step that led to it, as in a :class:`Motion`.
 
     None where there is none: what asks for a way to travel, or for rest, asks it at any speed.
     """
@@ -213,11 +227,25 @@ def stretched(trajectory: PoseTrajectory, factor: float) -> PoseTrajectory:
 
 
 def timed(system: ConstraintSystem) -> list[bool]:
-    """For each constraint, whether it is a limit on velocities or accelerations."""
-    return [c.relation != "zero" and c.level != "position" for c in system.constraints]
+    """For each constraint, whether it is a limit on velocities or accelerations that rest keeps.
+
+    One that rest does not keep with room, such as a turning radius, asks for a way to travel, which
+    no duration changes.
+    """
+    return [
+        c.relation != "zero" and c.level != "position" and _kept_at_rest(c)
+        for c in system.constraints
+    ]
 
 
-def _margins(motion: Motion, limits: ConstraintSystem, factor: float) -> Floats:
+def _kept_at_rest(limit: Constraint) -> bool:
+    still = np.zeros(3)
+    rest = constraint_function(limit)(0, still, np.eye(3), still, still, still, still)
+    # What is no number at rest says nothing of it.
+    return bool(np.all(~(np.asarray(rest) <= 0)))
+
+
+def _margins(motion: PoseTrajectory, limits: ConstraintSystem, factor: float) -> Floats:
     """Margins of the start and of each step of a motion that takes so much longer, (N, k)."""
     begin = motion.times[0]
     times = begin + factor * (motion.times - begin)

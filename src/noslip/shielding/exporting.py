@@ -53,7 +53,8 @@ def export_c(
         "DIFFERENCE": repr(1e-12 * reach),
     }.items():
         texts["shield_test.c"] = texts["shield_test.c"].replace(f"@{name}@", value)
-    instructions = most_instructions(texts, ["shield.c", "shield_example.c"], "noslip_shield_step")
+    files = [file for file in texts if file in ("shield.c", "grids.c", "shield_example.c")]
+    instructions = most_instructions(texts, files, "noslip_shield_step")
     told = (
         f"At most {instructions} instructions in shield_example.c (callgrind, x86-64, -O2)."
         if instructions

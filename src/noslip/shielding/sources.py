@@ -98,4 +98,5 @@ def sources(rule: Rule, period: float) -> dict[str, str]:
         header = header.replace(f"@{name}@", str(value))
     code = c99.template("shield.c").replace("@GENERATED@", "\n".join(generated))
     start = ", ".join(map(repr, observer_of(period).seen.tolist()))
-    return {"shield.h": header, "shield.c": code.replace("@SEEN@", start)}
+    code = code.replace("@SEEN@", start)
+    return {"shield.h": header, "shield.c": code, **c99.grids(stepper_of(rule).function)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -15,7 +16,7 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint, of_a_user
 from noslip.constraints.formula import surface_value
 from noslip.constraints.moving_frame import InMovingFrame
-from noslip.constraints.shape import Ball, Capsule, Implicit, Mark, Plane, Sides, Tube
+from noslip.constraints.shape import Ball, Capsule, Cells, Implicit, Mark, Plane, Sides, Tube
 from noslip.constraints.shape import Shape as Place
 from noslip.figures.style import PALETTE
 from noslip.viewer.colors import rgb
@@ -30,6 +31,8 @@ AXIS = 0.08
 GRID = 41
 """Points along a side of a surface that is given by a formula: odd, so that one is the middle; the
 cost grows as their square."""
+MOST_CELLS = 2**18
+"""Of a grid that is drawn as it is: some 50,000 triangles."""
 NEWTON_STEPS = 30
 """Onto such a surface: from a near start its quadratic rate needs a few; from elsewhere it may need
 more."""
@@ -133,6 +136,8 @@ def _meshed(shape: Place, center: Floats, size: float) -> _Mesh | None:
             return _sides(shape, center, size)
         case Implicit():
             return _surface(shape, center, size)
+        case Cells():
+            return _cells(shape, center, size)
         case Mark():
             return _ball(shape.point, MARK * size)
 
@@ -215,6 +220,56 @@ def _sides(box: Sides, center: Floats, size: float) -> _Mesh:
             a, b, c, d = np.flatnonzero(corners[:, axis] == upper)
             faces += [[a, b, d], [a, d, c]]
     return np.where(corners == 1, high, low), np.array(faces)
+
+
+def _cells(shape: Cells, center: Floats, size: float) -> _Mesh | None:
+    """Faces between cells inside and outside, their corners moved onto the surface.
+
+    Of a grid of two dimensions walls, as far as the scene goes.
+    """
+    dimensions = len(shape.counts)
+    step = math.ceil((math.prod(shape.counts) / MOST_CELLS) ** (1 / dimensions))
+    counts = tuple(-(-count // step) for count in shape.counts)
+    middles = np.indices(counts).reshape(dimensions, -1).T + 0.5
+    inside = (shape.value(shape.place(step * middles)) <= 0).reshape(counts)
+    inside = np.pad(inside, 1)
+    quads = []
+    for axis in range(dimensions):
+        leads_in = np.diff(inside.astype(int), axis=axis)
+        u, v = np.roll(np.eye(dimensions, dtype=int), -1 - axis, axis=0)[: dimensions - 1][[0, -1]]
+        around = [0 * u, u, u + v, v] if dimensions == 3 else [0 * u, u]
+        for sign, order in ((-1, 1), (1, -1)):
+            base = np.argwhere(leads_in == sign) - 1
+            base[:, axis] += 1
+            quads.append(base[:, None] + np.array(around)[::order])
+    corners, numbers = np.unique(
+        np.concatenate(quads).reshape(-1, dimensions), axis=0, return_inverse=True
+    )
+    if not len(corners):
+        return None
+    points = shape.place(step * corners.astype(np.float64))
+    points = _onto(shape, points, step * shape.cell)
+    numbers = numbers.reshape(-1, len(around))
+    if dimensions == 2:
+        count, reach = len(points), REACH * size
+        points = np.concatenate([points, points])
+        points[:, 2] = center[2] + np.repeat([-reach, reach], count)
+        numbers = np.hstack([numbers, numbers[:, ::-1] + count])
+    return points, np.concatenate([numbers[:, [0, 1, 2]], numbers[:, [0, 2, 3]]])
+
+
+def _onto(shape: Cells, points: Floats, cell: float) -> Floats:
+    """Points moved onto the surface near them, by a cell at most."""
+    found = points
+    steps = cell / 4 * np.eye(3)
+    for _ in range(3):
+        ahead, behind = ([shape.value(found + s * step) for step in steps] for s in (1, -1))
+        slope = np.stack([a - b for a, b in zip(ahead, behind, strict=True)], axis=1) / (cell / 2)
+        square = np.maximum(np.sum(slope**2, axis=1), 0.1)
+        moved = found - (shape.value(found) / square)[:, None] * slope - points
+        far = np.linalg.norm(moved, axis=1) / cell
+        found = points + moved / np.maximum(far, 1)[:, None]
+    return found
 
 
 def _surface(shape: Implicit, center: Floats, size: float) -> _Mesh | None:

@@ -78,7 +78,7 @@ enum {
     NOSLIP_REPLAN_MISSES,        /* there is a primitive; by how much it misses stands in end_error */
     NOSLIP_REPLAN_NOT_ALLOWED,   /* a constraint on poses does not allow the goal, or the start */
     NOSLIP_REPLAN_NOT_FOUND,     /* nothing near the motion as it was satisfies the equalities */
-    NOSLIP_REPLAN_LIMITS,        /* a hard limit cannot be kept: more time, or another goal */
+    NOSLIP_REPLAN_LIMITS,        /* no way found that keeps a hard limit: another goal; for rates, more time */
     NOSLIP_REPLAN_TURNS,         /* it turns too often for a winding of so many knots */
     NOSLIP_REPLAN_NOT_FINITE,    /* something given is not finite, or something found */
     NOSLIP_REPLAN_WRONG          /* knots, steps or memory are not what they must be */
