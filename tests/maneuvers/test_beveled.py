@@ -263,4 +263,6 @@ def test_whatever_its_axes_its_ways_keep_its_declaration(
     twists = np.repeat([each.twist / 100 for each in maneuver.stretches], 100, axis=0)
     positions, rotations = steering.carried(*integrated(twists, *first))
     motion = PoseTrajectory(np.arange(len(positions)) * 1e-3, positions, rotations)
-    assert np.abs(step_residuals(motion, needle)).max() <= 1e-4 * motion.path_length / motion.duration
+    assert (
+        np.abs(step_residuals(motion, needle)).max() <= 1e-4 * motion.path_length / motion.duration
+    )

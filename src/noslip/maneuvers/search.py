@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from noslip._arguments import count, not_negative, positive, vector
 from noslip._typing import Floats
@@ -23,10 +24,8 @@ from noslip.maneuvers.planar import dubins, reeds_shepp, turn_drive_turn
 from noslip.maneuvers.shortening import CUSP, Ground, shortened
 
 _LEVELS = ((0.35, 6.0), (0.35, 20.0), (0.18, 10.0))
-"""Way of a move, and how far around start and goal is searched, in radii: near, then wide, then fine.
-Coarser moves find goals sooner, and ways that are up to 30 % longer."""
-_LONGER = 20
-"""Times the nodes before the first way, as many again are looked at for a shorter one."""
+"""Way of a move, and how far around start and goal is searched, in radii: near, then wide, then
+fine.  Coarser moves find goals sooner, and ways that are up to 30 % longer."""
 _BATCH = 48
 """Nodes that are expanded at once: enough that arrays cost more than their calls."""
 _TURN = np.pi / 8
@@ -42,7 +41,7 @@ def through(
     *,
     reverse: bool = False,
     reach: float = 0.0,
-    expansions: int = 10_000,
+    expansions: int = 20_000,
 ) -> Maneuver | None:
     """A short maneuver in the plane, from the origin to a pose, that is clear all along.
 
@@ -178,7 +177,9 @@ _POINTS = 40_000
 """Of the grid, at most."""
 
 
-def _shifted(index: Floats, step: tuple[int, int]) -> tuple[Floats, Floats]:
+def _shifted(
+    index: NDArray[np.intp], step: tuple[int, int]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Points of a grid that have a neighbor one step on, and these."""
     rows, columns = index.shape
     dx, dy = step
@@ -238,7 +239,6 @@ def _searched(
         shot = ground.shot(poses[nearest], goal, bound - cost[nearest])
         if shot is not None:
             bound, found = cost[nearest] + shot.cost, (nearest, shot.maneuver)
-            expansions = min(expansions, _LONGER * expanded + 2000)
         begin = np.repeat(batch, len(moves))
         kind = np.tile(np.arange(len(moves)), len(batch))
         after = composed(poses[begin], ends[kind])
