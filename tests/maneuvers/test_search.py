@@ -93,10 +93,10 @@ def test_a_goal_behind_a_wall_is_reached(radius: float | None, reverse: bool) ->
         assert abs(each.turn[2]) <= abs(each.advance) / (radius or 1e-9) + 1e-12 or not radius
     # The band around the wall's end, and for what turns where it stands no more than that.
     shortest = 2 * np.hypot(1.0, 1.5)
-    assert shortest < found.length < 1.3 * shortest if radius else 1.02 * shortest
+    assert shortest < found.length < (1.3 if radius else 1.03) * shortest
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([RADIUS, None]), st.booleans())
 def test_what_is_found_is_clear_exact_and_the_same_again(
     seed: int, radius: float | None, reverse: bool
@@ -104,7 +104,7 @@ def test_what_is_found_is_clear_exact_and_the_same_again(
     rng = np.random.default_rng(seed)
     clear = discs(rng.uniform(-3, 3, (12, 2)), rng.uniform(0.1, 0.4))
     goal = (*rng.uniform(-3, 3, 2), rng.uniform(-np.pi, np.pi))
-    found = through(*goal, radius, clear, reverse=reverse)
+    found = through(*goal, radius, clear, reverse=reverse, expansions=800)
     if found is None:
         return
     judge(found, goal, clear)
@@ -112,7 +112,7 @@ def test_what_is_found_is_clear_exact_and_the_same_again(
         assert reverse or each.advance >= 0
         if radius is not None:
             assert abs(each.turn[2]) <= abs(each.advance) / radius * (1 + 1e-9)
-    assert through(*goal, radius, clear, reverse=reverse) == found
+    assert through(*goal, radius, clear, reverse=reverse, expansions=800) == found
 
 
 def test_most_goals_among_obstacles_are_reached() -> None:
@@ -125,7 +125,7 @@ def test_most_goals_among_obstacles_are_reached() -> None:
         if clear(np.array([[*pose, 0]]), np.array([[1.0, 0, 0, 0]]))[0] > 0.1:
             free.append(pose)
     for goal in free[1:]:
-        reached += through(*(goal), 1.0, 0.4, clear) is not None
+        reached += through(*goal, 1.0, 0.4, clear, expansions=800) is not None
     assert reached >= 9
 
 

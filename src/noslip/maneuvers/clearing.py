@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from noslip._arguments import LARGEST
 from noslip._typing import Floats
@@ -55,7 +56,7 @@ def swept(begins: Floats, twists: Floats, clear: Clear, spacing: float, reach: f
     first = np.cumsum(parts + 1) - (parts + 1)
     share = (np.arange(len(owner)) - first[owner]) / parts[owner]
 
-    def margins(owner: Floats, share: Floats) -> Floats:
+    def margins(owner: NDArray[np.intp], share: Floats) -> Floats:
         poses = composed(
             begins[owner], np.column_stack(exponential(share[:, None] * twists[owner]))
         )

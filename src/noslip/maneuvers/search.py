@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from noslip._arguments import count, not_negative, positive, vector
 from noslip._typing import Floats
@@ -22,8 +23,9 @@ from noslip.maneuvers.maneuver import Maneuver, Stretch, composed, exponential
 from noslip.maneuvers.planar import dubins, reeds_shepp, turn_drive_turn
 from noslip.maneuvers.shortening import CUSP, Ground, shortened
 
-_LEVELS = ((0.8, 3.0), (0.4, 6.0), (0.2, 12.0))
-"""Way of a move, and how far around start and goal is searched, in radii: coarse, then fine."""
+_LEVELS = ((0.35, 6.0), (0.35, 20.0), (0.18, 10.0))
+"""Way of a move, and how far around start and goal is searched, in radii: near, then wide, then
+fine.  Coarser moves find goals sooner, and ways that are up to 30 % longer."""
 _BATCH = 48
 """Nodes that are expanded at once: enough that arrays cost more than their calls."""
 _TURN = np.pi / 8
@@ -175,7 +177,9 @@ _POINTS = 40_000
 """Of the grid, at most."""
 
 
-def _shifted(index: Floats, step: tuple[int, int]) -> tuple[Floats, Floats]:
+def _shifted(
+    index: NDArray[np.intp], step: tuple[int, int]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Points of a grid that have a neighbor one step on, and these."""
     rows, columns = index.shape
     dx, dy = step
@@ -235,7 +239,6 @@ def _searched(
         shot = ground.shot(poses[nearest], goal, bound - cost[nearest])
         if shot is not None:
             bound, found = cost[nearest] + shot.cost, (nearest, shot.maneuver)
-            expansions = min(expansions, 2 * expanded + 200)
         begin = np.repeat(batch, len(moves))
         kind = np.tile(np.arange(len(moves)), len(batch))
         after = composed(poses[begin], ends[kind])

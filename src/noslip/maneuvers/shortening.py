@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from noslip._typing import Floats
 from noslip.maneuvers.clearing import TOUCHING, Clear, swept
@@ -48,7 +49,7 @@ class Ground:
     reach: float
     size: float
 
-    def free(self, begins: Floats, twists: Floats) -> Floats:
+    def free(self, begins: Floats, twists: Floats) -> NDArray[np.bool_]:
         """Whether stretches (N, 6) from poses (N, 7) are clear, shape (N,)."""
         return swept(begins, twists, self.clear, self.spacing, self.reach) >= -TOUCHING
 
@@ -134,10 +135,10 @@ def _sum(one: Stretch, other: Stretch) -> tuple[float, float, float]:
 def _chained(chain: Sequence[Maneuver], ground: Ground) -> list[Maneuver]:
     """The cheapest chain of clear maneuvers between poses along a way."""
     pieces = _cut(_stretches(chain), ground)
-    poses = np.column_stack(integrated(np.array([each.twist for each in pieces])))
+    poses = _nodes(pieces)
     best, links = np.zeros(len(poses)), [(0, Maneuver(()))]
     for k in range(1, len(poses)):
-        kept = (best[k - 1] + ground.cost([pieces[k - 1]]), k - 1, Maneuver((pieces[k - 1],)))
+        kept = (best[k - 1] + ground.cost(pieces[k - 1].stretches), k - 1, pieces[k - 1])
         # At least the distance; what a maneuver costs is asked only of those that come first.
         least = best[:k] + np.linalg.norm(poses[:k, :3] - poses[k, :3], axis=1)
         waiting: list[tuple[float, int, Maneuver | None]] = [
@@ -153,33 +154,41 @@ def _chained(chain: Sequence[Maneuver], ground: Ground) -> list[Maneuver]:
                 kept = (total, i, maneuver)
         best[k] = kept[0]
         links.append(kept[1:])
-    found, k = [], len(poses) - 1
+    found: list[Maneuver] = []
+    k = len(poses) - 1
     while k:
         k, maneuver = links[k]
         found.insert(0, maneuver)
     return found
 
 
-def _cut(stretches: Sequence[Stretch], ground: Ground) -> list[Stretch]:
-    """A way in about so many pieces as there are to be nodes."""
-    joined = _joined(stretches)
-    costs = [ground.cost([each]) for each in joined]
-    found = []
-    for each, cost in zip(joined, costs, strict=True):
-        parts = max(1, round(_NODES * cost / sum(costs)))
+def _nodes(chain: Sequence[Maneuver]) -> Floats:
+    """Poses between the links of a chain, shape (N + 1, 7)."""
+    poses = np.column_stack(integrated(np.array([e.twist for e in _stretches(chain)])))
+    return np.asarray(poses[np.cumsum([0] + [len(link.stretches) for link in chain])])
+
+
+def _cut(stretches: Sequence[Stretch], ground: Ground) -> list[Maneuver]:
+    """A way in pieces of about one cost: what lies between the nodes."""
+    total = ground.cost(stretches)
+    most = total / np.clip(total / ground.size, _NODES, 2 * _NODES)
+    found: list[Maneuver] = []
+    piece: list[Stretch] = []
+    for each in _joined(stretches):
+        parts = max(1, round(ground.cost([each]) / most))
         a, b, c = each.turn
-        found += parts * [
-            Stretch(each.name, each.advance / parts, (a / parts, b / parts, c / parts))
-        ]
-    return found
+        part = Stretch(each.name, each.advance / parts, (a / parts, b / parts, c / parts))
+        for _ in range(parts):
+            piece.append(part)
+            if ground.cost(piece) > most / 2:
+                found.append(Maneuver(tuple(piece)))
+                piece = []
+    return found + ([Maneuver(tuple(piece))] if piece else [])
 
 
 def _moved(chain: list[Maneuver], ground: Ground) -> list[Maneuver]:
     """The chain with its inner poses moved, along, aside or about, while that makes it cheaper."""
-    ends = np.array([np.concatenate(each.end) for each in chain])
-    poses = [np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])]
-    for end in ends:
-        poses.append(composed(poses[-1][None], end[None])[0])
+    poses = _nodes(chain)
     step = 0.5
     while step > _FINEST:
         better = False
