@@ -324,7 +324,7 @@ class Connection(Value):
         if others.size:
             found = others.residuals(np.zeros(len(positions)), positions, quaternions, still, still)
             least = np.minimum(least, found.min(axis=1))
-        return least
+        return np.asarray(least)
 
     @property
     def _reach(self) -> float:
