@@ -279,7 +279,7 @@ class Connection(Value):
         if found or not self._kept_out.size:
             return
         margins = [self._margins(*map(np.atleast_2d, end))[0] for end in self._ends]
-        room = min(_ROOM * self.pace.way, _SHARED * max(min(margins), 0.0))
+        room = float(min(_ROOM * self.pace.way, _SHARED * max(min(margins), 0.0)))
 
         def clear(positions: Floats, quaternions: Floats) -> Floats:
             return self._margins(positions, quaternions) - room
