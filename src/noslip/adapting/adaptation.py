@@ -149,11 +149,14 @@ def adapt(
             except (ConvergenceError, MissedError) as error:
                 # There is a way, so that another that is refused tells less.
                 failed = error if error.code == Refusal.TOO_FAST else None
-            if found is not None and connection.accepts(found.motion):
+            if found is not None and found.is_exact and connection.accepts(found.motion):
                 return found.told()
         for way in connection.ways(shape == "shortest"):
             try:
-                return planned(partial(task.driven, connection, way)).told()
+                driven = planned(partial(task.driven, connection, way))
+                if driven.is_exact:
+                    return driven.told()
+                found = found or driven
             except (ConvergenceError, MissedError) as error:
                 failed = failed or error
                 if error.code == Refusal.TOO_FAST:
@@ -322,6 +325,8 @@ class _Task:
                 boundaries,
                 self.weights,
                 begin=law.begin,
+                # Half of it, for bends to be eased in.
+                clearance=way.room / 2,
             )
             # Of steps as short as the law's.
             steps = round(self.steps * max(1.0, tau / law.duration))
