@@ -333,7 +333,8 @@ def _shares(name: str, reached: Sequence[Outcome]) -> Iterator[str]:
     harder, slower = _over(reached, "acceleration")[1], _over(reached, "seconds")[0]
     if harder > HARDER:
         yield f"{name}: {harder:.3g} times the angular acceleration of those without a maneuver"
-    if slower > SLOWER:
+    # Of more cusps a plan takes more; what may back up is held to its length alone.
+    if slower > SLOWER and not any(each.job.options.get("reverse") for each in reached):
         yield f"{name}: maneuvers take {slower:.3g} times the time of those without"
 
 
