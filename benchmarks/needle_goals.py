@@ -168,6 +168,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--curvature", type=float, default=5.0, help="of the adapted needle (1/m)")
+    parser.add_argument("--ways", action="store_true", help="find ways to goals; adapt to none")
     options = parser.parse_args(arguments)
     found, longer, seconds = map(np.array, zip(*searched(needle_goals(options.count)), strict=True))
     print(
@@ -175,6 +176,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"times as long, in {1e3 * np.median(seconds):.0f} ms each, {1e3 * seconds.max():.0f} at "
         "most"
     )
+    if options.ways:
+        return int(found.mean() < REACHED)
     goals = needle_goals(options.count, curvature=options.curvature)
     refused, ends, seconds = zip(*adapted(goals), strict=True)
     off = np.array(ends)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Literal, get_args
@@ -37,13 +36,11 @@ from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
 from noslip.law.scaling import Scaling, scaled
 from noslip.projection.blend import through
-from noslip.projection.request import ADAPTING, MOST_ATTEMPTS, Request, Weights
+from noslip.projection.request import ADAPTING, Request, Weights
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, motion_from
 
-_HURRIED = 1
-"""Attempts at a motion near the demonstration's, where maneuvers lead to the goal as well."""
 _PER_GAP = 2
 """Basis functions from one place to pass to the next, which are to be told apart."""
 
@@ -142,30 +139,36 @@ def adapt(
     def planned(planning: Planning) -> Adapted:
         return giving_time(planning, law, rule, duration)
 
-    patiently = partial(task.nearby, MOST_ATTEMPTS)
     connection = task.connection(duration or law.duration, reverse)
-    if connection is None or not connection.proposals:
-        return planned(patiently).told()
     found: Adapted | None = None
-    if shape == "demonstrated" and connection.is_near:
-        with suppress(ConvergenceError, MissedError):
-            found = planned(partial(task.nearby, _HURRIED))
-        if found is not None and connection.accepts(found.motion):
-            return found.told()
     failed: ConvergenceError | MissedError | None = None
-    for way in connection.ways(shape == "shortest"):
-        try:
-            return planned(partial(task.driven, connection, way)).told()
-        except (ConvergenceError, MissedError) as error:
-            failed = failed or error
-            if error.code == Refusal.TOO_FAST:
-                break
+    if connection is not None and connection.proposals:
+        if shape == "demonstrated" and connection.is_near:
+            try:
+                found = planned(partial(task.nearby, False))
+            except (ConvergenceError, MissedError) as error:
+                # There is a way, so that another that is refused tells less.
+                failed = error if error.code == Refusal.TOO_FAST else None
+            if found is not None and found.is_exact and connection.accepts(found.motion):
+                return found.told()
+        for way in connection.ways(shape == "shortest"):
+            try:
+                driven = planned(partial(task.driven, connection, way))
+                if driven.is_exact:
+                    return driven.told()
+                found = found or driven
+            except (ConvergenceError, MissedError) as error:
+                failed = failed or error
+                if error.code == Refusal.TOO_FAST:
+                    break
     if found is None:
         try:
-            found = planned(patiently)
-        except (ConvergenceError, MissedError) as error:
+            found = planned(partial(task.nearby, True))
+        except ConvergenceError as error:
+            raise failed or (connection.refused(error) if connection else error) from error
+        except MissedError as error:
             raise failed or error from error
-    if back := connection.backs_up(found.motion):
+    if connection is not None and (back := connection.backs_up(found.motion)):
         told = (
             f"the motion backs up along {quantity_text(back, 'm')}; declare ForwardOnly where it "
             "must not, or ask for it (reverse=True)"
@@ -256,31 +259,29 @@ class _Task:
         return first, last
 
     def connection(self, tau: float, reverse: bool | None) -> Connection | None:
-        """Return what leads from start to goal; None where that is not known, or more is asked."""
-        if set(self.kept.values()) != {"pose"} or self.passed:
-            return None
+        """Return what leads from start to goal; None where nothing says how the tool is steered."""
         own = self.own_motion(tau)
-        return Connection.of(
-            self.rule.system, own, *self.ends(own, self.rule, tau), reverse=reverse
-        )
+        ends = self.ends(own, self.rule, tau)
+        return Connection.of(self.rule.system, own, *ends, vias=len(self.passed), reverse=reverse)
 
-    def nearby(self, attempts: int, system: ConstraintSystem, seconds: float | None) -> Plan:
-        """Plan a motion near the law's own, merely led to the new ends."""
+    def nearby(self, patient: bool, system: ConstraintSystem, seconds: float | None) -> Plan:
+        """Plan a motion near the law's own, merely led to the new ends.
+
+        One that C does not find is looked for, and told of, by who is patient.
+        """
         law, held = self.law, replace(self.rule, system=system)
 
         def planned(tau: float) -> Plan:
             if made := self._compiled(held, tau):
                 return made
-            if self._is_for_c(held) and attempts < MOST_ATTEMPTS:
+            if self._is_for_c(held) and not patient:
                 raise ConvergenceError(
                     "no motion near the demonstration's found", code=Refusal.NOT_FOUND
                 )
             own = self.own_motion(tau)
             first, last = self.ends(own, held, tau)
             boundaries = (first, *self.passed, last)
-            request = Request(
-                own, system, boundaries, self.weights, begin=law.begin, attempts=attempts
-            )
+            request = Request(own, system, boundaries, self.weights, begin=law.begin)
             for place in self.passed:
                 time = request.begin + place.at * tau
                 require_feasible(system, f"via at {place.at:g}", time, place)

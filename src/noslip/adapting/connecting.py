@@ -19,10 +19,11 @@ from noslip._values import Value
 from noslip.boundary import Boundary
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.edge_motion import edge_steps
+from noslip.constraints.keep_out import KeepOut
 from noslip.constraints.rates import AngularRateLimit
 from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.travel import ForwardOnly, TurningRadius
-from noslip.errors import InputError
+from noslip.errors import ConvergenceError, InputError
 from noslip.maneuvers.driving import Pace, driven, effort, time_needed
 from noslip.maneuvers.maneuver import Maneuver, integrated
 from noslip.maneuvers.steering import EASED, Steering
@@ -45,6 +46,11 @@ EXACT, EXACT_TURN = 1e-4, 1e-3
 a maneuver ends nearer."""
 _KEPT = (0.9, 0.75, 0.5, 0.25)
 """Shares of the demonstration's way that are kept, the most first; less of it shows no shape."""
+_ROOM, _SHARED = 0.01, 0.5
+"""Share of the demonstration's way that is kept from what is in the way, since bends are eased and
+projected; and of what start and goal keep themselves."""
+_SAMPLED = 400
+"""Steps in which a way is seen to be clear: those of the projection are judged again."""
 _PIECES = 100
 """Of what is kept: as many as a law has basis functions, which know no more of it."""
 _STILL = 0.2
@@ -97,8 +103,10 @@ class Connection(Value):
     own : PoseTrajectory
         The law's motion without constraints.
     first, last : Boundary
-        Start and goal, whole poses.
+        Start and goal.
     system : ConstraintSystem
+    vias : int
+        How many places are to be passed on the way.
     """
 
     steering: Steering
@@ -106,6 +114,7 @@ class Connection(Value):
     first: Boundary
     last: Boundary
     system: ConstraintSystem
+    vias: int = 0
 
     @classmethod
     def of(
@@ -115,6 +124,7 @@ class Connection(Value):
         first: Boundary,
         last: Boundary,
         *,
+        vias: int,
         reverse: bool | None,
     ) -> Connection | None:
         """Return it for what is declared; None where nothing says how the tool is steered.
@@ -138,7 +148,7 @@ class Connection(Value):
             radii = [c for c in system.constraints if isinstance(c, TurningRadius)]
             reverse = not forward and any(c.reverse for c in radii)
         steering = Steering.of(system, reverse)
-        return None if steering is None else cls(steering, own, first, last, system)
+        return None if steering is None else cls(steering, own, first, last, system, vias)
 
     def accepts(self, motion: Motion) -> bool:
         """Whether a motion went where it should: not astray, and not backwards unless asked to."""
@@ -194,7 +204,12 @@ class Connection(Value):
 
     @cached_property
     def proposals(self) -> list[Maneuver]:
-        """Maneuvers from the start to the goal, the shortest first."""
+        """Maneuvers from the start to the goal, the shortest first.
+
+        None where they are no whole poses, or more is to be passed.
+        """
+        if self.vias or not (self.first.is_pose and self.last.is_pose):
+            return []
         return self.steering.proposals(*self._ends)
 
     @cached_property
@@ -211,7 +226,7 @@ class Connection(Value):
     @property
     def is_near(self) -> bool:
         """Whether the goal may be reached by a motion near the demonstration's, moved there."""
-        if not (self.proposals and self.steering.radius):
+        if not self._is_measured:
             return True
         moved = through(self.own, [self.first, self.last])
         return self.proposals[0].length <= _HOPELESS * (moved.path_length + self._detour)
@@ -219,9 +234,27 @@ class Connection(Value):
     @property
     def longest(self) -> float:
         """Length beyond which a motion has gone astray (m)."""
-        if not (self.proposals and self.steering.radius):
+        if not self._is_measured:
             return np.inf
         return LONGER * (self.proposals[0].length + self._detour)
+
+    @cached_property
+    def _is_measured(self) -> bool:
+        """Whether motions are measured by the shortest maneuver: one that is driven, and clear."""
+        if not (self.proposals and self.steering.radius):
+            return False
+        return self._is_clear(Way(self.proposals[0]))
+
+    def refused(self, error: ConvergenceError) -> ConvergenceError:
+        """Return an error that tells where a needle comes to instead, which has no maneuver."""
+        if self.vias or not (self.steering.curvature and self.first.is_pose and self.last.is_pose):
+            return error
+        return ConvergenceError(
+            f"{error}; {self.steering.nearest(*self._ends)}",
+            code=error.code,
+            iterate=error.iterate,
+            duration=error.duration,
+        )
 
     def backs_up(self, motion: PoseTrajectory) -> float:
         """Way (m) that a motion backs up; 0 if that is asked for, or next to none."""
@@ -237,11 +270,30 @@ class Connection(Value):
         return back[0] if back[0] - back[1] > slack else 0.0
 
     def ways(self, shortest: bool) -> Iterator[Way]:
-        """Ways to the goal, the best first."""
+        """Ways to the goal that are clear, the best first; around what is in the way if none is."""
+        found = False
+        for way in self._straightaway(shortest):
+            if self._is_clear(way):
+                found = True
+                yield way
+        if found or not self._kept_out.size:
+            return
+        margins = [self._margins(*map(np.atleast_2d, end))[0] for end in self._ends]
+        room = float(min(_ROOM * self.pace.way, _SHARED * max(min(margins), 0.0)))
+
+        def clear(positions: Floats, quaternions: Floats) -> Floats:
+            return self._margins(positions, quaternions) - room
+
+        around = self.steering.around(*self._ends, clear, self._reach)
+        if around is not None:
+            yield Way(around)
+
+    def _straightaway(self, shortest: bool) -> Iterator[Way]:
         if not self.proposals:
             return
         most = LONGER * (self._length(self.proposals[0]) + self._detour)
-        if not shortest:
+        # What is kept of an insertion leads a needle past what it could still reach.
+        if not (shortest or self.steering.curvature):
             points, axes = integrated(self._steps, *self._ends[0])
             gone = np.linalg.norm(self._steps[:, :3], axis=1).cumsum()
             for share in _KEPT:
@@ -252,6 +304,46 @@ class Connection(Value):
                     break
         for maneuver in self.proposals:
             yield Way(maneuver)
+
+    @cached_property
+    def _kept_out(self) -> ConstraintSystem:
+        """Hard limits of poses: what may be in the way."""
+        limits = self.system.limits
+        return limits.part([c.level == "position" and c.priority == 0 for c in limits.constraints])
+
+    def _margins(self, points: Floats, axes: Floats) -> Floats:
+        """Least margins (m) of poses of the edge, shape (N,)."""
+        positions, rotations = self.steering.carried(points, axes)
+        still, quaternions = np.zeros_like(positions), rotations.as_quat(scalar_first=True)
+        least = np.full(len(positions), np.inf)
+        fields = [c for c in self._kept_out.constraints if isinstance(c, KeepOut)]
+        for each in fields:
+            # Not through a graph: of thousands of poses it takes fifty times as long.
+            least = np.minimum(least, each.margins(positions, rotations))
+        others = self._kept_out.part([c not in fields for c in self._kept_out.constraints])
+        if others.size:
+            found = others.residuals(np.zeros(len(positions)), positions, quaternions, still, still)
+            least = np.minimum(least, found.min(axis=1))
+        return np.asarray(least)
+
+    @property
+    def _reach(self) -> float:
+        """From the edge's point to the farthest point of the tool that is kept out (m)."""
+        at = np.array(self.steering.edge.point)
+        points = [getattr(c, "reference_point", at) for c in self._kept_out.constraints]
+        spheres = [
+            np.add(center, point)
+            for c, point in zip(self._kept_out.constraints, points, strict=True)
+            for center, _ in getattr(c, "spheres", ())
+        ]
+        return max(float(np.linalg.norm(p - at)) for p in [*points, *spheres])
+
+    def _is_clear(self, way: Way) -> bool:
+        """Whether nothing is in a way, as it is sampled."""
+        if not self._kept_out.size:
+            return True
+        twists = driven(way.maneuver, self.pace, _SAMPLED, self._pieces(way.steps))
+        return bool(np.all(self._margins(*integrated(twists, *self._ends[0])) >= 0))
 
     def time_needed(self, way: Way) -> float:
         """Seconds that a way takes at the demonstration's pace."""

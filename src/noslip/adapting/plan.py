@@ -87,7 +87,8 @@ class Plan(Value):
         asked = [boundary for boundary in self.request.boundaries if boundary.at > 0]
         motion, compromise = verify(self.law, rule, asked)
         turning = _turning(motion, before, rule) if asked[1:] else ""
-        return Adapted(**vars(self.noting(*filter(None, (compromise, turning)))), motion=motion)
+        noted = self.noting(*filter(None, (compromise, turning)))
+        return Adapted(**vars(noted), motion=motion, is_exact=not compromise)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,9 +99,12 @@ class Adapted(Plan):
     ----------
     motion : Motion
         Of the law, at its default step: it was seen to come where it was asked to.
+    is_exact : bool
+        Whether it comes all the way there, at a fine step too.
     """
 
     motion: Motion
+    is_exact: bool = True
 
     def told(self) -> Adapted:
         """Return it, and warn of its compromises."""

@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from noslip.errors import InputError
 from noslip.law import clock
@@ -181,19 +182,31 @@ def grids(*functions: ca.Function) -> dict[str, str]:
     """
     lines = ["/* Grids that constraints look up, such as distances to obstacles. */"]
     for name, function in sorted(looked_up(*functions).items()):
-        kinds = map(function.instruction_id, range(function.n_instructions()))
-        cells = function.instruction_MX(list(kinds).index(ca.OP_CONST)).to_DM().nonzeros()
-        if len(cells) > MOST_CELLS:
-            raise InputError(
-                f"a field of {len(cells):,} cells is too large for C, at most {MOST_CELLS:,} are "
-                "exported (1 MiB); take larger cells, or cut out the part that matters"
-            )
+        count = _require_small(function)
+        cells = (
+            np.array(function.find_function("cells").map(count)(np.arange(count)[None]))
+            .ravel()
+            .tolist()
+        )
         lines.append(f"extern const float noslip_{name}[{len(cells)}];")
         lines.append(f"const float noslip_{name}[{len(cells)}] = {{")
         rows = (cells[k : k + 8] for k in range(0, len(cells), 8))
         lines += ["    " + ", ".join(f"{value:#.9g}f" for value in row) + "," for row in rows]
         lines.append("};")
     return {"grids.c": "\n".join([*lines, ""])} if len(lines) > 1 else {}
+
+
+def _require_small(look_up: ca.Function) -> int:
+    """How many numbers a function looks up, if C holds them."""
+    places = look_up.find_function("places")
+    # Beyond its end the last one is nearest.
+    count = int(np.array(places([1e12] * places.numel_in(0))[0]).max()) + 1
+    if count > MOST_CELLS:
+        raise InputError(
+            f"a field of {count:,} cells is too large for C, at most {MOST_CELLS:,} are exported "
+            "(1 MiB); take larger cells, or cut out the part that matters"
+        )
+    return count
 
 
 def _look_ups(found: Mapping[str, ca.Function]) -> Iterator[str]:
@@ -213,6 +226,9 @@ def _generated(functions: Iterable[ca.Function]) -> tuple[str, str]:
     """What the code of graphs calls, such as casadi_sq, and all that CasADi generates of them."""
     generator = ca.CodeGenerator("core", {"with_header": False, "casadi_int": "int"})
     for function in functions:
+        for look_up in looked_up(function).values():
+            # Of a large one, to write it takes longer than anyone waits.
+            _require_small(look_up)
         generator.add(function)
     text = generator.dump()
     # It stands between the macros and the version.

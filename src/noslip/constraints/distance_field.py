@@ -641,9 +641,21 @@ def _look_up(field: DistanceField) -> ca.Function:
     """A place in cells -> the same, and the derivatives :func:`_orders` there."""
     c, at = field.coefficients, ca.MX.sym("at", field.coefficients.ndim)
     numbers, u = places(c.shape)(at)
-    near = ca.MX(ca.DM(c.ravel().astype(np.float64)))[numbers]
+    # A constant would be copied at each call, all of it; this spline of no degree is not.
+    number, knots = ca.MX.sym("number"), np.arange(c.size + 1.0).tolist()
+    cell = ca.bspline(
+        number + 0.5,
+        ca.DM(c.ravel().astype(np.float64)),
+        [knots],
+        [0],
+        1,
+        {"lookup_mode": ["exact"]},
+    )
+    cells = ca.Function("cells", [number], [cell])
+    near = cells.map(numbers.numel())(numbers.T).T
     # Kept as a call in graphs of SX, which cannot look up anything.
-    options = {"never_inline": True, "is_diff_in": [False]}
+    options: dict[str, Any] = {"never_inline": True, "is_diff_in": [False]}
+    options |= {"enable_forward": False, "enable_reverse": False}
     found = ca.vertcat(at, spline(c.ndim)(near, u))
     return ca.Function(f"grid_{field.digest}", [at], [found], options)
 

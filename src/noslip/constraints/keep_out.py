@@ -14,9 +14,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
-from noslip._typing import Expression
+from noslip._typing import Expression, Floats
 from noslip.constraints.declaration import register
 from noslip.constraints.distance_field import DistanceField
 from noslip.constraints.fields import ORIGIN, Triple, length, point, settle
@@ -164,6 +165,15 @@ class KeepOut(Limit):
             field.place,
             lambda at: field.distance(at) - self.clearance,
         )
+
+    def margins(self, positions: Floats, rotations: Rotation) -> Floats:
+        """Least distance (m) of each of many poses, shape (N,): for who looks for a way."""
+        found = [
+            self.field.distance(positions + rotations.apply(center)) - radius
+            for center, radius in self._body()
+        ]
+        least: Floats = np.min(found, axis=0) - self.clearance
+        return least
 
     def _body(self) -> Sequence[tuple[Triple, float]]:
         return self.spheres or [(self.reference_point, 0.0)]

@@ -68,6 +68,8 @@ _MOST_STRETCHES = 2000
 """More than a motion is planned on."""
 _SMALL = 1e-4
 """Turns (rad) below which sine and cosine over them are their series."""
+_STRAIGHT = 1e-9
+"""Curvature (1/m) that bends nothing by a nanometer."""
 _WEAK = 1e-2
 """How much less the end moves for an effort in a direction that counts as lost, over the most."""
 
@@ -134,6 +136,7 @@ def beveled(
     """
     goal = _Goal.of(position, quaternion, curvature)
     stretches = _arguments.count("stretches", stretches, _MOST_STRETCHES)
+    most = _arguments.count("most", most)
     if not goal.position.any():
         return _rolled(goal)
     for search in _SEARCHES:
@@ -190,8 +193,10 @@ class _Goal:
         curvature: float,
     ) -> _Goal:
         curvature = _arguments.finite("curvature", curvature)
-        if curvature == 0:
-            raise InputError("curvature is 0; a needle that does not bend is turned from outside")
+        if abs(curvature) < _STRAIGHT:
+            raise InputError(
+                f"curvature is {curvature:g}/m; a needle that does not bend is turned from outside"
+            )
         turn = _arguments.numbers("quaternion", quaternion)
         if turn.shape != (4,) or not 0 < np.linalg.norm(turn) < np.inf:
             raise InputError(

@@ -14,8 +14,10 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.travel import TurningRadius
 from noslip.edge import Edge, across
 from noslip.maneuvers import planar, spatial
-from noslip.maneuvers.beveled import beveled
+from noslip.maneuvers.beveled import Nearest, beveled, nearest_beveled
+from noslip.maneuvers.clearing import Clear
 from noslip.maneuvers.maneuver import Maneuver
+from noslip.maneuvers.search import through
 from noslip.quaternions import inverse, product
 
 MARGIN, EASED = 1.01, 1.005
@@ -71,24 +73,65 @@ class Steering:
         self, first: tuple[Floats, Floats], last: tuple[Floats, Floats]
     ) -> list[Maneuver]:
         """Maneuvers from one pose of the edge to another, the shortest first."""
-        quaternion = product(inverse(first[1]), last[1])
-        position = Rotation.from_quat(first[1], scalar_first=True).inv().apply(last[0] - first[0])
+        position, quaternion = _seen_from(first, last)
         radius = MARGIN * self.radius
-        distance = float(np.linalg.norm(position))
-        tilt = 2 * np.linalg.norm(quaternion[1:3])
         if self.curvature:
             return beveled(position, quaternion, self.curvature)
-        if abs(position[2]) > _IN_PLANE * distance or tilt > _IN_PLANE:
+        if (at := _in_plane(position, quaternion)) is None:
             if not radius:
                 return spatial.turn_drive_turn(position, quaternion, reverse=self.reverse)
             # A blade that turns where it stands goes a shorter way, but stops for it.
             driven = spatial.arc_straight_arc(position, quaternion, radius)
             return driven + spatial.blade_turns(position, quaternion, radius)
-        x, y, heading = position[0], position[1], 2 * np.arctan2(quaternion[3], quaternion[0])
         if not radius:
-            return planar.turn_drive_turn(x, y, heading, reverse=self.reverse)
+            return planar.turn_drive_turn(*at, reverse=self.reverse)
         drive = planar.reeds_shepp if self.reverse else planar.dubins
-        return drive(x, y, heading, radius)
+        return drive(*at, radius)
+
+    def nearest(self, first: tuple[Floats, Floats], last: tuple[Floats, Floats]) -> Nearest:
+        """Return where a beveled needle comes nearest to a pose of the edge."""
+        return nearest_beveled(*_seen_from(first, last), self.curvature)
+
+    def around(
+        self, first: tuple[Floats, Floats], last: tuple[Floats, Floats], clear: Clear, reach: float
+    ) -> Maneuver | None:
+        """Return a maneuver whose way is clear; None where none is found, or it is not in a plane.
+
+        Parameters
+        ----------
+        first, last : (position, quaternion)
+            Of the edge.
+        clear : callable
+            Margins (m) of poses of the edge, world frame.
+        reach : float
+            From the edge's point to the farthest point of the tool for which there is one (m).
+        """
+        at = _in_plane(*_seen_from(first, last))
+        if at is None or self.curvature:
+            return None
+        turn = Rotation.from_quat(first[1], scalar_first=True)
+
+        def seen(positions: Floats, quaternions: Floats) -> Floats:
+            return clear(first[0] + turn.apply(positions), product(first[1], quaternions))
+
+        radius = MARGIN * self.radius or None
+        return through(*at, radius, seen, reverse=self.reverse, reach=reach)
+
+
+def _seen_from(first: tuple[Floats, Floats], last: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Position and quaternion of one pose as seen from another."""
+    back = inverse(first[1])
+    position = Rotation.from_quat(back, scalar_first=True).apply(last[0] - first[0])
+    return position, product(back, last[1])
+
+
+def _in_plane(position: Floats, quaternion: Floats) -> tuple[float, float, float] | None:
+    """x, y (m) and heading (rad) of a pose in the plane of the start; None if it is not."""
+    tilt = 2 * np.linalg.norm(quaternion[1:3])
+    if abs(position[2]) > _IN_PLANE * np.linalg.norm(position) or tilt > _IN_PLANE:
+        return None
+    heading = 2 * np.arctan2(quaternion[3], quaternion[0])
+    return float(position[0]), float(position[1]), float(heading)
 
 
 def _bend(needle: Needle, edge: Edge) -> float:

@@ -22,9 +22,6 @@ times as much the first guess is off by a tenth of a radian."""
 MAX_ITERATIONS = 40
 """Ten times what a Newton iteration usually takes that converges at all."""
 
-MOST_ATTEMPTS = 10
-"""More than there are."""
-
 
 @dataclass(frozen=True)
 class Weights:
@@ -105,8 +102,6 @@ class Request(Value):
         Kept from limits that the reference violates, where they are lengths (m).
     length : float
         L (m); 0 is the reference's path.
-    attempts : int
-        At each, smoother or more careful than the one before, at most.
 
     Raises
     ------
@@ -124,7 +119,6 @@ class Request(Value):
     max_iterations: int = MAX_ITERATIONS
     clearance: float = 0.0
     length: float = 0.0
-    attempts: int = MOST_ATTEMPTS
 
     def __post_init__(self) -> None:
         reference = self.reference

@@ -154,6 +154,7 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
     """
     best: ProjectedTrajectory | None = None
     begun = np.zeros((len(request.reference), 3))
+    request = replace(request, clearance=_CLEARANCE * request.reference.path_length)
     limited = request.system.limits.size > 0
     for factor, barrier, careful in _LIMIT_ATTEMPTS:
         # Without limits all attempts begin alike, and only the careful ones lead far: of a needle's
@@ -277,7 +278,7 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
     """Attempt after attempt at the equalities; the best result if none converges."""
     best: ProjectedTrajectory | None = None
     moved = _moved(request.reference, request.fixed)
-    for factor, careful, patience in _ATTEMPTS[: request.attempts]:
+    for factor, careful, patience in _ATTEMPTS:
         weights = request.weights.smoother(factor)
         if len(request.reference) > weights.most_samples and best is not None:
             break
@@ -316,7 +317,7 @@ def _project_within(request: Request, without: ProjectedTrajectory) -> Projected
     weights = replace(request.weights, rotation_smoothing=without.smoothing)
     turns = np.asarray(without.turns)
     best: ProjectedTrajectory | None = None
-    for factor, barrier, careful in _LIMIT_ATTEMPTS[: request.attempts]:
+    for factor, barrier, careful in _LIMIT_ATTEMPTS:
         smoother = weights.smoother(factor)
         if len(request.reference) > smoother.most_samples:
             break
