@@ -8,7 +8,8 @@ primitive is fitted to the result.  From a state in the middle of a motion, the 
 """
 
 from noslip.adapting.adaptation import adapt
+from noslip.adapting.connecting import Shape
 from noslip.adapting.plan import Adapted
 from noslip.adapting.replanning import REPLANNED_SAMPLES, replan
 
-__all__ = ["REPLANNED_SAMPLES", "Adapted", "adapt", "replan"]
+__all__ = ["REPLANNED_SAMPLES", "Adapted", "Shape", "adapt", "replan"]

@@ -325,6 +325,8 @@ class _Task:
                 boundaries,
                 self.weights,
                 begin=law.begin,
+                # Half of it, for bends to be eased in.
+                clearance=way.room / 2,
             )
             # Of steps as short as the law's.
             steps = round(self.steps * max(1.0, tau / law.duration))

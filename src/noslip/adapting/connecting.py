@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -46,9 +47,11 @@ EXACT, EXACT_TURN = 1e-4, 1e-3
 a maneuver ends nearer."""
 _KEPT = (0.9, 0.75, 0.5, 0.25)
 """Shares of the demonstration's way that are kept, the most first; less of it shows no shape."""
-_ROOM, _SHARED = 0.01, 0.5
-"""Share of the demonstration's way that is kept from what is in the way, since bends are eased and
-projected; and of what start and goal keep themselves."""
+_ROOMS, _SHARED = (0.04, 0.01), 0.5
+"""Shares of the demonstration's way that are kept from what is in the way, since bends are eased
+and projected, and a barrier brakes what heads for it; and of what the ends keep themselves."""
+_MOST = 4
+"""Maneuvers that are tried: where two lead nowhere, a third rarely does."""
 _SAMPLED = 400
 """Steps in which a way is seen to be clear: those of the projection are judged again."""
 _PIECES = 100
@@ -81,11 +84,14 @@ class Way:
         That are kept of the demonstration.
     kept : float
         Share of its way that these are.
+    room : float
+        That it keeps from what must not be touched (m).
     """
 
     maneuver: Maneuver
     steps: int = 0
     kept: float = 0.0
+    room: float = 0.0
 
     def __str__(self) -> str:
         if not self.kept:
@@ -270,23 +276,23 @@ class Connection(Value):
         return back[0] if back[0] - back[1] > slack else 0.0
 
     def ways(self, shortest: bool) -> Iterator[Way]:
-        """Ways to the goal that are clear, the best first; around what is in the way if none is."""
-        found = False
-        for way in self._straightaway(shortest):
-            if self._is_clear(way):
-                found = True
-                yield way
-        if found or not self._kept_out.size:
+        """A few ways to the goal that are clear, the best first: around what is in the way."""
+        if not self._kept_out.size:
+            yield from islice(self._straightaway(shortest), _MOST)
             return
-        margins = [self._margins(*map(np.atleast_2d, end))[0] for end in self._ends]
-        room = float(min(_ROOM * self.pace.way, _SHARED * max(min(margins), 0.0)))
+        least = min(self._margins(*map(np.atleast_2d, end))[0] for end in self._ends)
+        for share in _ROOMS:
+            room = float(min(share * self.pace.way, _SHARED * max(least, 0.0)))
+            clear = (way for way in self._straightaway(shortest) if self._is_clear(way, room))
+            for way in islice(clear, _MOST):
+                yield replace(way, room=room)
 
-        def clear(positions: Floats, quaternions: Floats) -> Floats:
-            return self._margins(positions, quaternions) - room
+            def margins(positions: Floats, quaternions: Floats, room: float = room) -> Floats:
+                return self._margins(positions, quaternions) - room
 
-        around = self.steering.around(*self._ends, clear, self._reach)
-        if around is not None:
-            yield Way(around)
+            around = self.steering.around(*self._ends, margins, self._reach)
+            if around is not None:
+                yield Way(around, room=room)
 
     def _straightaway(self, shortest: bool) -> Iterator[Way]:
         if not self.proposals:
@@ -338,12 +344,12 @@ class Connection(Value):
         ]
         return max(float(np.linalg.norm(p - at)) for p in [*points, *spheres])
 
-    def _is_clear(self, way: Way) -> bool:
-        """Whether nothing is in a way, as it is sampled."""
+    def _is_clear(self, way: Way, room: float = 0.0) -> bool:
+        """Whether a way, as it is sampled, keeps so far (m) from what it must not touch."""
         if not self._kept_out.size:
             return True
         twists = driven(way.maneuver, self.pace, _SAMPLED, self._pieces(way.steps))
-        return bool(np.all(self._margins(*integrated(twists, *self._ends[0])) >= 0))
+        return bool(np.all(self._margins(*integrated(twists, *self._ends[0])) >= room))
 
     def time_needed(self, way: Way) -> float:
         """Seconds that a way takes at the demonstration's pace."""

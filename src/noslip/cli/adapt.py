@@ -25,6 +25,7 @@ from noslip._files import renewing, write_beside
 from noslip._pose_checks import Source
 from noslip._pose_names import POSITION, QUATERNION
 from noslip._typing import Floats
+from noslip.adapting import Shape
 from noslip.boundary import Boundary, twist
 from noslip.cli import options, output
 from noslip.cli.outcome import Outcome, csv_text, sentences, sentences_together
@@ -103,6 +104,21 @@ def run(
             "or turned and stretched as a whole."
         ),
     ] = "none",
+    shape: Annotated[
+        Shape,
+        typer.Option(
+            help="Whether the demonstration's shape is kept as far as it leads to the goal, or the "
+            "shortest maneuver is taken."
+        ),
+    ] = "demonstrated",
+    reverse: Annotated[
+        bool | None,
+        typer.Option(
+            "--reverse/--forward",
+            help="Whether the tool may back up; by default where its turning radius lets it.",
+            show_default=False,
+        ),
+    ] = None,
     start: options.Kept = "pose",
     end: options.Kept = "pose",
     samples: Annotated[
@@ -140,6 +156,8 @@ def run(
         "via": tuple(map(_via, via)),
         "duration": duration,
         "scaling": scaling,
+        "shape": shape,
+        "reverse": reverse,
         "start": start,
         "end": end,
         "samples": samples,
@@ -238,6 +256,7 @@ class _Family:
                 angular_speed_ratio=peak / before if before > 0 else None,
                 iterations=record.iterations,
                 duration_s=adapted.duration,
+                maneuver=record.maneuver,
                 message="; ".join(messages),
             )
         )

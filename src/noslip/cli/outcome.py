@@ -31,6 +31,8 @@ class Outcome:
     iterations : int or None
         Of the projection.
     duration_s : float or None
+    maneuver : str
+        That the motion was planned from; empty of the demonstration's own, led elsewhere.
     code : str
         Of the refusal, see :class:`noslip.errors.Refusal`; empty where there is none.
     needed_duration_s : float or None
@@ -50,6 +52,7 @@ class Outcome:
     angular_speed_ratio: float | None = None
     iterations: int | None = None
     duration_s: float | None = None
+    maneuver: str = ""
     code: str = ""
     needed_duration_s: float | None = None
     message: str = ""

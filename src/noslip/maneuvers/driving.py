@@ -113,9 +113,12 @@ def legs(maneuver: Maneuver, lever: float) -> list[Leg]:
         tightest = np.linalg.norm(bends, axis=1).max()
         width = 0.0
         if leg[0].advance and tightest:
-            # Of a needle's bend, which is always the same, only the roll is eased.
+            # Of a needle's bend, which is always the same, only the roll is eased; what is longer
+            # than an arc would all but take it away.
             same = np.ptp(bends, axis=0).max() <= _SAME * tightest
-            width = float(ways.min() if same else EASING / tightest)
+            arcs = ways[np.linalg.norm(bends, axis=1) > _SAME * tightest]
+            eased = EASING / tightest
+            width = float(ways.min() if same else np.clip(arcs.min(), eased / 4, eased))
         found.append(Leg(twists, ways, width))
     return found
 

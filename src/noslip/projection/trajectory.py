@@ -154,7 +154,8 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
     """
     best: ProjectedTrajectory | None = None
     begun = np.zeros((len(request.reference), 3))
-    request = replace(request, clearance=_CLEARANCE * request.reference.path_length)
+    clearance = max(request.clearance, _CLEARANCE * request.reference.path_length)
+    request = replace(request, clearance=clearance)
     limited = request.system.limits.size > 0
     for factor, barrier, careful in _LIMIT_ATTEMPTS:
         # Without limits all attempts begin alike, and only the careful ones lead far: of a needle's

@@ -68,6 +68,9 @@ class Adapted:
             f"residual {residual_text(self.residual, '1', order='at most')}, ends "
             f"{1e3 * self.goal_error:.2g} mm from the goal, {self.milliseconds:.0f} ms"
         )
+        (record,) = self.primitive.record[:1] or (None,)
+        if record is not None and record.maneuver:
+            text = f"{record.maneuver}: {text}"
         return f"{text}; {self.message}" if self.message else text
 
 
