@@ -75,7 +75,7 @@ reach: $(STAMP) ## adapt to 1300 goals all around, by maneuvers where it takes t
 	$(BIN)/python -m benchmarks.reach --count 500
 
 obstacles: $(VENV)/.bench ## ways around obstacles beside OMPL's planners, a quarter of an hour; SCENARIOS=FOLDER adds street maps
-	$(BIN)/python -m benchmarks.obstacles --count 100 $(if $(SCENARIOS),--scenarios $(SCENARIOS))
+	$(BIN)/python -m benchmarks.obstacles $(if $(SCENARIOS),--scenarios $(SCENARIOS))
 
 kills: $(STAMP) ## kill processes that write into one folder and one cache, 1000 rounds of 2 and of 10
 	$(BIN)/python -m benchmarks.kills --rounds 1000
