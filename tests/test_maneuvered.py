@@ -161,17 +161,17 @@ def test_a_limit_on_turns_lengthens_the_turns_alone() -> None:
 
 
 def test_the_demonstrations_shape_is_kept_as_far_as_it_leads() -> None:
-    dmp = learned(ns.Wheel(), TurningRadius(0.1), bend=0.1)
+    dmp = learned(ns.Wheel(), TurningRadius(0.2), bend=0.1)
     kept, shortest = (
-        adapted(dmp, -0.5, 0.4, np.pi, shape=shape) for shape in ("demonstrated", "shortest")
+        adapted(dmp, -1.0, 1.0, -np.pi / 2, shape=shape) for shape in ("demonstrated", "shortest")
     )
     assert "of the demonstration, then" in kept.record[0].maneuver
     assert "demonstration" not in shortest.record[0].maneuver
     own, motion = dmp.rollout().positions, kept.rollout().positions
     # A quarter of the demonstration's way, at least, is passed again.
-    first = own[np.cumsum(np.linalg.norm(np.diff(own, axis=0), axis=1)) <= 0.25]
+    first = own[1:][np.cumsum(np.linalg.norm(np.diff(own, axis=0), axis=1)) <= 0.25]
     off = np.linalg.norm(first[:, None] - motion[None], axis=2).min(axis=1)
-    assert off.max() <= 5e-3
+    assert off.max() <= 1e-2
     assert shortest.rollout().path_length < kept.rollout().path_length
 
 
