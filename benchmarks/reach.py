@@ -40,8 +40,8 @@ STEPS = (None, 1e-3, 0.0137)
 """Of rollouts (s): by default, of a control loop, and one that divides nothing."""
 NEAR, NEAR_TURN, NEAR_SHARE, FAR = 1e-4, 1e-3, 0.98, 1e-3
 """Ends within so many m and rad in so many cases, and within so many m in all."""
-LONGER, LONGER_SHARE, LONGEST = 1.05, 0.95, 1.2
-"""Times the shortest way in so many cases, and in all."""
+LONGER, LONGER_SHARE, LONGEST, REVERSED = 1.05, 0.95, 1.2, 1.05
+"""Times the shortest way in so many cases, in all, and in all where it may back up."""
 MARGIN, SLIP = -1e-9, 1e-10
 HARDER, SLOWER = 3.0, 2.0
 """Times the largest angular acceleration, and the median of the computing time, of what is adapted
@@ -314,7 +314,8 @@ def failures(outcomes: Mapping[str, Sequence[Outcome]]) -> Iterator[str]:
                 yield f"{where}: margins {each.margins}"
             if not each.slip <= SLIP:
                 yield f"{where}: slips by {each.slip:.3g}"
-            if name in CARS and not each.longer <= LONGEST:
+            longest = REVERSED if each.job.options.get("reverse") else LONGEST
+            if name in CARS and not each.longer <= longest:
                 yield f"{where}: {each.longer:.3g} times the shortest way ({each.maneuver})"
         if name in CARS:
             yield from _shares(name, [each for each in several if not each.refused])

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
@@ -23,8 +24,9 @@ from noslip.constraints import ConstraintSystem
 from noslip.errors import ConstraintError, InputError
 from noslip.law import fit
 from noslip.law.layout import VELOCITY, output_layout
+from noslip.law.step import StepSymbols
 from noslip.projection.metric import inverse_metric
-from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
+from noslip.projection.pointwise import POSITION_ONLY, coupling, holdable_rows
 from noslip.runtime.rollout import initial_state, integrate, steps_ahead
 from noslip.runtime.stepper import stepper_of
 from strategies import seeds, triple, unit
@@ -114,6 +116,43 @@ def test_a_limit_does_nothing_before_it_is_met() -> None:
     first = int(np.argmax(motion.limit_multipliers[:, 0] > 0))
     assert first > 50
     np.testing.assert_array_equal(motion.positions[:first], free_motion().positions[:first])
+
+
+# -------------------------------------------------------------------- limits that are just met
+
+
+@cache
+def turning_step() -> ca.Function:
+    """One step of a blade at its turning radius; free velocities to those that are kept."""
+    limits = (ns.constraints.ForwardOnly(), ns.constraints.TurningRadius(0.3))
+    system = ConstraintSystem([ns.Blade(), *limits])
+    symbols = [ca.SX.sym(name, n) for name, n in zip("pqvw", (3, 4, 3, 3), strict=True)]
+    h, free = ca.SX.sym("h"), ca.SX.sym("free", 6)
+    state = StepSymbols(*symbols, ca.SX(system.size, 1), h, h, h, 0.5, 5.0, 5.0, 5.0)
+    held = coupling(system, inverse_metric=shared(1.0))(state, free[:3], free[3:])
+    return ca.Function("step", [*symbols, h, free], [held.linear, held.angular])
+
+
+@settings(max_examples=300)
+@given(seeds, st.floats(-14, -4), st.floats(-4, -2))
+def test_what_hardly_violates_a_limit_is_not_stopped(
+    seed: int, violation: float, step: float
+) -> None:
+    rng, h = np.random.default_rng(seed), 10.0**step
+    rotation, speed = Rotation.random(random_state=rng), rng.uniform(0.2, 2)
+    turning = np.array([*rng.normal(size=2), speed / 0.3])
+    now = rotation.apply([[speed, 0, 0.1 * rng.normal()], turning])
+    # Its turn goes on, but for what violates the limit, and its travel turns with it.
+    after = rotation.apply(turning + [*h * rng.normal(size=2), 10.0**violation])
+    forward = Rotation.from_rotvec(h / 2 * after).apply(now[0])
+    kept = turning_step()(
+        rng.uniform(-1.5, 1.5, 3),
+        rotation.as_quat(scalar_first=True),
+        *now,
+        h,
+        np.concatenate([forward, after]),
+    )
+    assert np.linalg.norm(np.array(kept[0]).ravel() - forward) <= 1e-3 * speed
 
 
 # -------------------------------------------------------------------- what is evaluated

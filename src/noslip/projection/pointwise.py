@@ -452,7 +452,8 @@ class _Step:
             lost = ca.logic_or(lost, off > _MISSED + _ROUNDING * size)
         if not self.limits.size:
             return lost, ca.SX(0), ca.SX(0)
-        over = ca.fmax(left[m:, :] - ca.fmax(self.goal[m:, :], 0), 0)
+        # Where limits ask for next to nothing, what is left of it is rounding: no reason to stand.
+        over = ca.fmax(left[m:, :] - ca.fmax(self.goal[m:, :], 0) - _ROUNDING * size, 0)
         G = rows[m:, :]
         norms = ca.sqrt(ca.sum2(G * (G @ ca.diag(self.weights))) + _SMALLEST_PIVOT)
         over = over / ca.fmax(norms, 1)
