@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach hard-use kills fuzz docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach obstacles hard-use kills fuzz docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -73,6 +73,9 @@ shield: $(STAMP) ## send noisy chunks of recorded tools through a shield, 1e5 of
 
 reach: $(STAMP) ## adapt to 1300 goals all around, by maneuvers where it takes them; an hour
 	$(BIN)/python -m benchmarks.reach --count 500
+
+obstacles: $(VENV)/.bench ## ways around obstacles beside OMPL's planners, a quarter of an hour; SCENARIOS=FOLDER adds street maps
+	$(BIN)/python -m benchmarks.obstacles $(if $(SCENARIOS),--scenarios $(SCENARIOS))
 
 kills: $(STAMP) ## kill processes that write into one folder and one cache, 1000 rounds of 2 and of 10
 	$(BIN)/python -m benchmarks.kills --rounds 1000

@@ -42,6 +42,8 @@ STREET_RADIUS = 4.0
 """Cells; that of Bench-MR's template."""
 RIM = 12
 """Free cells around a street map."""
+PARTS = 3
+"""Cells of the distances to a cell of a street map."""
 FINENESS = 1e-3
 """Between samples of a way that is judged, in radii."""
 
@@ -124,7 +126,9 @@ def street_jobs(folder: Path, count: int) -> Iterator[Job]:
         free = np.array([[cell == "." for cell in row] for row in rows]).T
         # Some goals are on the rim: there is a margin around the map, and then a wall.
         walls = np.pad(np.pad(~free, RIM), 1, constant_values=True)
-        field = DistanceField.from_grid(walls, 1.0, (-RIM - 1.0, -RIM - 1.0))
+        # A distance errs by up to half a cell's diagonal, and gates are one cell wide.
+        fine = np.repeat(np.repeat(walls, PARTS, axis=0), PARTS, axis=1)
+        field = DistanceField.from_grid(fine, 1 / PARTS, (-RIM - 1.0, -RIM - 1.0))
 
         def margins(points: Floats, field: DistanceField = field) -> Floats:
             return np.asarray(field.distance(np.column_stack([points, np.zeros(len(points))])))

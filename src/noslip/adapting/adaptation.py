@@ -267,7 +267,7 @@ class _Task:
     def nearby(self, patient: bool, system: ConstraintSystem, seconds: float | None) -> Plan:
         """Plan a motion near the law's own, merely led to the new ends.
 
-        One that C does not find is looked for, and told of, by who is patient.
+        One that C does not find, or no first attempt, is looked for by who is patient.
         """
         law, held = self.law, replace(self.rule, system=system)
 
@@ -281,7 +281,15 @@ class _Task:
             own = self.own_motion(tau)
             first, last = self.ends(own, held, tau)
             boundaries = (first, *self.passed, last)
-            request = Request(own, system, boundaries, self.weights, begin=law.begin)
+            request = Request(
+                own,
+                system,
+                boundaries,
+                self.weights,
+                begin=law.begin,
+                # C, which plans where nothing is in the way, takes all its attempts.
+                is_hurried=not patient and "position" in system.limits.row_levels,
+            )
             for place in self.passed:
                 time = request.begin + place.at * tau
                 require_feasible(system, f"via at {place.at:g}", time, place)

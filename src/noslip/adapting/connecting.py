@@ -39,6 +39,9 @@ LONGER = 1.03
 own, has gone astray."""
 BACKED = 0.01
 """Share of its way that a tool may back up, beyond what it does anyway, before it is told."""
+_STRAIGHT, _SHAPED = 0.01, 1.5
+"""Share of its way by which a demonstration is longer than the shortest maneuver between its ends
+if it has a shape of its own; and how much longer a motion may be then, to keep some of it."""
 _HOPELESS = 1.5
 """A maneuver so much longer than the demonstration's motion, merely moved to the goal, is far from
 it: what is found near that is rarely the way there, and takes as long as the rest."""
@@ -242,7 +245,12 @@ class Connection(Value):
         """Length beyond which a motion has gone astray (m)."""
         if not self._is_measured:
             return np.inf
-        return LONGER * (self.proposals[0].length + self._detour)
+        return self._longer * (self.proposals[0].length + self._detour)
+
+    @property
+    def _longer(self) -> float:
+        """How much longer than the shortest a motion may be that keeps what it can of the shape."""
+        return LONGER if self._detour <= _STRAIGHT * self.pace.way else _SHAPED
 
     @cached_property
     def _is_measured(self) -> bool:
@@ -297,7 +305,7 @@ class Connection(Value):
     def _straightaway(self, shortest: bool) -> Iterator[Way]:
         if not self.proposals:
             return
-        most = LONGER * (self._length(self.proposals[0]) + self._detour)
+        most = self._longer * (self._length(self.proposals[0]) + self._detour)
         # What is kept of an insertion leads a needle past what it could still reach.
         if not (shortest or self.steering.curvature):
             points, axes = integrated(self._steps, *self._ends[0])

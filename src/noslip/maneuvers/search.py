@@ -23,9 +23,9 @@ from noslip.maneuvers.maneuver import Maneuver, Stretch, composed, exponential
 from noslip.maneuvers.planar import dubins, reeds_shepp, turn_drive_turn
 from noslip.maneuvers.shortening import CUSP, Ground, shortened
 
-_LEVELS = ((0.35, 6.0), (0.35, 20.0), (0.18, 10.0))
-"""Way of a move, and how far around start and goal is searched, in radii: near, then wide, then
-fine.  Coarser moves find goals sooner, and ways that are up to 30 % longer."""
+_LEVELS = ((0.35, 6.0, 20_000), (0.35, 20.0, 20_000), (0.18, 10.0, 160_000))
+"""Way of a move, how far around start and goal is searched, in radii, and points of the grid at
+most: near, then wide, then fine.  Coarser moves find goals sooner, by ways up to 30 % longer."""
 _BATCH = 48
 """Nodes that are expanded at once: enough that arrays cost more than their calls."""
 _TURN = np.pi / 8
@@ -84,9 +84,9 @@ def through(
     straightaway = ground.shot(start, goal, np.inf, words=1)
     if straightaway is not None:
         return straightaway.maneuver
-    for step, around in _LEVELS:
+    for step, around, points in _LEVELS:
         moves = _moves(step * size, radius, reverse)
-        estimate = _Estimate.over(goal, step * size / 2, around * size, clear, reach)
+        estimate = _Estimate.over(goal, step * size / 2, around * size, points, clear, reach)
         found = _searched(goal, moves, estimate, ground, expansions)
         if found is not None:
             return shortened(found, ground)
@@ -129,14 +129,14 @@ class _Estimate:
 
     @classmethod
     def over(
-        cls, goal: Floats, cell: float, around: float, clear: Clear, reach: float
+        cls, goal: Floats, cell: float, around: float, points: int, clear: Clear, reach: float
     ) -> _Estimate:
         """Shortest ways from a grid's points to the goal, along edges that are clear."""
         import scipy.ndimage
         import scipy.sparse
 
         low, high = np.minimum(goal[:2], 0) - around, np.maximum(goal[:2], 0) + around
-        cell = max(cell, float(np.sqrt(np.prod(high - low) / _POINTS)))
+        cell = max(cell, float(np.sqrt(np.prod(high - low) / points)))
         # The goal is a point of the grid.
         before = np.ceil((goal[:2] - low) / cell).astype(int)
         shape = before + np.ceil((high - goal[:2]) / cell).astype(int) + 1
@@ -171,10 +171,6 @@ class _Estimate:
         inside = np.all((index >= 0) & (index < self.ways.shape), axis=1)
         index[~inside] = 0
         return np.where(inside, self.ways[index[:, 0], index[:, 1]], np.inf)
-
-
-_POINTS = 40_000
-"""Of the grid, at most."""
 
 
 def _shifted(

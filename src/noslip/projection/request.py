@@ -102,6 +102,8 @@ class Request(Value):
         Kept from limits that the reference violates, where they are lengths (m).
     length : float
         L (m); 0 is the reference's path.
+    is_hurried : bool
+        Whether limits are heeded in the first attempt or not at all.
 
     Raises
     ------
@@ -119,6 +121,7 @@ class Request(Value):
     max_iterations: int = MAX_ITERATIONS
     clearance: float = 0.0
     length: float = 0.0
+    is_hurried: bool = False
 
     def __post_init__(self) -> None:
         reference = self.reference

@@ -318,7 +318,7 @@ def _project_within(request: Request, without: ProjectedTrajectory) -> Projected
     weights = replace(request.weights, rotation_smoothing=without.smoothing)
     turns = np.asarray(without.turns)
     best: ProjectedTrajectory | None = None
-    for factor, barrier, careful in _LIMIT_ATTEMPTS:
+    for factor, barrier, careful in _LIMIT_ATTEMPTS[: 1 if request.is_hurried else None]:
         smoother = weights.smoother(factor)
         if len(request.reference) > smoother.most_samples:
             break
