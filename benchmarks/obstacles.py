@@ -246,6 +246,7 @@ def run() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.obstacles", description=__doc__)
     parser.add_argument("--count", type=int, default=100, help="pairs of poses among the discs")
+    parser.add_argument("--seed", type=int, default=0, help="of the discs and the pairs")
     parser.add_argument("--seconds", type=float, default=4.0, help="that OMPL has for each")
     parser.add_argument("--planners", nargs="*", default=PLANNERS, help="of OMPL")
     parser.add_argument("--scenarios", type=Path, help="folder of .map and .map.scen files")
@@ -255,7 +256,7 @@ def run() -> int:
         print(MISSING, file=sys.stderr)
     planners = () if MISSING else tuple(given.planners)
     maps: dict[str, list[Job]] = {}
-    for job in random_jobs(given.count):
+    for job in random_jobs(given.count, given.seed):
         maps.setdefault(job.map, []).append(job)
     for job in street_jobs(given.scenarios, given.streets) if given.scenarios else ():
         maps.setdefault(job.map, []).append(job)

@@ -50,6 +50,8 @@ ELSEWHERE = {
     "noslip learn session --topic": "tests/test_bag_to_arm.py runs this block",
     "noslip simulate cut.json --robot panda --level tool": "tests/test_bag_to_arm.py runs it",
     "noslip check arm/tool.csv": "tests/test_bag_to_arm.py runs this block",
+    "git clone": "needs the network",
+    "python -m benchmarks.obstacles": "takes minutes; tests/benchmarks has a cut of it",
     "python -m benchmarks.filters": "reads recordings that lie beside the repository",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",
