@@ -253,7 +253,7 @@ def test_hard_limits_that_contradict_each_other_are_refused_by_name() -> None:
     inside = ns.constraints.HalfSpace(point=(0.5, 0, 0), normal=(-1, 0, 0))
     outside = ns.constraints.HalfSpace(point=(0.6, 0, 0), normal=(1, 0, 0))
     with pytest.raises(
-        ns.errors.ConstraintError, match="'half-space' and 'half-space 2' contradict"
+        ns.errors.ConstraintError, match="'half-space' and 'half-space 2' seem to contradict"
     ):
         ns.learn(cut(3), [BLADE, inside, outside])
 
