@@ -29,6 +29,7 @@ from noslip.maneuvers.driving import Pace, driven, effort, time_needed
 from noslip.maneuvers.maneuver import Maneuver, integrated
 from noslip.maneuvers.steering import EASED, Steering
 from noslip.projection.blend import through
+from noslip.projection.heading import PLUNGING
 from noslip.quaternions import inverse, product, turns_between
 from noslip.runtime.motion import Motion
 from noslip.trajectory import PoseTrajectory
@@ -278,8 +279,11 @@ class Connection(Value):
         assert edged is not None
         back = []
         for each in (motion, self.own):
-            speed = edge_steps(each, edged).forward_speed * np.diff(each.times)
-            back.append(float(-np.minimum(speed, 0.0).sum()))
+            seen = edge_steps(each, edged)
+            ahead = seen.forward_speed
+            # A tool that plunges goes a hair backwards as often as forwards.
+            goes_back = ahead < -PLUNGING * np.linalg.norm(seen.velocities, axis=1)
+            back.append(float(-(ahead * np.diff(each.times))[goes_back].sum()))
         slack = BACKED * max(motion.path_length, self.pace.way)
         return back[0] if back[0] - back[1] > slack else 0.0
 
