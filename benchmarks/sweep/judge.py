@@ -305,7 +305,7 @@ SENTENCES: tuple[tuple[str, str, Check], ...] = (
     ("another shape keeps a limit", r"'(.*)' is kept in .* by a motion of another", _cannot_say),
     (
         "takes longer to a far goal",
-        rf"the motion takes {NUMBER} s, not {NUMBER}, (?:in which it would|at the pace of its law:)",
+        rf"the motion takes {NUMBER} s, not {NUMBER}, (?:in which it would|at the pace of)",
         _takes_longer,
     ),
     ("backs up", rf"the motion backs up along {_QUANTITY}", _cannot_say),
