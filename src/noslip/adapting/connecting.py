@@ -27,7 +27,7 @@ from noslip.constraints.travel import ForwardOnly, TurningRadius
 from noslip.errors import ConvergenceError, InputError
 from noslip.maneuvers.driving import Pace, driven, effort, time_needed
 from noslip.maneuvers.maneuver import Maneuver, integrated
-from noslip.maneuvers.steering import EASED, Steering
+from noslip.maneuvers.steering import EASED, MARGIN, Steering
 from noslip.projection.blend import through
 from noslip.projection.heading import PLUNGING
 from noslip.quaternions import inverse, product, turns_between
@@ -166,6 +166,11 @@ class Connection(Value):
             motion.end_error > EXACT * motion.path_length or motion.end_rotation_error > EXACT_TURN
         ):
             return False
+        if np.isfinite(self.pace.rate) and motion.duration > LONGER * max(
+            self.own.duration, self.time_needed(Way(self.proposals[0]))
+        ):
+            # A turn where the tool stands takes less time than one on the way.
+            return False
         return self.backs_up(motion) == 0 and self._driven(motion) <= self.longest
 
     def _driven(self, motion: PoseTrajectory) -> float:
@@ -206,7 +211,7 @@ class Connection(Value):
         shares = shares / shares[-1] if shares[-1] else np.linspace(0, 1, count)
         limits = self.system.constraints
         rates = [c.rate for c in limits if isinstance(c, AngularRateLimit)]
-        return Pace(length, self.own.duration, shares, min(rates, default=np.inf))
+        return Pace(length, self.own.duration, shares, min(rates, default=np.inf) / MARGIN)
 
     @property
     def _distance(self) -> float:
