@@ -26,6 +26,7 @@ HEADER = [
     "angular_speed_ratio",
     "iterations",
     "duration_s",
+    "maneuver",
     "code",
     "needed_duration_s",
     "message",
