@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,14 @@ def test_a_cusp_is_stepped_in_a_control_loop(parking: ns.ConstrainedDMP) -> None
     for _ in range(round(1.2 * there.duration / 0.01)):
         state = controller.step()
     assert np.linalg.norm(state.position - [0, 0.3, 0]) <= 1e-3
+
+
+def test_a_cusp_is_kept_in_c(parking: ns.ConstrainedDMP, tmp_path: Path, uncounted: None) -> None:
+    adapted(parking, 0.0, 0.3, 0.0, reverse=True).export_c(tmp_path)
+    sources = [f"{name}.c" for name in ("test", "noslip", "primitive", "plan", "replan")]
+    build = ["cc", "-O1", "-o", "test", *sources, "controller.c", "-lm"]
+    subprocess.run(build, cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "test"], capture_output=True, check=False).returncode == 0
 
 
 def test_forwards_only_where_it_is_asked_for(parking: ns.ConstrainedDMP) -> None:
