@@ -77,14 +77,12 @@ class Steering:
         radius = MARGIN * self.radius
         if self.curvature:
             return beveled(position, quaternion, self.curvature)
+        if not radius:
+            return spatial.turn_drive_turn(position, quaternion, reverse=self.reverse)
         if (at := _in_plane(position, quaternion)) is None:
-            if not radius:
-                return spatial.turn_drive_turn(position, quaternion, reverse=self.reverse)
             # A blade that turns where it stands goes a shorter way, but stops for it.
             driven = spatial.arc_straight_arc(position, quaternion, radius)
             return driven + spatial.blade_turns(position, quaternion, radius)
-        if not radius:
-            return planar.turn_drive_turn(*at, reverse=self.reverse)
         drive = planar.reeds_shepp if self.reverse else planar.dubins
         return drive(*at, radius)
 
