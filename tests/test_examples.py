@@ -112,7 +112,8 @@ def test_each_example_has_a_page_with_its_picture(name: str) -> None:
 
 def test_each_page_of_a_constraint_or_goal_belongs_to_an_example() -> None:
     for page in PAGES:
-        if page.stem != "index":
+        # What a page draws itself needs no example.
+        if page.stem != "index" and ".. plot::" not in page.read_text():
             named = re.findall(r"python examples/(\w+)\.py", page.read_text())
             assert page.stem in named
             assert set(named) <= set(EXAMPLES)
