@@ -204,7 +204,8 @@ class Connection(Value):
         """That of the law's motion."""
         way = np.linalg.norm(self._steps[:, :3], axis=1)
         angles = np.linalg.norm(self._steps[:, 3:], axis=1)
-        length = float(way.sum()) or self._distance or 1.0
+        # Of a demonstration that only turns, the way to the goal.
+        length = float(way.sum()) or (self._distance if self._is_whole else 0.0) or 1.0
         done = np.maximum(way, _STILL * length / (2 * np.pi) * angles)
         shares = np.concatenate([[0.0], np.cumsum(done)])
         count = len(shares)
@@ -212,6 +213,11 @@ class Connection(Value):
         limits = self.system.constraints
         rates = [c.rate for c in limits if isinstance(c, AngularRateLimit)]
         return Pace(length, self.own.duration, shares, min(rates, default=np.inf) / MARGIN)
+
+    @property
+    def _is_whole(self) -> bool:
+        """Whether it leads from a whole pose to another, and past nothing else."""
+        return not self.vias and self.first.is_pose and self.last.is_pose
 
     @property
     def _distance(self) -> float:
@@ -223,7 +229,7 @@ class Connection(Value):
 
         None where they are no whole poses, or more is to be passed.
         """
-        if self.vias or not (self.first.is_pose and self.last.is_pose):
+        if not self._is_whole:
             return []
         return self.steering.proposals(*self._ends)
 
@@ -267,7 +273,7 @@ class Connection(Value):
 
     def refused(self, error: ConvergenceError) -> ConvergenceError:
         """Return an error that tells where a needle comes to instead, which has no maneuver."""
-        if self.vias or not (self.steering.curvature and self.first.is_pose and self.last.is_pose):
+        if not (self.steering.curvature and self._is_whole):
             return error
         return ConvergenceError(
             f"{error}; {self.steering.nearest(*self._ends)}",
