@@ -29,7 +29,8 @@ KEPT_COUNTS = 8
 class Stage:
     """What the constraints ask of one step, for any number of steps at once.
 
-    Unknowns of a stage are those of the sample before the step, of its own, and of the next one.
+    Unknowns of a stage are those of the sample before the step, of its own, and of the next one: of
+    each 3 b of rotation vectors, then, unless held, n of displacements over the length.
     Rows of equalities come first, then those of limits.
 
     Parameters
@@ -48,7 +49,9 @@ class Stage:
         values, slopes = ca.densify(phi), jacobian.nonzeros()
         self.system = system
         self.rows, self.unknowns = system.size, inputs[0].numel() // 3
-        self.turns = system.space.angular
+        self.space = system.space
+        # Joints turn a tool, and cost what its turns do.
+        self.turns = self.unknowns if not system.space.is_placed else system.space.angular
         self.equalities = system.equalities.size
         # With accelerations a row asks something of the sample after its own, too.
         self.reaches_over = "acceleration" in system.limits.row_levels
