@@ -215,6 +215,31 @@ class PoseTrajectory(Value):
         }
         return replace(self, **arrays)
 
+    def led(
+        self,
+        positions: Floats,
+        quaternions: Floats,
+        linear_velocities: Floats | None = None,
+        angular_velocities: Floats | None = None,
+    ) -> PoseTrajectory:
+        """Return it elsewhere, at the same times; velocities left out are estimated.
+
+        Parameters
+        ----------
+        positions : array, shape (N, 3)
+        quaternions : array, shape (N, 4)
+        linear_velocities, angular_velocities : array, shape (N, 3), optional
+        """
+        rotations = Rotation.from_quat(quaternions, scalar_first=True)
+        return PoseTrajectory(
+            self.times,
+            positions,
+            rotations,
+            linear_velocities,  # type: ignore[arg-type]
+            angular_velocities,  # type: ignore[arg-type]
+            name=self.name,
+        )
+
     def __iter__(self) -> Iterator[Any]:
         raise TypeError("iterate over trajectory.positions or trajectory.times instead")
 
