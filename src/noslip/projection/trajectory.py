@@ -226,8 +226,8 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         points = np.hstack([tried.positions, tried.quaternions])[:-1]
         points = space.moved(points, half * np.hstack(velocities))
         times = tried.clock[:-1] + half[:, 0] + request.begin
-        pose = np.hsplit(points, [space.linear])
-        request.system.require_slopes(times, *pose, *velocities, counted="step")
+        positions, quaternions = np.hsplit(points, [space.linear])
+        request.system.require_slopes(times, positions, quaternions, *velocities, "step")
     names = ", ".join(c.name for c in request.system.constraints)
     if swing := _swing(result, request):
         raise ConvergenceError(
