@@ -1,8 +1,8 @@
 """What a motion moves in: R^n x SO(3)^b, and the bodies that constraints see of it.
 
-A pose is R^3 x SO(3); joints or any other vector R^n; a position alone R^3; two tools R^6 x SO(3)^2.
-A point is n coordinates and b unit quaternions (w first), a velocity n rates and b angular
-velocities (rad/s, world frame).  Nothing else in the library knows how many of each there are.
+A pose is R^3 x SO(3); joints or any other vector R^n; a position alone R^3; two tools
+R^6 x SO(3)^2.  A point is n coordinates and b unit quaternions (w first), a velocity n rates and b
+angular velocities (rad/s, world frame).
 
 Constraints are declared of a body, which has a pose; :class:`Placed` is one whose pose is part of
 the point, :class:`Carried` one that joints carry.
@@ -205,7 +205,7 @@ class Space:
         return np.concatenate(parts, axis=-1)
 
     def moved(self, points: Floats, changes: Floats) -> Floats:
-        """``(x + d, Exp(r) R)``: what leads by :meth:`difference` from points, shape (N, n + 4 b)."""
+        """``(x + d, Exp(r) R)``: the inverse of :meth:`difference`, shape (N, n + 4 b)."""
         n = self.linear
         parts = [points[..., :n] + changes[..., :n]]
         for k in range(self.rotations):
