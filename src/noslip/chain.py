@@ -50,7 +50,7 @@ class Offset:
     position: Floats = field(default_factory=lambda: np.zeros(3))
     rotation: Rotation = field(default_factory=Rotation.identity)
 
-    def then(self, position: Any, quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Offset:
+    def then(self, position: Any, quaternion: Numbers = (1.0, 0.0, 0.0, 0.0)) -> Offset:
         """Return the pose that stands at another in this one."""
         return Offset(
             self.position + self.rotation.apply(position),
@@ -562,7 +562,7 @@ def _combined(columns: Sequence[Sequence[Any]], weights: Sequence[Any]) -> list[
     ]
 
 
-def _matrix(quaternion: Sequence[float]) -> list[list[float]]:
+def _matrix(quaternion: Numbers) -> list[list[float]]:
     """Columns of a rotation."""
     matrix = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     return [_rounded(column).tolist() for column in matrix.T]
