@@ -1,0 +1,338 @@
+"""What a motion moves in: R^n x SO(3)^b, and the bodies that constraints see of it.
+
+A pose is R^3 x SO(3); joints or any other vector R^n; a position alone R^3; two tools R^6 x SO(3)^2.
+A point is n coordinates and b unit quaternions (w first), a velocity n rates and b angular
+velocities (rad/s, world frame).  Nothing else in the library knows how many of each there are.
+
+Constraints are declared of a body, which has a pose; :class:`Placed` is one whose pose is part of
+the point, :class:`Carried` one that joints carry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from noslip._typing import Expression, Floats
+from noslip.errors import InputError
+from noslip.quaternions import turned, turns_between
+from noslip.rotations import (
+    quaternion_again,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_product,
+)
+
+Pose = tuple[Expression, Expression]
+"""Position, shape (3,), and unit quaternion, shape (4,), as expressions."""
+
+
+@dataclass(frozen=True)
+class Twisted:
+    """A body at an instant: its pose, twist and acceleration, as expressions, world frame.
+
+    Attributes
+    ----------
+    position, linear, linear_acceleration : expression, shape (3,)
+    quaternion : expression, shape (4,)
+    angular, angular_acceleration : expression, shape (3,)
+    """
+
+    position: Expression
+    quaternion: Expression
+    linear: Expression
+    angular: Expression
+    linear_acceleration: Expression = 0
+    angular_acceleration: Expression = 0
+
+
+class Body(Protocol):
+    """Something with a pose."""
+
+    @property
+    def name(self) -> str:
+        """What constraints call it by."""
+
+    def pose(self, position: Expression, quaternion: Expression) -> Pose:
+        """Return its pose at a point of the space."""
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether its pose and twist are parts of the point and of its velocity."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A body whose pose is part of the point.
+
+    Parameters
+    ----------
+    name : str
+    first : int
+        Of its three coordinates.
+    turn : int or None
+        Which rotation is its; None: it never turns.
+    """
+
+    name: str = "tool"
+    first: int = 0
+    turn: int | None = 0
+
+    is_placed = True
+
+    def pose(self, position: Expression, quaternion: Expression) -> Pose:
+        """Return its pose at a point of the space."""
+        turn = ca.DM([1, 0, 0, 0]) if self.turn is None else _part(quaternion, self.turn, 4)
+        return position[self.first : self.first + 3], turn
+
+    def twist(self, linear: Expression, angular: Expression) -> tuple[Expression, Expression]:
+        """Return its linear and angular part of a velocity or acceleration of the space."""
+        turning = ca.SX(3, 1) if self.turn is None else _part(angular, self.turn, 3)
+        return linear[self.first : self.first + 3], turning
+
+
+class Kinematics(Protocol):
+    """What carries a tool: hashable, equal if it is the same."""
+
+    def pose(self, values: Expression) -> Pose:
+        """Return the tool's pose of joint values; continuous in them."""
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A body that the coordinates carry as joints.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+    name : str
+    """
+
+    kinematics: Kinematics
+    name: str = "tool"
+
+    is_placed = False
+
+    def pose(self, position: Expression, quaternion: Expression) -> Pose:
+        """Return its pose at a point of the space."""
+        return self.kinematics.pose(position)
+
+
+@dataclass(frozen=True)
+class Space:
+    """R^n x SO(3)^b.
+
+    Parameters
+    ----------
+    coordinates : tuple of str
+        Names of the n coordinates.
+    units : tuple of str
+        Of each coordinate; "m" where left out.
+    rotations : int
+        b.
+    bodies : tuple of Body
+        That constraints may be declared of; the first one is the tool.
+    """
+
+    coordinates: tuple[str, ...] = ("x", "y", "z")
+    units: tuple[str, ...] = ()
+    rotations: int = 1
+    bodies: tuple[Body, ...] = (Placed(),)
+
+    def __post_init__(self) -> None:
+        units = self.units or ("m",) * len(self.coordinates)
+        if len(units) != len(self.coordinates):
+            raise InputError(f"{len(self.coordinates)} coordinates, but {len(units)} units")
+        object.__setattr__(self, "units", units)
+
+    @property
+    def linear(self) -> int:
+        """n: how many coordinates there are."""
+        return len(self.coordinates)
+
+    @property
+    def angular(self) -> int:
+        """3 b."""
+        return 3 * self.rotations
+
+    @property
+    def velocity_size(self) -> int:
+        """Numbers of a velocity: n + 3 b."""
+        return self.linear + self.angular
+
+    @property
+    def point_size(self) -> int:
+        """Numbers of a point: n + 4 b."""
+        return self.linear + 4 * self.rotations
+
+    @property
+    def is_pose(self) -> bool:
+        """Whether a point is a pose, and nothing else."""
+        return (self.linear, self.rotations) == (3, 1)
+
+    @cached_property
+    def is_placed(self) -> bool:
+        """Whether all bodies are parts of the point."""
+        return all(body.is_placed for body in self.bodies)
+
+    def body(self, name: str) -> int:
+        """Return which body has a name; "" is the first one."""
+        names = [body.name for body in self.bodies]
+        if not name and names:
+            return 0
+        if name not in names:
+            what = (
+                f"there are {', '.join(names)}" if names else "coordinates have none: name a robot"
+            )
+            raise InputError(f"no body {name or 'with a pose'!r}; {what}")
+        return names.index(name)
+
+    # ---------------------------------------------------------------- arrays of points
+
+    def difference(self, ends: Floats, begins: Floats) -> Floats:
+        """``(x' - x, Log(R' R^T))`` of points, shape (N, n + 3 b)."""
+        n = self.linear
+        parts = [ends[..., :n] - begins[..., :n]]
+        for k in range(self.rotations):
+            at = slice(n + 4 * k, n + 4 * k + 4)
+            parts.append(turns_between(begins[..., at], ends[..., at]))
+        return np.concatenate(parts, axis=-1)
+
+    def moved(self, points: Floats, changes: Floats) -> Floats:
+        """``(x + d, Exp(r) R)``: what leads by :meth:`difference` from points, shape (N, n + 4 b)."""
+        n = self.linear
+        parts = [points[..., :n] + changes[..., :n]]
+        for k in range(self.rotations):
+            at, by = slice(n + 4 * k, n + 4 * k + 4), slice(n + 3 * k, n + 3 * k + 3)
+            parts.append(turned(changes[..., by], points[..., at]))
+        return np.concatenate(parts, axis=-1)
+
+    # ---------------------------------------------------------------- expressions
+
+    def each(self, function: Callable[..., Expression], *parts: Expression) -> Expression:
+        """Apply a function of rotations to each one; parts are b quaternions or b vectors."""
+        if self.rotations == 1:
+            return function(*parts)
+        found = [
+            function(*(_part(part, k, part.numel() // self.rotations) for part in parts))
+            for k in range(self.rotations)
+        ]
+        return ca.vertcat(ca.SX(0, 1), *found)
+
+    def bodies_at(
+        self,
+        position: Expression,
+        quaternion: Expression,
+        linear: Expression,
+        angular: Expression,
+        acceleration: Expression,
+        angular_acceleration: Expression,
+    ) -> list[Twisted]:
+        """Bodies at a point that moves; arguments have n, 4 b, n, 3 b, n and 3 b numbers."""
+        found = []
+        for body in self.bodies:
+            if isinstance(body, Placed):
+                moving = body.twist(linear, angular)
+                pushed = body.twist(acceleration, angular_acceleration)
+            else:
+                moving, pushed = _carried(body, position, quaternion, linear, acceleration)
+            found.append(Twisted(*body.pose(position, quaternion), *moving, *pushed))
+        return found
+
+    def bodies_of_step(
+        self,
+        time_step: Expression,
+        position: Expression,
+        quaternion: Expression,
+        linear: Expression,
+        angular: Expression,
+        acceleration: Expression,
+        angular_acceleration: Expression,
+    ) -> tuple[list[Twisted], list[Twisted]]:
+        """Bodies in the middle and at the end of a step from a point on, at constant velocity.
+
+        Their twist is the step's own: from their pose before to their pose after it, so that
+        poses alone tell it.
+        """
+        h = time_step
+        half = self.each(quaternion_exp, h / 2 * angular)
+        halfway = self.each(quaternion_product, half, quaternion)
+        end = position + h * linear, self.each(quaternion_again, half, halfway, quaternion)
+        middle = position + h / 2 * linear, halfway
+        middles, ends = [], []
+        for body in self.bodies:
+            if isinstance(body, Placed):
+                moving = body.twist(linear, angular)
+                pushed = body.twist(acceleration, angular_acceleration)
+                there, over = body.pose(*middle), body.pose(*end)
+            else:
+                before, over = body.pose(position, quaternion), body.pose(*end)
+                there, moving = between(before, over, h)
+                _, pushed = _carried(body, *middle, linear, acceleration)
+            middles.append(Twisted(*there, *moving, *pushed))
+            ends.append(Twisted(*over, *moving, *pushed))
+        return middles, ends
+
+
+def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pose]:
+    """Pose halfway between two, and the twist that leads from one to the other.
+
+    Quaternions are near each other, not near each other's opposite.
+    """
+    (p, q), (p_after, q_after) = before, after
+    linear = (p_after - p) / time_step
+    turn = quaternion_log(quaternion_product(q_after, quaternion_conjugate(q)))
+    middle = q + q_after
+    halfway = p + time_step / 2 * linear, middle / ca.norm_2(middle)
+    return halfway, (linear, turn / time_step)
+
+
+def _carried(
+    body: Body, position: Expression, quaternion: Expression, rates: Expression, seconds: Expression
+) -> tuple[Pose, Pose]:
+    """Twist and acceleration of a body that coordinates carry, at rates and their own rates."""
+    x, xd, xdd = (ca.SX.sym(name, position.numel()) for name in ("x", "xd", "xdd"))
+    p, q = body.pose(x, quaternion)
+    linear = ca.jtimes(p, x, xd)
+    angular = 2 * quaternion_product(ca.jtimes(q, x, xd), quaternion_conjugate(q))[1:]
+    both, along = ca.vertcat(x, xd), ca.vertcat(xd, xdd)
+    found = [linear, angular, ca.jtimes(linear, both, along), ca.jtimes(angular, both, along)]
+    given = [position, ca.SX(rates), ca.SX(seconds)]
+    v, w, a, alpha = ca.substitute(found, [x, xd, xdd], given)
+    return (v, w), (a, alpha)
+
+
+def _part(rows: Expression, index: int, width: int) -> Expression:
+    return rows[width * index : width * (index + 1)]
+
+
+POSE = Space()
+"""R^3 x SO(3): what a tool moves in."""
+
+
+def vectors(names: Sequence[str], units: Sequence[str] = ()) -> Space:
+    """Return R^n; constraints may be declared of the coordinates."""
+    return Space(tuple(names), tuple(units), 0, ())
+
+
+def positions() -> Space:
+    """Return R^3 as the place of a tool that never turns."""
+    return Space(rotations=0, bodies=(Placed(turn=None),))
+
+
+def jointed(kinematics: Kinematics, names: Sequence[str], units: Sequence[str] = ()) -> Space:
+    """Return R^n as joints that carry a tool."""
+    return Space(tuple(names), tuple(units), 0, (Carried(kinematics),))
+
+
+def several(names: Sequence[str]) -> Space:
+    """Return the poses of several tools."""
+    axes = tuple(f"{name}.{axis}" for name in names for axis in "xyz")
+    bodies = tuple(Placed(name, 3 * k, k) for k, name in enumerate(names))
+    return Space(axes, (), len(names), bodies)
