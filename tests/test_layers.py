@@ -14,7 +14,7 @@ LAYERS = [
     {"_pose_checks", "_pose_npz", "_samples", "named_columns", "_dialect", "quaternions"},
     {"_turns", "_pose_names", "_pose_columns", "_exporters", "_pose_text"},
     {"trajectory", "rotations", "space", "edge", "boundary"},
-    {"scale"},
+    {"scale", "chain"},
     {"recordings", "constraints", "law"},
     {"codegen"},
     {"projection", "demonstrations", "maneuvers"},

@@ -303,7 +303,8 @@ def _carried(
     angular = 2 * quaternion_product(ca.jtimes(q, x, xd), quaternion_conjugate(q))[1:]
     both, along = ca.vertcat(x, xd), ca.vertcat(xd, xdd)
     found = [linear, angular, ca.jtimes(linear, both, along), ca.jtimes(angular, both, along)]
-    given = [position, ca.SX(rates), ca.SX(seconds)]
+    # Zeros that are left out would not fit.
+    given = [ca.densify(ca.SX(each)) for each in (position, rates, seconds)]
     v, w, a, alpha = ca.substitute(found, [x, xd, xdd], given)
     return (v, w), (a, alpha)
 
