@@ -265,19 +265,44 @@ class Space:
         halfway = self.each(quaternion_product, half, quaternion)
         end = position + h * linear, self.each(quaternion_again, half, halfway, quaternion)
         middle = position + h / 2 * linear, halfway
+        steps = self.steps_of_bodies(h, (position, quaternion), middle, end, linear, angular)
         middles, ends = [], []
-        for body in self.bodies:
+        for body, (there, over, moving) in zip(self.bodies, steps, strict=True):
             if isinstance(body, Placed):
-                moving = body.twist(linear, angular)
                 pushed = body.twist(acceleration, angular_acceleration)
-                there, over = body.pose(*middle), body.pose(*end)
             else:
-                before, over = body.pose(position, quaternion), body.pose(*end)
-                there, moving = between(before, over, h)
                 _, pushed = _carried(body, *middle, linear, acceleration)
             middles.append(Twisted(*there, *moving, *pushed))
             ends.append(Twisted(*over, *moving, *pushed))
         return middles, ends
+
+    def steps_of_bodies(
+        self,
+        time_step: Expression,
+        before: Pose,
+        middle: Pose,
+        after: Pose,
+        linear: Expression,
+        angular: Expression,
+    ) -> list[tuple[Pose, Pose, tuple[Expression, Expression]]]:
+        """Of each body its pose in the middle of a step, that at its end, and its twist.
+
+        Parameters
+        ----------
+        before, middle, after : (n numbers, 4 b numbers)
+            Points of the space.
+        linear, angular : expression
+            The step's own velocity there.
+        """
+        found = []
+        for body in self.bodies:
+            over = body.pose(*after)
+            if isinstance(body, Placed):
+                found.append((body.pose(*middle), over, body.twist(linear, angular)))
+            else:
+                there, moving = between(body.pose(*before), over, time_step)
+                found.append((there, over, moving))
+        return found
 
 
 def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pose]:

@@ -633,6 +633,7 @@ static void set_up(noslip_workspace *w, const room *r, double smoothing, int car
     p->quaternions = r->quaternions;
     p->turn_weights = r->turn_weights;
     p->turn_slopes = r->turn_slopes;
+    p->metric = 0;
     p->fixed = r->fixed;
     p->active = r->active;
     p->clearance = ROWS > EQUALITIES ? r->clearance : 0;
