@@ -100,7 +100,7 @@ class Placed:
 class Kinematics(Protocol):
     """What carries a tool: hashable, equal if it is the same."""
 
-    def pose(self, values: Expression) -> Pose:
+    def pose(self, q: Expression) -> Pose:
         """Return the tool's pose of joint values; continuous in them."""
 
 
