@@ -1,9 +1,8 @@
 """What a motion moves in: R^n x SO(3)^b, and the bodies that constraints see of it.
 
 A pose is R^3 x SO(3); joints or any other vector R^n; a position alone R^3; two tools
-R^6 x SO(3)^2.
-A point is n coordinates and b unit quaternions (w first), a velocity n rates and b angular
-velocities (rad/s, world frame).  Nothing else in the library knows how many of each there are.
+R^6 x SO(3)^2.  A point is n coordinates and b unit quaternions (w first), a velocity n rates and b
+angular velocities (rad/s, world frame).
 
 Constraints are declared of a body, which has a pose; :class:`Placed` is one whose pose is part of
 the point, :class:`Carried` one that joints carry.
@@ -67,6 +66,14 @@ class Samples(Protocol):
     def __len__(self) -> int: ...
 
     @property
+    def space(self) -> Space:
+        """What it moves in."""
+
+    @property
+    def points(self) -> Floats:
+        """Coordinates, then quaternions, shape (N, n + 4 b)."""
+
+    @property
     def positions(self) -> Floats:
         """Coordinates, shape (N, n)."""
 
@@ -101,14 +108,11 @@ class Samples(Protocol):
     def angular_velocities(self) -> Floats:
         """Angular velocities at the samples, shape (N, 3 b)."""
 
-    def led(
-        self,
-        positions: Floats,
-        quaternions: Floats,
-        linear_velocities: Floats | None = None,
-        angular_velocities: Floats | None = None,
-    ) -> Self:
-        """Return it elsewhere, at the same times."""
+    def with_points(self, points: Floats, times: Floats | None = None) -> Self:
+        """Return it elsewhere."""
+
+    def with_velocities(self, linear: Floats, angular: Floats) -> Self:
+        """Return it with other velocities at the samples."""
 
 
 class Body(Protocol):
@@ -159,7 +163,7 @@ class Placed:
 class Kinematics(Protocol):
     """What carries a tool: hashable, equal if it is the same."""
 
-    def pose(self, values: Expression) -> Pose:
+    def pose(self, q: Expression) -> Pose:
         """Return the tool's pose of joint values; continuous in them."""
 
 
@@ -264,7 +268,7 @@ class Space:
         return np.concatenate(parts, axis=-1)
 
     def moved(self, points: Floats, changes: Floats) -> Floats:
-        """``(x + d, Exp(r) R)``: where a :meth:`difference` leads, shape (N, n + 4 b)."""
+        """``(x + d, Exp(r) R)``: the inverse of :meth:`difference`, shape (N, n + 4 b)."""
         n = self.linear
         parts = [points[..., :n] + changes[..., :n]]
         for k in range(self.rotations):
@@ -402,9 +406,8 @@ def _places(body: Any, positions: Floats) -> Floats:
 def _place(body: Any, size: int) -> Any:
     x = ca.SX.sym("x", size)
     p, _ = body.pose(x, ca.SX(0, 1))
-    return ca.Function(
-        "place", [x], [ca.cse(ca.vertcat(p, ca.vec(ca.densify(ca.jacobian(p, x)).T)))]
-    )
+    slopes = ca.densify(ca.jacobian(p, x))
+    return ca.Function("place", [x], [ca.cse(ca.vertcat(p, ca.vec(slopes.T)))])
 
 
 def _carried(
@@ -417,7 +420,8 @@ def _carried(
     angular = 2 * quaternion_product(ca.jtimes(q, x, xd), quaternion_conjugate(q))[1:]
     both, along = ca.vertcat(x, xd), ca.vertcat(xd, xdd)
     found = [linear, angular, ca.jtimes(linear, both, along), ca.jtimes(angular, both, along)]
-    given = [position, ca.SX(rates), ca.SX(seconds)]
+    # Zeros that are left out would not fit.
+    given = [ca.densify(ca.SX(each)) for each in (position, rates, seconds)]
     v, w, a, alpha = ca.substitute(found, [x, xd, xdd], given)
     return (v, w), (a, alpha)
 

@@ -81,7 +81,7 @@ def around(trajectory: Samples, system: ConstraintSystem, begin: float) -> Sampl
                 break
     if positions is trajectory.positions:
         return trajectory
-    return trajectory.led(positions, quaternions)
+    return trajectory.with_points(np.hstack([positions, quaternions]))
 
 
 def _sides(space: Space, quaternion: Floats) -> Floats:

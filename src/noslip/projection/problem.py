@@ -212,7 +212,7 @@ class Problem:
     def _twists(self, request: Request) -> list[Floats | None]:
         """Twists that are asked for at the ends, and the reference's own."""
         twists: list[Floats | None] = [None, None]
-        reference = self.given.led(self.given.positions, self.reference)
+        reference = self.given.with_points(np.hstack([self.given.positions, self.reference]))
         for k, asked in request.twists.items():
             end = min(k, 1)
             own = end_twist(reference, end)
@@ -266,7 +266,7 @@ class Problem:
         positions = self.given.positions.copy()
         if self.shifts.size:
             positions += self.length * self.shifts
-        trajectory = self.given.led(positions, quaternions)
+        trajectory = self.given.with_points(np.hstack([positions, quaternions]))
         residuals, margins = self._residuals(trajectory)
         return ProjectedTrajectory(
             trajectory=trajectory,

@@ -37,7 +37,7 @@ from noslip.projection.heading import Heading, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
-from noslip.space import Samples, vectors
+from noslip.space import Samples
 
 _ATTEMPTS = (
     (1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (100.0, False, 1), (500.0, False, 1),
@@ -84,7 +84,6 @@ def project_trajectory(
     trajectory : PoseTrajectory or Trajectory
         Uniformly sampled, 4 samples or more.
     constraints : ConstraintSystem or constraints
-        Of vectors a system of their space, or constraints of their coordinates.
     hold_position : bool
         Only the orientation gives way, as in the paper.
     start, end : "free", "position", "rotation", "pose" or Boundary
@@ -112,7 +111,7 @@ def project_trajectory(
     """
     request = Request(
         trajectory,
-        _system(constraints, trajectory),
+        as_system(constraints, trajectory.space),
         (
             _end("start", start, 0.0, trajectory),
             *boundaries,
@@ -196,17 +195,6 @@ def project_heeding_what_it_can(request: Request) -> ProjectedTrajectory:
     return replace(_converged(project(alone), alone), left_out=system.limits.names)
 
 
-def _system(
-    constraints: ConstraintSystem | Constraint | Sequence[Constraint], trajectory: Samples
-) -> ConstraintSystem:
-    if isinstance(constraints, ConstraintSystem):
-        return constraints
-    if trajectory.quaternions.shape[1]:
-        return as_system(constraints)
-    names = tuple(f"x{k}" for k in range(trajectory.positions.shape[1]))
-    return as_system(constraints, vectors(getattr(trajectory, "names", names)))
-
-
 def _end(name: str, asked: End | Boundary, at: float, trajectory: Samples) -> Boundary:
     if isinstance(asked, Boundary):
         if asked.at != at:
@@ -221,13 +209,12 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         return result
     # What is undefined on the way lets nothing converge, and nothing that follows would help.
     for tried in (request.reference, result.trajectory):
-        space, velocities = request.system.space, tried.step_velocities()
+        space, (linear, angular) = request.system.space, tried.step_velocities()
         half = np.diff(tried.times)[:, None] / 2
-        points = np.hstack([tried.positions, tried.quaternions])[:-1]
-        points = space.moved(points, half * np.hstack(velocities))
+        middles = space.moved(tried.points[:-1], half * np.hstack([linear, angular]))
         times = tried.clock[:-1] + half[:, 0] + request.begin
-        positions, quaternions = np.hsplit(points, [space.linear])
-        request.system.require_slopes(times, positions, quaternions, *velocities, "step")
+        pose = middles[:, : space.linear], middles[:, space.linear :]
+        request.system.require_slopes(times, *pose, linear, angular, "step")
     names = ", ".join(c.name for c in request.system.constraints)
     if swing := _swing(result, request):
         raise ConvergenceError(
@@ -285,7 +272,7 @@ def _with_twists(trajectory: Samples, request: Request) -> Samples:
     for k, asked in request.twists.items():
         for found, wanted in zip(velocities, asked, strict=True):
             found[k] = wanted
-    return trajectory.led(trajectory.positions, trajectory.quaternions, *velocities)
+    return trajectory.with_velocities(*velocities)
 
 
 # ---------------------------------------------------------------- attempts
@@ -365,4 +352,4 @@ def _moved(trajectory: Samples, boundaries: dict[int, Boundary]) -> Samples:
     if not any(shift.any() for shift in shifts.values()):
         return trajectory
     positions = trajectory.positions + spread(shifts, np.arange(len(trajectory)))
-    return trajectory.led(positions, trajectory.quaternions)
+    return trajectory.with_points(np.hstack([positions, trajectory.quaternions]))
