@@ -26,8 +26,8 @@ PLUNGING = 0.2
 SIDEWAYS = 0.01
 """Share of the speed within the blade's plane below which its direction there is not trusted."""
 _ROUND, _IN_PLANE = 2.0, 0.35
-"""Turn (rad) that takes a tool round, and mean slip (rad) of one that had better stay: circling with
-the tool held still it is 1."""
+"""Turn (rad) that takes a tool round, and mean slip (rad) of one that had better stay: of a circle
+with the tool held still it is 1."""
 _ROUNDS = 3
 """Of a period, so that the middle one feels no ends."""
 _MOST_SMOOTHED = 5_000
@@ -54,7 +54,9 @@ class Heading:
     backing: int
 
 
-def turn_edge_into_path(trajectory: Samples, system: ConstraintSystem, smoothing: float) -> Heading:
+def turn_edge_into_path(
+    trajectory: Samples, system: ConstraintSystem, smoothing: float, *, periodic: bool = False
+) -> Heading:
     """Smallest turns that bring each sample's velocity into the blade's plane, edge leading.
 
     A blade has one edge, so of the two turns that satisfy the constraint the one with
