@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -175,6 +175,12 @@ class Space:
     def is_pose(self) -> bool:
         """Whether a point is a pose, and nothing else."""
         return (self.linear, self.rotations) == (3, 1)
+
+    @property
+    def carrier(self) -> Any:
+        """What carries the tool, if joints do."""
+        bodies = (body for body in self.bodies if isinstance(body, Carried))
+        return next((body.kinematics for body in bodies), None)
 
     @cached_property
     def is_placed(self) -> bool:

@@ -88,7 +88,7 @@ class PoseTrajectory(Timed):
         return continuous_quaternions(self.rotations)
 
     @property
-    def space(self) -> Space:
+    def space(self) -> Space:  # type: ignore[override]
         """What it moves in."""
         return POSE
 
