@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -105,6 +105,10 @@ class PoseTrajectory(Timed):
             Rotation.from_quat(points[:, 3:], scalar_first=True),
             name=self.name,
         )
+
+    def with_velocities(self, linear: Floats, angular: Floats) -> PoseTrajectory:
+        """Return the poses with other velocities (m/s, rad/s), each of shape (N, 3)."""
+        return replace(self, linear_velocities=linear, angular_velocities=angular)
 
     def step_velocities(self) -> tuple[Floats, Floats]:
         """Linear and angular velocity of every step, each of shape (N - 1, 3).

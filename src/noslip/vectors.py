@@ -182,6 +182,10 @@ class Trajectory(Timed):
             name=self.name,
         )
 
+    def with_velocities(self, linear: Floats, angular: Floats) -> Trajectory:
+        """Return the values with other rates, shape (N, n); of turning, shape (N, 0), are none."""
+        return replace(self, velocities=linear)
+
     def on(self, carrier: Chain) -> Trajectory:
         """Return it as joints of a robot, which carry a tool.
 
