@@ -28,8 +28,8 @@ from noslip.law.basis import Basis
 from noslip.law.clock import Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
-from noslip.law.layout import STATE
-from noslip.law.space import POINT_SIZE, VELOCITY_SIZE, Goal
+from noslip.law.layout import FORCE, POINT
+from noslip.law.points import Goal
 from noslip.law.winding import Winding
 from noslip.projection.pointwise import Push
 from noslip.rule import Rule
@@ -236,9 +236,9 @@ class Reader:
         basis = Basis(count, Phase(self.number(data, "alpha_s")))
         return Law(
             attractor,
-            ForcingTerm(basis, self.array(data, "weights", (count, VELOCITY_SIZE))),
-            self.unit_quaternions(data, "start", (POINT_SIZE,), STATE["quaternion"].start),
-            self.array(data, "start_velocity", (VELOCITY_SIZE,)),
+            ForcingTerm(basis, self.array(data, "weights", (count, FORCE.size))),
+            self.unit_quaternions(data, "start", (POINT.stop,), POINT.stop - 4),
+            self.array(data, "start_velocity", (FORCE.size,)),
             Goal(
                 self.array(data, "goal_position", (3,)),
                 Winding(self.unit_quaternions(data, "winding", (None, 4))),

@@ -1,8 +1,8 @@
 """What a motion moves in: R^n x SO(3)^b, and the bodies that constraints see of it.
 
-A pose is R^3 x SO(3); joints or any other vector R^n; a position alone R^3; two tools R^6 x SO(3)^2.
-A point is n coordinates and b unit quaternions (w first), a velocity n rates and b angular
-velocities (rad/s, world frame).  Nothing else in the library knows how many of each there are.
+A pose is R^3 x SO(3); joints or any other vector R^n; a position alone R^3; two tools
+R^6 x SO(3)^2.  A point is n coordinates and b unit quaternions (w first), a velocity n rates and b
+angular velocities (rad/s, world frame).
 
 Constraints are declared of a body, which has a pose; :class:`Placed` is one whose pose is part of
 the point, :class:`Carried` one that joints carry.
@@ -205,7 +205,7 @@ class Space:
         return np.concatenate(parts, axis=-1)
 
     def moved(self, points: Floats, changes: Floats) -> Floats:
-        """``(x + d, Exp(r) R)``: what leads by :meth:`difference` from points, shape (N, n + 4 b)."""
+        """``(x + d, Exp(r) R)``: the inverse of :meth:`difference`, shape (N, n + 4 b)."""
         n = self.linear
         parts = [points[..., :n] + changes[..., :n]]
         for k in range(self.rotations):
@@ -265,19 +265,44 @@ class Space:
         halfway = self.each(quaternion_product, half, quaternion)
         end = position + h * linear, self.each(quaternion_again, half, halfway, quaternion)
         middle = position + h / 2 * linear, halfway
+        steps = self.steps_of_bodies(h, (position, quaternion), middle, end, linear, angular)
         middles, ends = [], []
-        for body in self.bodies:
+        for body, (there, over, moving) in zip(self.bodies, steps, strict=True):
             if isinstance(body, Placed):
-                moving = body.twist(linear, angular)
                 pushed = body.twist(acceleration, angular_acceleration)
-                there, over = body.pose(*middle), body.pose(*end)
             else:
-                before, over = body.pose(position, quaternion), body.pose(*end)
-                there, moving = between(before, over, h)
                 _, pushed = _carried(body, *middle, linear, acceleration)
             middles.append(Twisted(*there, *moving, *pushed))
             ends.append(Twisted(*over, *moving, *pushed))
         return middles, ends
+
+    def steps_of_bodies(
+        self,
+        time_step: Expression,
+        before: Pose,
+        middle: Pose,
+        after: Pose,
+        linear: Expression,
+        angular: Expression,
+    ) -> list[tuple[Pose, Pose, tuple[Expression, Expression]]]:
+        """Of each body its pose in the middle of a step, that at its end, and its twist.
+
+        Parameters
+        ----------
+        before, middle, after : (n numbers, 4 b numbers)
+            Points of the space.
+        linear, angular : expression
+            The step's own velocity there.
+        """
+        found = []
+        for body in self.bodies:
+            over = body.pose(*after)
+            if isinstance(body, Placed):
+                found.append((body.pose(*middle), over, body.twist(linear, angular)))
+            else:
+                there, moving = between(body.pose(*before), over, time_step)
+                found.append((there, over, moving))
+        return found
 
 
 def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pose]:

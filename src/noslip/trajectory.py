@@ -24,6 +24,7 @@ from noslip._typing import Floats
 from noslip._values import Value, html_table, shortened
 from noslip.errors import InputError
 from noslip.quaternions import inverse, product, turns_between, without_flips
+from noslip.space import POSE, Space
 
 UNIFORM_TOLERANCE = 1e-6
 """Largest relative spread of the sampling period that still counts as uniform."""
@@ -172,6 +173,16 @@ class PoseTrajectory(Value):
     def quaternions(self) -> Floats:
         """Unit quaternions ``(qw, qx, qy, qz)``, shape (N, 4), without sign flips."""
         return continuous_quaternions(self.rotations)
+
+    @property
+    def space(self) -> Space:
+        """What it moves in."""
+        return POSE
+
+    @property
+    def points(self) -> Floats:
+        """Positions and quaternions, shape (N, 7)."""
+        return np.hstack([self.positions, self.quaternions])
 
     def step_velocities(self) -> tuple[Floats, Floats]:
         """Linear and angular velocity of every step, each of shape (N - 1, 3).

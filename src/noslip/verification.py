@@ -19,7 +19,7 @@ from noslip.constraints.check import quantity_text
 from noslip.errors import CompromiseWarning, MissedError, Refusal, warn
 from noslip.law.law import Law
 from noslip.projection.metric import inverse_metric
-from noslip.projection.pointwise import POSITION_ONLY
+from noslip.projection.pointwise import position_only
 from noslip.rule import Rule
 from noslip.runtime.batch import Motions
 from noslip.runtime.motion import Asked, Motion
@@ -337,7 +337,7 @@ def _remedy(law: Law, rule: Rule, asked: Sequence[Boundary]) -> tuple[str, float
         return _wrong(_at_steps(law, rule, duration), rule, asked) is None
 
     system = rule.system
-    if rule.inverse_metric == POSITION_ONLY and system.size:
+    if rule.inverse_metric == position_only(system.space) and system.size:
         usual = rollout(law, Rule()).path_length / law.steps
         if does(replace(rule, inverse_metric=inverse_metric(system, "shared", None, usual))):
             return "metric 'shared' mends that", None

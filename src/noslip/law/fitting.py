@@ -14,7 +14,9 @@ from noslip.law.basis import Basis
 from noslip.law.clock import Phase
 from noslip.law.forcing import RIDGE, ForcingTerm
 from noslip.law.law import Law
-from noslip.law.space import POSE, Goal
+from noslip.law.points import Goal, mean
+from noslip.law.points import goal as goal_of
+from noslip.space import POSE, Space
 from noslip.trajectory import PoseTrajectory
 
 SAMPLES_PER_BASIS_FUNCTION = 4
@@ -63,50 +65,54 @@ def fit(
     ridge = _arguments.not_negative("ridge", ridge)
     basis = Basis(basis_functions, Phase(alpha_s))
     attractor = Attractor(alpha, beta)
-    sampled = [POSE.points(evenly_sampled(d, basis_functions)) for d in recorded]
-    goal = POSE.goal(sampled)
-    forces = [demonstrated_forces(attractor, goal, points) for points in sampled]
+    space = recorded[0].space
+    sampled = [evenly_sampled(d, basis_functions).points for d in recorded]
+    goal = goal_of(space, sampled)
+    forces = [demonstrated_forces(attractor, goal, points, space) for points in sampled]
     forcing = ForcingTerm.fit(basis, attractor, forces, ridge=ridge)
-    velocities = [_start_velocity(attractor, forcing, goal, points) for points in sampled]
+    velocities = [_start_velocity(attractor, forcing, goal, points, space) for points in sampled]
     return Law(
         attractor,
         forcing,
-        POSE.mean([points[0] for points in sampled]),
+        mean(space, [points[0] for points in sampled]),
         np.mean(velocities, axis=0),
         goal,
         float(np.mean([d.duration for d in recorded])),
         default_steps(recorded[0], basis_functions),
+        space=space,
     )
 
 
-def demonstrated_forces(attractor: Attractor, goal: Goal, points: Floats) -> Floats:
+def demonstrated_forces(
+    attractor: Attractor, goal: Goal, points: Floats, space: Space = POSE
+) -> Floats:
     """Forces under which the steps reproduce a demonstration, led to its own end.
 
     Parameters
     ----------
-    points : array, shape (N, 7)
+    points : array, shape (N, n + 4 b)
         Evenly spaced from its first sample to its last.
 
     Returns
     -------
-    array, shape (N - 2, 6)
+    array, shape (N - 2, n + 3 b)
         At its inner samples, time normalized by the duration.
     """
     fraction = 1.0 / (len(points) - 1)
-    velocities = POSE.difference(points[1:], points[:-1]) / fraction
+    velocities = space.difference(points[1:], points[:-1]) / fraction
     pull = attractor.demonstrated_pull(velocities, fraction)
     led = goal.pull(points, attractor, len(points) - 1)
     return attractor.stiffness * (pull - led[1:])
 
 
 def _start_velocity(
-    attractor: Attractor, forcing: ForcingTerm, goal: Goal, points: Floats
+    attractor: Attractor, forcing: ForcingTerm, goal: Goal, points: Floats, space: Space
 ) -> Floats:
     """Velocity, per duration, with which the first step is the demonstrated one."""
     fraction = 1.0 / (len(points) - 1)
     pull = goal.pull(points, attractor, 1)[0]
     pull = pull + forcing.at_start(fraction, attractor) / attractor.stiffness
-    first = POSE.difference(points[1:2], points[:1])[0] / fraction
+    first = space.difference(points[1:2], points[:1])[0] / fraction
     return attractor.demonstrated_start(pull, first, fraction)
 
 

@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.constraints.check import residual_text
+from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.law.layout import STATE, STEP
+from noslip.law.layout import STATE, layouts
 from noslip.rule import Rule
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
+from noslip.space import POSE, Space
 from noslip.trajectory import PoseTrajectory
 
 _SCALAR_LAST = np.roll(np.r_[STATE["quaternion"]], -1)
@@ -53,12 +55,14 @@ class Asked(Value):
     ----------
     start : State
         Where it began, and with which goal.
-    steps : array, shape (N - 1, 22)
-        What depends on the phase alone, see :data:`noslip.law.layout.STEP`.
+    steps : array, shape (N - 1, ...)
+        What depends on the phase alone, the step of :class:`noslip.law.layout.Layouts`.
+    space : Space
     """
 
     start: State
     steps: Floats
+    space: Space = POSE
 
     @property
     def goal(self) -> tuple[Floats, Rotation]:
@@ -67,11 +71,11 @@ class Asked(Value):
 
     @cached_property
     def _alone(self) -> tuple[Floats, Floats]:
-        stepper, first = stepper_of(Rule()), self.start.vector()
-        states = np.empty((len(self.steps), STATE.size))
+        stepper, first = stepper_of(Rule(ConstraintSystem((), self.space))), self.start.vector()
+        states = np.empty((len(self.steps), len(first)))
         stepper.run(first, self.steps, states, np.empty((len(self.steps), stepper.outputs.size)))
-        times = np.append(self.start.time, self.steps[:, STEP["time"]])
-        return times, np.vstack([first, states])[:, STATE["position"]]
+        times = np.append(self.start.time, self.steps[:, layouts(self.space).step["time"]])
+        return times, np.vstack([first, states])[:, : self.space.linear]
 
     def alone(self, times: Floats) -> Floats:
         """Positions at these times if nothing constrained the law (m), shape (N, 3)."""
@@ -169,9 +173,9 @@ class Motion(PoseTrajectory):
         ----------
         times : array, shape (N,)
         states : array, shape (N, 13 + m)
-            Columns as :func:`noslip.law.layout.carried_layout` says.
+            Columns as :meth:`noslip.law.layout.Layouts.carried` says.
         outputs : dict of array, shape (N, ...)
-            Named as in :func:`noslip.law.layout.output_layout`.
+            Named as in :meth:`noslip.law.layout.Layouts.output`.
         constraint_names, limit_names : tuple of str
             One a row.
         asked : Asked
