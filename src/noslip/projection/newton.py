@@ -82,6 +82,7 @@ class Plan:
     turn_weights : array, shape (N,)
     turn_slopes : array, shape (N - 1,)
     metric : array, shape (N, n, n), or None
+    pull : array, shape (N, n), or None
     fixed : array of bool, shape (N, n)
     active : array of bool, shape (N, m)
     clearance, multipliers, slack : array, shape (N, m)
@@ -109,6 +110,7 @@ class Plan:
     bending: Floats
     last_barrier: float
     metric: Floats | None = None
+    pull: Floats | None = None
     careful: bool = False
     barrier: float = 0.0
     step_size: float = np.inf
@@ -296,7 +298,7 @@ def _cost_gradient(plan: Plan, weights: Floats, slopes: Floats, bending: Floats)
     z = plan.unknown
     gradient = weights * z
     if plan.metric is not None:
-        gradient += (plan.metric @ z[..., None])[..., 0]
+        gradient += (plan.metric @ z[..., None])[..., 0] + plan.pull
     bend = bending * (z[2:] - 2 * z[1:-1] + z[:-2])
     gradient[2:] += bend
     gradient[1:-1] -= 2 * bend

@@ -29,6 +29,7 @@ _ARRAYS = (
     "turn_weights",
     "turn_slopes",
     "metric",
+    "pull",
     "fixed",
     "active",
     "clearance",

@@ -13,6 +13,7 @@ from noslip.boundary import Boundary, end_twist
 from noslip.constraints.declaration import UNITS
 from noslip.projection import planner
 from noslip.projection.blend import spread
+from noslip.projection.carried import ToolPaths
 from noslip.projection.newton import Plan
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
@@ -39,6 +40,9 @@ _LAST_BARRIER = 1e-11
 tolerance."""
 _LIMIT_TOLERANCE = 1e-8
 """As for equalities, of which no such precision is asked."""
+_MOST_FORMS, _SAME_FORM = 12, 1e-4
+"""How often what leads tools from their paths is taken anew, and the change (rad) for which it is
+not: a tool is then off where it is led by a hundredth of a micrometer."""
 _APPROACH = 0.05
 """Share of the samples over which a clearance grows from none, at the ends and where a pose is
 fixed."""
@@ -75,9 +79,9 @@ class Problem:
         self.time_step = trajectory.duration / (count - 1)
         self.space = space = system.space
         self.length = request.length or trajectory.path_length or 1.0
-        self.places, slopes = space.carried(trajectory.positions)
+        self.tools = ToolPaths(space, trajectory)
         self.lengths = self._lengths()
-        if len(self.places):
+        if self.is_carrying:
             self.length = 1.0
         self.levels = np.array(self.equalities.row_levels + self.limits.row_levels, dtype=object)
         self.is_limit = np.arange(system.size) >= self.equalities.size
@@ -106,14 +110,7 @@ class Problem:
         weights, h = request.weights, 1 / (count - 1)
         tolerances = self._tolerances()
         bending = np.array([weights.rotation_smoothing, weights.position_smoothing])
-        metric = None
-        if len(self.places):
-            slopes = slopes / _lengths(self.places)[:, None, None, None]
-            metric = weights.position * h * np.einsum("ckij,ckil->kjl", slopes, slopes)
-            # A mean lever's.
-            bending[0] += (
-                weights.position_smoothing * np.square(slopes).sum() / (count * space.linear)
-            )
+        bending[0] += weights.position_smoothing * self.tools.lever
         self.plan = Plan(
             stage,
             positions,
@@ -133,8 +130,23 @@ class Problem:
             weights.position * h,
             bending / h**3,
             _LAST_BARRIER / count,
-            metric,
         )
+        self._take_form()
+
+    @property
+    def is_carrying(self) -> bool:
+        """Whether joints carry a tool."""
+        return len(self.tools.lengths) > 0
+
+    def _take_form(self) -> None:
+        """What it costs to lead tools from their paths, about the correction as it is."""
+        if not self.is_carrying:
+            return
+        own, size = slice(self.space.angular, None), self.z.shape[1]
+        metric, pull = self.tools.form(self.shifts)
+        self.plan.metric, self.plan.pull = np.zeros((self.count, size, size)), np.zeros_like(self.z)
+        self.plan.metric[:, own, own] = self.plan.position_weight * metric
+        self.plan.pull[:, own] = self.plan.position_weight * pull
 
     def begin_at(self, trajectory: Samples) -> None:
         """Take a trajectory as the first guess."""
@@ -202,8 +214,8 @@ class Problem:
         """What a turn costs at each sample, and what its change costs in each step."""
         h = 1 / (self.count - 1)
         velocities, _ = self.given.step_velocities()
-        if len(self.places):
-            velocities = np.hstack(list(np.diff(self.places, axis=1) / self.time_step))
+        if self.is_carrying:
+            velocities = np.hstack(list(np.diff(self.tools.places, axis=1) / self.time_step))
         speed = np.linalg.norm(velocities, axis=1)
         speed = np.concatenate([speed[:1], speed])
         relative = speed / mean if (mean := speed.mean()) else np.ones(self.count)
@@ -238,13 +250,19 @@ class Problem:
 
         With limits, ``barrier`` is the first tau over the step in time normalized.
         """
-        self.plan.careful = careful
-        converged = planner.solve(self.plan, max_iterations, barrier / self.count)
-        return self.result(converged, self.plan.iteration, self.plan.multipliers)
+        self.plan.careful, iterations = careful, 0
+        for _ in range(_MOST_FORMS if self.is_carrying else 1):
+            before = self.z.copy()
+            self._take_form()
+            converged = planner.solve(self.plan, max_iterations, barrier / self.count)
+            iterations += self.plan.iteration
+            if not converged or np.abs(self.z - before).max() < _SAME_FORM:
+                break
+        return self.result(converged, iterations, self.plan.multipliers)
 
     def _lengths(self) -> Floats:
         """What each row's residual is measured by: the path's length, or that of the tool's."""
-        found, own = [], _lengths(self.places)
+        found, own = [], self.tools.lengths
         carried = [k for k, body in enumerate(self.space.bodies) if not body.is_placed]
         for part in (self.equalities, self.limits):
             for constraint, rows in zip(part.constraints, part.rows, strict=True):
@@ -255,7 +273,7 @@ class Problem:
 
     def _tolerances(self) -> Floats:
         """Residuals that count as none: at least what the rounding of the positions causes."""
-        both = (np.abs(each).max(initial=0.0) for each in (self.given.positions, self.places))
+        both = (np.abs(each).max(initial=0.0) for each in (self.given.positions, self.tools.places))
         speed_scale = self.lengths / self.given.duration
         rounding = 16 * np.finfo(float).eps * max(both) / self.time_step / speed_scale
         return np.asarray(np.maximum(_RESIDUAL_TOLERANCE, rounding))
@@ -312,12 +330,6 @@ class Problem:
         for part, more in ((self.equalities, ()), (self.limits, accelerations)):
             part.residuals(t, p, q, linear[:1], angular[:1])
             part.of_steps(*pose, linear, angular, *more)
-
-
-def _lengths(places: Floats) -> Floats:
-    """Lengths of several paths, shape (c, N, 3); of a point as if it were 1 m."""
-    lengths = np.linalg.norm(np.diff(places, axis=1), axis=2).sum(axis=1)
-    return np.where(lengths > 0, lengths, 1.0)
 
 
 def _turned(quaternions: Floats, turns: Floats) -> Floats:
