@@ -163,6 +163,10 @@ class Placed:
 class Kinematics(Protocol):
     """What carries a tool: hashable, equal if it is the same."""
 
+    @property
+    def size(self) -> int:
+        """How many joints it has."""
+
     def pose(self, q: Expression) -> Pose:
         """Return the tool's pose of joint values; continuous in them."""
 
@@ -238,6 +242,12 @@ class Space:
     def is_pose(self) -> bool:
         """Whether a point is a pose, and nothing else."""
         return (self.linear, self.rotations) == (3, 1)
+
+    @property
+    def carrier(self) -> Any:
+        """What carries the tool, if joints do."""
+        bodies = (body for body in self.bodies if isinstance(body, Carried))
+        return next((body.kinematics for body in bodies), None)
 
     @cached_property
     def is_placed(self) -> bool:

@@ -88,7 +88,7 @@ class PoseTrajectory(Timed):
         return continuous_quaternions(self.rotations)
 
     @property
-    def space(self) -> Space:
+    def space(self) -> Space:  # type: ignore[override]
         """What it moves in."""
         return POSE
 
@@ -96,6 +96,11 @@ class PoseTrajectory(Timed):
     def points(self) -> Floats:
         """Positions and quaternions, shape (N, 7)."""
         return np.hstack([self.positions, self.quaternions])
+
+    @property
+    def tool(self) -> PoseTrajectory:
+        """The tool's own motion: itself."""
+        return self
 
     def with_points(self, points: Floats, times: Floats | None = None) -> PoseTrajectory:
         """Return other poses under the same name, shape (N, 7)."""

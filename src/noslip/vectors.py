@@ -102,7 +102,7 @@ class Trajectory(Timed):
         return self.units[0] if len(set(self.units)) == 1 else "1"
 
     @property
-    def space(self) -> Space:
+    def space(self) -> Space:  # type: ignore[override]
         """What it moves in."""
         if self.carrier is not None:
             return jointed(self.carrier, self.names, self.units)
@@ -187,8 +187,29 @@ class Trajectory(Timed):
         return replace(self, velocities=linear)
 
     def on(self, carrier: Chain) -> Trajectory:
-        """Return it as joints of a robot, which carry a tool."""
-        return replace(self, carrier=carrier, units=tuple(carrier.units))
+        """Return it as joints of a robot, which carry a tool.
+
+        Coordinates that are named as the joints are put into their order; others are taken to be
+        in it.
+
+        Raises
+        ------
+        InputError
+            If there are more or fewer.
+        """
+        joints = carrier.joint_names
+        if set(joints) <= set(self.names):
+            order = [self.names.index(joint) for joint in joints]
+        elif len(joints) == len(self.names):
+            order = list(range(len(joints)))
+        else:
+            raise InputError(
+                f"{self.name}: has {', '.join(self.names)}, but the joints of {carrier.name} are "
+                f"{', '.join(joints)}; name them so"
+            )
+        moved = self.values[:, order], self.velocities[:, order]
+        units = tuple(carrier.units)
+        return Trajectory(self.times, moved[0], joints, moved[1], units, carrier, self.name)
 
     def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Trajectory:
         """Return the trajectory at other instants, by cubic splines.

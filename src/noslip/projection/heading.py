@@ -71,7 +71,7 @@ def turn_edge_into_path(
     if periodic:
         steps = len(trajectory) - 1
         rows = np.append(np.tile(np.arange(steps), _ROUNDS), 0)
-        times = np.arange(len(rows)) * (trajectory.duration / steps)
+        times = np.linspace(0.0, _ROUNDS * trajectory.duration, len(rows))
         rounds = trajectory.with_points(trajectory.points[rows], times)
         found = _turned(rounds, system, smoothing / _ROUNDS**4, sawing=True)
         middle = slice(_ROUNDS // 2 * steps, (_ROUNDS // 2 + 1) * steps + 1)

@@ -232,10 +232,20 @@ def iterate(plan: Plan, steps: int) -> Outcome:
 def _newton_step(
     plan: Plan, value: Floats, jacobian: Entries, curvature: Entries
 ) -> tuple[Floats, Floats]:
-    """Set up the optimality conditions and solve them: steps of correction and multipliers.
+    """Solve the optimality conditions: steps of correction and multipliers.
 
     Not the multipliers themselves: they do not vanish, and neither would their rounding.
     """
+    band, right = optimality(plan, value, jacobian, curvature)
+    solution = band.solve(right.ravel()).reshape(right.shape)
+    unknowns = plan.z.shape[1]
+    return solution[:, :unknowns], solution[:, unknowns:]
+
+
+def optimality(
+    plan: Plan, value: Floats, jacobian: Entries, curvature: Entries
+) -> tuple[Band, Floats]:
+    """Optimality conditions of a step, as a matrix and a right-hand side, shape (N, n + m)."""
     count, unknowns, rows = len(value), plan.z.shape[1], plan.stage.rows
     kind = Ring if plan.is_periodic else Band
     band = kind(count, unknowns + rows, unknowns if plan.stage.reaches_over else 0)
@@ -277,8 +287,7 @@ def _newton_step(
     softness = np.where(plan.active, DUAL_REGULARIZATION * sizes, 0.0)
     for row in range(rows):
         band.add(0, unknowns + row, unknowns + row, diagonal[:, row] - softness[:, row])
-    solution = band.solve(right.ravel()).reshape(count, -1)
-    return solution[:, :unknowns], solution[:, unknowns:]
+    return band, right
 
 
 def _sizes(plan: Plan, band: Band, jacobian: Entries, diagonal: Floats) -> Floats:

@@ -228,6 +228,8 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
             "from step to step; let the position give way (hold_position=False), or free it",
             iterate=result.trajectory,
         )
+    if request.is_periodic:
+        _require_closing(request, names)
     least = result.margins.min(initial=0.0)
     left = f"residual {result.residual:.2g}" + (f", margin {least:.2g}" if least < 0 else "")
     # More smoothing of the rotation is no advice: it was tried.
@@ -247,6 +249,23 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         f"after {result.iterations} iterations); {advice}",
         code=Refusal.NOT_FOUND,
         iterate=result.trajectory,
+    )
+
+
+def _require_closing(request: Request, names: str) -> None:
+    """Refuse a period that constraints let not close, and say by how much."""
+    opened = project(replace(request, is_periodic=False))
+    if not opened.converged:
+        return
+    space, points = request.system.space, opened.trajectory.points
+    gap = space.difference(points[-1:], points[:1])[0]
+    away, turn = np.linalg.norm(gap[: space.linear]), np.abs(gap[space.linear :]).max(initial=0.0)
+    raise ConvergenceError(
+        f"{request.reference.name}: no period near it found that satisfies {names}, which let it end "
+        f"{away:.3g} {request.reference.unit} from where it begins, turned by "
+        f"{np.degrees(turn):.3g} degrees; take a path that closes under them",
+        code=Refusal.NOT_FOUND,
+        iterate=opened.trajectory,
     )
 
 
