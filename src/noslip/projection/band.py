@@ -87,8 +87,8 @@ class Ring(Band):
     """A matrix of stages of which the last is beside the first.
 
     The ring is folded, stages 0, N - 1, 1, N - 2, ... in a row: neighbors are two apart at most, so
-    the band is twice as wide, and there are no corners.  (To solve for the stages of one place
-    first, and then along the rest with as many right sides, takes about as long.)
+    the band is twice as wide, and there are no corners.  (A band with two stages set apart as a
+    border takes 1.2 to 1.3 times as long: it has as many right sides more as the border is wide.)
     """
 
     def __init__(self, count: int, stage: int, more: int) -> None:

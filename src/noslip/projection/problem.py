@@ -232,8 +232,6 @@ class Problem:
             if self.is_periodic:
                 places = np.concatenate([places[:, -1:], places], axis=1)
             velocities = np.hstack(list(np.diff(places, axis=1) / self.time_step))
-            if self.is_periodic:
-                velocities = np.vstack([velocities[-1:], velocities])
         speed = np.linalg.norm(velocities, axis=1)
         if self.is_periodic:
             steps = slice(None)

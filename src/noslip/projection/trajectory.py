@@ -261,8 +261,8 @@ def _require_closing(request: Request, names: str) -> None:
     gap = space.difference(points[-1:], points[:1])[0]
     away, turn = np.linalg.norm(gap[: space.linear]), np.abs(gap[space.linear :]).max(initial=0.0)
     raise ConvergenceError(
-        f"{request.reference.name}: no period near it found that satisfies {names}, which let it end "
-        f"{away:.3g} {request.reference.unit} from where it begins, turned by "
+        f"{request.reference.name}: no period near it found that satisfies {names}, which let it "
+        f"end {away:.3g} {request.reference.unit} from where it begins, turned by "
         f"{np.degrees(turn):.3g} degrees; take a path that closes under them",
         code=Refusal.NOT_FOUND,
         iterate=opened.trajectory,
