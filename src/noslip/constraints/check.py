@@ -218,7 +218,10 @@ class CheckReport:
     def _heading(self) -> str:
         # A file's name may hold any byte.
         motion = one_line(self.motion)
-        return f"{motion}: {self.duration:.3g} s, path {self.path_length * 1e3:.4g} mm"
+        path = f"{self.path_length * 1e3:.4g} mm"
+        if self.trajectory.unit != "m":
+            path = with_unit(f"{self.path_length:.4g}", self.trajectory.unit)
+        return f"{motion}: {self.duration:.3g} s, path {path}"
 
     def _repr_html_(self) -> str:
         rows = [(check.name, check.verdict, check.finding) for check in self.constraints]
@@ -265,8 +268,8 @@ def check(
     """
     if not isinstance(trajectory, Timed):
         raise InputError(
-            f"check takes one PoseTrajectory or Trajectory, got {type(trajectory).__name__}; check several "
-            "one by one"
+            f"check takes one PoseTrajectory or Trajectory, got {type(trajectory).__name__}; check "
+            "several one by one"
         )
     require_motion(trajectory)
     tolerance = _arguments.positive("tolerance", tolerance)
