@@ -45,13 +45,20 @@ class Heading:
     ----------
     turns : array, shape (N, 3 b)
         Rotation vectors, world frame (rad): ``R_guess = Exp(turns) R``.
+    carried : array, shape (c, N, 3)
+        Those of tools that joints carry.
     backing : int
         Stretches between rests in which the demonstration itself moves backwards; there the edge
         trails, as it did when recorded.
     """
 
     turns: Floats
+    carried: Floats
     backing: int
+
+
+NO_TURN = Heading(np.zeros((1, 1)), np.zeros((1, 1, 1)), 0)
+"""Of any motion: as it is."""
 
 
 def turn_edge_into_path(
@@ -65,7 +72,7 @@ def turn_edge_into_path(
     rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed
     with weights that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
-    Constraints that name no edge get no turn, nor do tools that joints carry.  A period is turned
+    Constraints that name no edge get no turn.  A period is turned
     as in the middle of several; one that is sawn to and fro within the blade's plane stays so.
     """
     if periodic:
@@ -75,44 +82,48 @@ def turn_edge_into_path(
         rounds = trajectory.with_points(trajectory.points[rows], times)
         found = _turned(rounds, system, smoothing / _ROUNDS**4, sawing=True)
         middle = slice(_ROUNDS // 2 * steps, (_ROUNDS // 2 + 1) * steps + 1)
-        return Heading(found.turns[middle], -(-found.backing // _ROUNDS))
+        backing = -(-found.backing // _ROUNDS)
+        return Heading(found.turns[middle], found.carried[:, middle], backing)
     return _turned(trajectory, system, smoothing, sawing=False)
 
 
 def _turned(
     trajectory: Samples, system: ConstraintSystem, smoothing: float, *, sawing: bool
 ) -> Heading:
-    turns, backing = np.zeros((len(trajectory), system.space.angular)), 0
-    for k, body in enumerate(system.space.bodies):
-        of_body = [not c.coordinates and system.space.body(c.body) == k for c in system.constraints]
+    space = system.space
+    poses, _ = space.carried(trajectory.positions)
+    turns, carried = np.zeros((len(trajectory), space.angular)), np.zeros((*poses.shape[:2], 3))
+    backing, tools = 0, iter(zip(poses, carried, strict=True))
+    for k, body in enumerate(space.bodies):
+        of_body = [not c.coordinates and space.body(c.body) == k for c in system.constraints]
         constraint = system.part(of_body).edged
-        if constraint is None or not isinstance(body, Placed) or body.turn is None:
+        if not isinstance(body, Placed):
+            pose, turn = next(tools)
+        elif body.turn is not None:
+            at, own = 3 * body.turn, space.linear + 4 * body.turn
+            turn = turns[:, at : at + 3]
+            places = trajectory.points[:, body.first : body.first + 3]
+            pose = np.hstack([places, trajectory.points[:, own : own + 4]])
+        else:
             continue
-        found = _turned_into_path(
-            trajectory, (body.first, body.turn), constraint, smoothing, sawing=sawing
-        )
-        turns[:, 3 * body.turn : 3 * body.turn + 3] = found.turns
-        backing += found.backing
-    return Heading(turns, backing)
+        if constraint is not None:
+            turn[:], backed = _turned_into_path(
+                trajectory.clock, pose, constraint, smoothing, sawing=sawing
+            )
+            backing += backed
+    return Heading(turns, carried, backing)
 
 
 def _turned_into_path(
-    trajectory: Samples,
-    place: tuple[int, int],
-    constraint: Constraint,
-    smoothing: float,
-    *,
-    sawing: bool,
-) -> Heading:
-    first, turn = place
-    none = Heading(np.zeros((len(trajectory), 3)), 0)
+    clock: Floats, poses: Floats, constraint: Constraint, smoothing: float, *, sawing: bool
+) -> tuple[Floats, int]:
+    none = np.zeros((len(poses), 3)), 0
     if constraint.edge is None or constraint.edge.lateral is None:
         return none
-    positions = trajectory.positions[:, first : first + 3]
-    quaternions = trajectory.quaternions[:, 4 * turn : 4 * turn + 4]
-    rotations = Rotation.from_quat(quaternions, scalar_first=True)
-    seen = edge_motion(constraint, trajectory.clock, positions, rotations)
-    velocities = _travel(seen.points, trajectory.times)
+    positions = poses[:, :3]
+    rotations = Rotation.from_quat(poses[:, 3:], scalar_first=True)
+    seen = edge_motion(constraint, clock, positions, rotations)
+    velocities = _travel(seen.points, clock)
     speed = np.linalg.norm(velocities, axis=1)
     if speed.max() == 0:
         return none
@@ -149,11 +160,11 @@ def _turned_into_path(
         axes[stretch] = lead @ [frame[2], -frame[0]]
     slips = np.arcsin(np.clip(np.abs(aside) / np.where(speed > 0, speed, 1.0), 0.0, 1.0))
     if sawing and np.abs(angles).max() > _ROUND and speed @ slips < _IN_PLANE * speed.sum():
-        return Heading(none.turns, 1)
+        return none[0], 1
     turns = rotations.apply(axes * angles[:, None])
     sure = np.minimum(speed, 2 * typical) ** 2
     weights = np.where(moving, sure / sure.mean(), 0.0)
-    return Heading(_smoothed(turns, weights, smoothing), backing)
+    return _smoothed(turns, weights, smoothing), int(backing)
 
 
 def _travel(positions: Floats, times: Floats) -> Floats:

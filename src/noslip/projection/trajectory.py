@@ -33,7 +33,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError, Refusal
 from noslip.projection.blend import spread
 from noslip.projection.detour import around
-from noslip.projection.heading import Heading, turn_edge_into_path
+from noslip.projection.heading import turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
@@ -158,7 +158,6 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
     equalities alone leads such a reference elsewhere, and back by no step.
     """
     best: ProjectedTrajectory | None = None
-    begun = np.zeros((len(request.reference), request.system.space.angular))
     clearance = max(request.clearance, _CLEARANCE * request.reference.path_length)
     request = replace(request, clearance=clearance)
     limited = request.system.limits.size > 0
@@ -170,7 +169,7 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
         weights = request.weights.smoother(factor)
         if len(request.reference) > weights.most_samples:
             break
-        problem = Problem(replace(request, weights=weights), begun)
+        problem = Problem(replace(request, weights=weights), NO_TURN.turns)
         found = problem.solve(_LIMIT_PATIENCE * request.max_iterations, careful, barrier)
         if best is None or found.converged or found.residual < best.residual:
             best = found
@@ -314,11 +313,12 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
         if len(request.reference) > weights.most_samples and best is not None:
             break
         smoother = replace(request, weights=weights)
-        heading = Heading(np.zeros((len(moved), request.system.space.angular)), 0)
+        heading = NO_TURN
         if turn:
             smoothing, periodic = weights.rotation_smoothing, request.is_periodic
             heading = turn_edge_into_path(moved, request.system, smoothing, periodic=periodic)
         problem = Problem(smoother, heading.turns)
+        problem.begin_turned(heading.carried)
         found = problem.solve(patience * request.max_iterations, careful)
         result = replace(found, backing=heading.backing)
         if result.converged:
