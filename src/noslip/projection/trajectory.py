@@ -33,7 +33,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError, Refusal
 from noslip.projection.blend import spread
 from noslip.projection.detour import around
-from noslip.projection.heading import turn_edge_into_path
+from noslip.projection.heading import NO_TURN, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
