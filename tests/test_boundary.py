@@ -97,7 +97,7 @@ def test_what_a_caller_does_to_its_arguments_later_changes_nothing() -> None:
         ({"at": 1.1}, "at must be"),
         ({"at": np.nan}, "at must be"),
         ({"at": "soon"}, "at must be"),
-        ({"at": 1, "position": [1, 2]}, "position must be 3 finite numbers"),
+        ({"at": 1, "position": [[1, 2, 3]]}, "position must be 3 finite numbers"),
         ({"at": 1, "position": [np.nan, 0, 0]}, "position must be 3 finite numbers"),
         ({"at": 1, "position": "abc"}, "position must be 3 finite numbers"),
         ({"at": 1, "rotation": np.eye(3)}, "rotation must be a single"),

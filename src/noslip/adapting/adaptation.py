@@ -133,7 +133,7 @@ def adapt(
         "goal": (goal_position, goal_rotation, goal_velocity),
     }
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
-    passed, kept = Boundary.vias(via), {"start": start, "goal": end}
+    passed, kept = Boundary.vias(via, rule.system.space), {"start": start, "goal": end}
     task = _Task(law, rule, named, kept, passed, weights, scaling, samples)
 
     def planned(planning: Planning) -> Adapted:

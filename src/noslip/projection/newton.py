@@ -82,6 +82,7 @@ class Plan:
     turn_weights : array, shape (N,)
     turn_slopes : array, shape (N - 1,)
     metric : array, shape (N, n, n), or None
+    pull : array, shape (N, n), or None
     fixed : array of bool, shape (N, n)
     active : array of bool, shape (N, m)
     clearance, multipliers, slack : array, shape (N, m)
@@ -109,6 +110,7 @@ class Plan:
     bending: Floats
     last_barrier: float
     metric: Floats | None = None
+    pull: Floats | None = None
     careful: bool = False
     barrier: float = 0.0
     step_size: float = np.inf
@@ -214,10 +216,20 @@ def iterate(plan: Plan, steps: int) -> Outcome:
 def _newton_step(
     plan: Plan, value: Floats, jacobian: Entries, curvature: Entries
 ) -> tuple[Floats, Floats]:
-    """Set up the optimality conditions and solve them: steps of correction and multipliers.
+    """Solve the optimality conditions: steps of correction and multipliers.
 
     Not the multipliers themselves: they do not vanish, and neither would their rounding.
     """
+    band, right = optimality(plan, value, jacobian, curvature)
+    solution = band.solve(right.ravel()).reshape(right.shape)
+    unknowns = plan.z.shape[1]
+    return solution[:, :unknowns], solution[:, unknowns:]
+
+
+def optimality(
+    plan: Plan, value: Floats, jacobian: Entries, curvature: Entries
+) -> tuple[Band, Floats]:
+    """Optimality conditions of a step, as a matrix and a right-hand side, shape (N, n + m)."""
     count, unknowns, rows = len(value), plan.z.shape[1], plan.stage.rows
     band = Band(count, unknowns + rows, unknowns if plan.stage.reaches_over else 0)
     weights, slopes, bending = plan.costs()
@@ -258,8 +270,7 @@ def _newton_step(
     softness = np.where(plan.active, DUAL_REGULARIZATION * sizes, 0.0)
     for row in range(rows):
         band.add(0, unknowns + row, unknowns + row, diagonal[:, row] - softness[:, row])
-    solution = band.solve(right.ravel()).reshape(count, -1)
-    return solution[:, :unknowns], solution[:, unknowns:]
+    return band, right
 
 
 def _sizes(plan: Plan, band: Band, jacobian: Entries, diagonal: Floats) -> Floats:
@@ -287,7 +298,7 @@ def _cost_gradient(plan: Plan, weights: Floats, slopes: Floats, bending: Floats)
     z = plan.unknown
     gradient = weights * z
     if plan.metric is not None:
-        gradient += (plan.metric @ z[..., None])[..., 0]
+        gradient += (plan.metric @ z[..., None])[..., 0] + plan.pull
     bend = bending * (z[2:] - 2 * z[1:-1] + z[:-2])
     gradient[2:] += bend
     gradient[1:-1] -= 2 * bend

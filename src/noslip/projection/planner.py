@@ -29,6 +29,7 @@ _ARRAYS = (
     "turn_weights",
     "turn_slopes",
     "metric",
+    "pull",
     "fixed",
     "active",
     "clearance",
@@ -115,7 +116,7 @@ def sources(stage: Stage) -> dict[str, str]:
     """``plan.h`` and ``plan.c`` for a stage."""
     unknowns, rows = stage.unknowns, stage.rows
     size = unknowns + rows
-    column = 2 * size + (unknowns if stage.reaches_over else 0) + 1
+    column: int = 2 * size + (unknowns if stage.reaches_over else 0) + 1
 
     def place(one: int, other: int) -> int:
         """Where an entry stands, from the first column of its knot on."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
 from noslip.runtime.lost import require_defined
-from noslip.runtime.motion import Asked, Motion
+from noslip.runtime.motion import Asked, Motion, VectorMotion
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 from noslip.runtime.timing import require_time, timed
@@ -144,7 +144,9 @@ def integrate(law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, 
     stepper.run(states[0], table, states[1:], outputs[1:])
     require_defined(system, times, states)
     outputs[0] = outputs[1]
-    return Motion.of_steps(
+    # Of vectors it is another class, with the same attributes but for those of rotations.
+    kind = Motion if law.space.is_pose else cast("type[Motion]", VectorMotion)
+    return kind.of_steps(
         times,
         states,
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
