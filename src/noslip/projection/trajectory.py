@@ -135,7 +135,13 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
 
     The result's trajectory has at its ends the velocities that were asked for.
     """
-    if not request.hold_position and "position" in request.system.limits.row_levels:
+    led = None
+    if (of_tool := tool_request(request)) is not None:
+        led = project(of_tool, turn=turn)
+        if led.converged:
+            with suppress(InputError):
+                request = with_tool_led(request, led.trajectory)
+    elif not request.hold_position and "position" in request.system.limits.row_levels:
         passed = around(request.reference, request.system, request.begin)
         request = replace(request, reference=passed)
     best = _attempt(replace(request, system=request.system.equalities), turn)
