@@ -297,7 +297,9 @@ class MotionDistribution(Value):
         motion = projected(trajectory, self.system, self.ends, functions)
         values = _deviations(motion, self.reference)
         known = self.gaussian
-        own = Gaussian(known.mean[: self._weights], known.covariance[: self._weights, : self._weights])
+        own = Gaussian(
+            known.mean[: self._weights], known.covariance[: self._weights, : self._weights]
+        )
         return log_likelihood(own, self.noise, values, self.curves)
 
     # ---------------------------------------------------------------- samples
@@ -452,7 +454,9 @@ class MotionDistribution(Value):
 
     def _boundaries(self, motion: PoseTrajectory) -> tuple[Boundary, ...]:
         """What a motion keeps: its own ends, and what all pass."""
-        own = [Boundary.keeping(motion, at, end) for at, end in zip((0.0, 1.0), self.ends, strict=True)]
+        own = [
+            Boundary.keeping(motion, at, end) for at, end in zip((0.0, 1.0), self.ends, strict=True)
+        ]
         return _merged((*own, *self.kept), len(motion))
 
     def _covariances(self) -> Floats:

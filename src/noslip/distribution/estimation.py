@@ -109,7 +109,9 @@ def estimate(values: Floats, context: Floats, curves: Curves, tangent: Tangent) 
     return Estimate(gaussian, noise, best, score)
 
 
-def leave_one_out(values: Floats, context: Floats, shape: Shape, curves: Curves, tangent: Tangent) -> float:
+def leave_one_out(
+    values: Floats, context: Floats, shape: Shape, curves: Curves, tangent: Tangent
+) -> float:
     """Log-likelihood of each curve under the others and its context, nats a value."""
     total = 0.0
     for k in range(len(values)):
@@ -136,7 +138,9 @@ def log_likelihood(gaussian: Gaussian, noise: Floats, values: Floats, curves: Cu
     return float((seen.log_density(held.ravel()) + beyond) / values.size)
 
 
-def fitted(values: Floats, context: Floats, shape: Shape, curves: Curves, tangent: Tangent) -> tuple[Gaussian, Floats]:
+def fitted(
+    values: Floats, context: Floats, shape: Shape, curves: Curves, tangent: Tangent
+) -> tuple[Gaussian, Floats]:
     """Return the distribution of weights and context in one shape, and the noise of each channel.
 
     Weights follow the context linearly, by least squares; what is left of them is their own spread.
@@ -159,7 +163,9 @@ def fitted(values: Floats, context: Floats, shape: Shape, curves: Curves, tangen
     own = apart - aside @ slopes
     freedom = max(1, count - 1 - context.shape[1])
     seen = own.T @ own / freedom
-    spread = (1 - shape.shrinkage) * seen + shape.shrinkage * _target(own, freedom, shape, curves, tangent)
+    spread = (1 - shape.shrinkage) * seen + shape.shrinkage * _target(
+        own, freedom, shape, curves, tangent
+    )
     spread *= 1 + 1 / count
     there = aside.T @ aside / max(1, count - 1)
     across = there @ slopes
