@@ -36,6 +36,7 @@ from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import project_velocities
 from noslip.projection.request import LEARNING, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
+from noslip.projection.tool_first import kept_ends
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule, no_rule
@@ -216,11 +217,9 @@ def learn(
     def projected(
         demonstration: PoseTrajectory, shaping: ConstraintSystem, last: End
     ) -> ProjectedTrajectory:
-        ends = tuple(
-            replace(Boundary.keeping(demonstration, at, kept), angular_velocity=turning[at])
-            for at, kept in ((0.0, start), (1.0, last))
-        )
-        request = Request(demonstration, shaping, ends, weights, hold_position)
+        kept, of_tool = kept_ends(demonstration, space, start, last)
+        ends = tuple(replace(end, angular_velocity=turning[end.at]) for end in kept)
+        request = Request(demonstration, shaping, ends, weights, hold_position, tool_ends=of_tool)
         return project_heeding_what_it_can(request)
 
     def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
