@@ -194,6 +194,10 @@ class Boundary(Value):
         """Whether both position and rotation must be reached."""
         return self.position is not None and self.rotation is not None
 
+    def is_whole(self, space: Space) -> bool:
+        """Whether a whole point of a space must be reached."""
+        return self.position is not None and (self.rotation is not None or not space.rotations)
+
     @property
     def moves(self) -> bool:
         """Whether a velocity must be reached that is not rest."""
@@ -259,27 +263,32 @@ _TO_THE_END = {1: np.ones(1), 2: np.array([3, -1]) / 2, 3: np.array([15, -10, 3]
 """Weights of the nearest steps in the velocity at an end, by how many there are."""
 
 
-def twist(name: str, value: ArrayLike) -> tuple[Floats, Floats]:
+def twist(name: str, value: ArrayLike, space: Space = POSE) -> tuple[Floats, Floats | None]:
     """Return linear (m/s) and angular velocity (rad/s) from the forms that a caller may give.
 
     Parameters
     ----------
     name : str
         Of the argument, for the error.
-    value : 0, array of shape (3,) or (6,)
+    value : 0, array of shape (n,) or (n + 3 b,)
         At rest; a linear velocity without turning; linear, then angular velocity.
+    space : Space
+        What moves.
     """
+    n, whole = space.linear, space.velocity_size
     try:
         values = np.ravel(_arguments.numbers(name, value))
     except InputError:
         values = np.empty(0)
     if values.shape == (1,) and values[0] == 0:
-        values = np.zeros(3)
-    if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
-        raise InputError(
-            f"{name} must be 0, 3 finite numbers (m/s), or 6 with the angular velocity (rad/s)"
-        )
-    return values[:3], np.zeros(3) if len(values) == 3 else values[3:]
+        values = np.zeros(n)
+    if values.shape not in ((n,), (whole,)) or not np.isfinite(values).all():
+        more = f", or {whole} with the angular velocity (rad/s)" if whole > n else ""
+        unit = f" ({space.units[0]}/s)" if len(set(space.units)) == 1 else ""
+        raise InputError(f"{name} must be 0, {n} finite numbers{unit}{more}")
+    if not space.rotations:
+        return values, None
+    return values[:n], np.zeros(space.angular) if len(values) == n else values[n:]
 
 
 def _require_between(at: float) -> None:

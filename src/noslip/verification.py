@@ -287,7 +287,7 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
         off = turned = 0.0
         if boundary.position is not None:
             off = float(np.linalg.norm(position - boundary.position))
-        if boundary.rotation is not None:
+        if boundary.rotation is not None and motion.space.rotations:
             turned = float((rotation * boundary.rotation.inv()).magnitude())
         if off <= TOLD * length + BROKEN and turned <= TOLD_TURN * turns:
             continue

@@ -297,7 +297,7 @@ def _beside(shift: int, count: int) -> tuple[slice, slice]:
 def _cost_gradient(plan: Plan, weights: Floats, slopes: Floats, bending: Floats) -> Floats:
     z = plan.unknown
     gradient = weights * z
-    if plan.metric is not None:
+    if plan.metric is not None and plan.pull is not None:
         gradient += (plan.metric @ z[..., None])[..., 0] + plan.pull
     bend = bending * (z[2:] - 2 * z[1:-1] + z[:-2])
     gradient[2:] += bend

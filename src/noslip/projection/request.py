@@ -164,8 +164,7 @@ class Request(Value):
                     "hold_position=True keeps every position and velocity; no boundary can ask for "
                     "another one"
                 )
-            is_whole = boundary.is_pose or (boundary.position is not None and not space.rotations)
-            is_end = boundary.at in (0, 1) and (is_whole or not boundary.moves)
+            is_end = boundary.at in (0, 1) and (boundary.is_whole(space) or not boundary.moves)
             if boundary.has_twist and not is_end:
                 raise InputError(
                     f"a velocity at {boundary.at:g} of the motion: it can be asked for at an end "

@@ -188,9 +188,10 @@ def initial_state(
         tau = _arguments.positive("duration", duration, "seconds")
     n, rotation = law.space.linear, partial(_turn, law.space)
     vector = partial(_arguments.vector, size=n)
-    goal_position, goal_rotation = _point(law.space, "goal", goal, goal_position, goal_rotation)
-    start_position, start_rotation = _point(
-        law.space, "start", start, start_position, start_rotation
+    ends = {"goal": (goal, goal_position, goal_rotation)}
+    ends["start"] = start, start_position, start_rotation
+    (goal_position, goal_rotation), (start_position, start_rotation) = (
+        point_or_parts(law.space, name, *given) for name, given in ends.items()
     )
     velocity = law.start_velocity / tau
     start_position = chosen(vector, "start_position", start_position, law.start_position)
@@ -237,7 +238,7 @@ def _turn(space: Space, name: str, value: Any) -> Rotation:
     return value
 
 
-def _point(
+def point_or_parts(
     space: Space, name: str, point: Any, position: ArrayLike | None, rotation: Rotation | None
 ) -> tuple[ArrayLike | None, Rotation | None]:
     """Parts of a point that is given whole, or the parts as they are given."""
