@@ -94,7 +94,7 @@ class JointLimits(Limit):
         """What is left to the nearer bound, in the coordinate's unit (over s or s^2)."""
         x, rows = getattr(motion, _QUANTITY[self.level]), []
         for k in self._bounded:
-            sides = x[k] - self.lower[k], self.upper[k] - x[k]  # type: ignore[operator]
+            sides = x[k] - self.lower[k], self.upper[k] - x[k]
             # Two rows would take four times as long to build a step of.
             rows.append(
                 ca.fmin(*sides)

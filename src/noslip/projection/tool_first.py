@@ -10,6 +10,7 @@ become the reference of the projection that holds constraints of the tool and of
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from noslip.boundary import Boundary, End, kept_twist
 from noslip.chain import Chain
 from noslip.constraints.system import ConstraintSystem
 from noslip.projection.request import Request
+from noslip.projection.result import ProjectedTrajectory
+from noslip.quaternions import turns_between
 from noslip.space import Carried, Samples, Space
 from noslip.trajectory import PoseTrajectory
 
@@ -28,6 +31,23 @@ def carrier_of(space: Space) -> Chain | None:
         carrier = space.bodies[0].kinematics
         return carrier if isinstance(carrier, Chain) else None
     return None
+
+
+def tool_of(trajectory: Samples, space: Space) -> Samples:
+    """Return the motion of the tool that joints carry; where none do, the trajectory itself."""
+    carrier = carrier_of(space)
+    if carrier is None:
+        return trajectory
+    return carrier.poses(trajectory.times, trajectory.positions, name=trajectory.name)
+
+
+def projected_tool(found: ProjectedTrajectory, reference: Samples, space: Space) -> Any:
+    """Return a projection as one of the tool, where joints carry it."""
+    if carrier_of(space) is None:
+        return found
+    tool, before = tool_of(found.trajectory, space), tool_of(reference, space)
+    turns = turns_between(before.quaternions, tool.quaternions)
+    return replace(found, trajectory=tool, turns=turns)
 
 
 def kept_ends(
