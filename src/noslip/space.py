@@ -163,6 +163,10 @@ class Placed:
 class Kinematics(Protocol):
     """What carries a tool: hashable, equal if it is the same."""
 
+    @property
+    def size(self) -> int:
+        """How many joints it has."""
+
     def pose(self, q: Expression) -> Pose:
         """Return the tool's pose of joint values; continuous in them."""
 

@@ -97,6 +97,11 @@ class PoseTrajectory(Timed):
         """Positions and quaternions, shape (N, 7)."""
         return np.hstack([self.positions, self.quaternions])
 
+    @property
+    def tool(self) -> PoseTrajectory:
+        """The tool's own motion: itself."""
+        return self
+
     def with_points(self, points: Floats, times: Floats | None = None) -> PoseTrajectory:
         """Return other poses under the same name, shape (N, 7)."""
         return PoseTrajectory(
