@@ -544,7 +544,11 @@ class _Tangent:
         self._points, self._kept = _points(reference), dict[int, Floats]()
         self._retraction: Retraction | None = None
         if system.equalities.size:
-            request = Request(reference, system.equalities, weights=ADAPTING, begin=begin)
+            # What demonstrations have in common at their ends, curves along the constraints have.
+            ends = tuple(Boundary.keeping(reference, at, "position") for at in (0.0, 1.0))
+            if "position" in system.equalities.row_levels:
+                ends = ()
+            request = Request(reference, system.equalities, ends, ADAPTING, begin=begin)
             self._retraction = Retraction(request)
 
     def __call__(self, curves: Curves) -> Floats:

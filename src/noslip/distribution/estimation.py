@@ -3,11 +3,11 @@
 The covariance of n curves in D weights, D far above n, is singular, and says that whatever was not
 seen cannot be.  It is shrunk towards one that is not (Ledoit and Wolf 2004),
 
-    ``(1 - a) S + a T,   T(s, s') = c(s) c(s') exp(-(s - s')^2 / 2 l^2)``
+    ``(1 - a) S + a T,   T(s, s') = c(s) c(s') (1 + r) exp(-r),   r = sqrt(3) |s - s'| / l``
 
-in each channel alone, c(s)^2 being the variance that was seen there, mixed with its mean along the
-motion.  How much (a), how smooth (l), and how many weights a curve gets is what makes each of the
-curves most likely under the others (leave-one-out).
+(Matern's of order 3/2) in each channel alone, c(s)^2 being the variance that was seen there, and then taken along the
+constraints, as the curves themselves are.  How much (a), how smooth (l), and how many weights a
+curve gets is what makes each of the curves most likely under the others (leave-one-out).
 """
 
 from __future__ import annotations
@@ -30,12 +30,14 @@ FEWEST = 3
 CHOICES: dict[str, tuple[float, ...]] = {
     "weights": (8, 12, 16, 24, 32),
     "shrinkage": (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9),
-    "length": (0.03, 0.05, 0.08, 0.12, 0.2, 0.35),
-    "evening": (0.003, 0.01, 0.03, 0.1, 0.3, 1.0),
+    "length": (0.05, 0.08, 0.12, 0.2, 0.35, 0.6),
 }
 """What is tried of each; the likelihood is flat between neighbors."""
 _LEAST_NOISE = 1e-6
 """Least noise of a channel, over its rms: what is closer to a curve is rounding."""
+_EVENING = 0.01
+"""Share of its mean along the motion that a variance has at least: what all demonstrations have in
+common can still be asked to be otherwise."""
 _SWEEPS = 3
 """Rounds of choosing each in turn; the third changes nothing on the demonstrations at hand."""
 
@@ -52,14 +54,11 @@ class Shape:
         a, from 0 to 1.
     length : float
         l, as a fraction of the motion.
-    evening : float
-        Share of the mean variance in c(s)^2, from 0 to 1.
     """
 
     weights: int
     shrinkage: float
     length: float
-    evening: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ def estimate(values: Floats, context: Floats, curves: Curves, tangent: Tangent) 
         Of n curves in d channels, at :data:`noslip.distribution.curves.FRACTIONS`.
     context : array, shape (n, c)
     """
-    best, score = Shape(12, 0.2, 0.12, 0.1), -np.inf
+    best, score = Shape(12, 0.5, 0.2), -np.inf
     tried: dict[Shape, float] = {}
     for _ in range(_SWEEPS):
         before = best
@@ -170,12 +169,12 @@ def fitted(values: Floats, context: Floats, shape: Shape, curves: Curves, tangen
 def _target(own: Floats, freedom: int, shape: Shape, curves: Curves, tangent: Tangent) -> Floats:
     """T in the weights of the curves: channel by channel, then along the constraints."""
     basis, channels = curves.values, own.shape[1] // curves.count
-    apart = np.subtract.outer(curves.places, curves.places) / shape.length
-    alike = np.exp(-0.5 * apart**2)
+    apart = np.sqrt(3) * np.abs(np.subtract.outer(curves.places, curves.places)) / shape.length
+    alike = (1 + apart) * np.exp(-apart)
     found = np.zeros((channels, curves.count) * 2)
     for channel, weights in enumerate(np.split(own, channels, axis=1)):
         variance = np.sum((weights @ basis.T) ** 2, axis=0) / freedom
-        variance += shape.evening * (variance.mean() - variance)
+        variance += _EVENING * (variance.mean() - variance)
         size = np.sqrt(variance)
         found[channel, :, channel] = basis.T @ (size[:, None] * alike * size) @ basis
     along = tangent(curves)
