@@ -5,9 +5,10 @@ seen cannot be.  It is shrunk towards one that is not (Ledoit and Wolf 2004),
 
     ``(1 - a) S + a T,   T(s, s') = c(s) c(s') (1 + r) exp(-r),   r = sqrt(3) |s - s'| / l``
 
-(Matern's of order 3/2) in each channel alone, c(s)^2 being the variance that was seen there, and then taken along the
-constraints, as the curves themselves are.  How much (a), how smooth (l), and how many weights a
-curve gets is what makes each of the curves most likely under the others (leave-one-out).
+(Matern's of order 3/2) in each channel alone, c(s)^2 being the variance that was seen there, and
+then taken along the constraints, as the curves themselves are.  How much (a), how smooth (l), and
+how many weights a curve gets is what makes each of the curves most likely under the others
+(leave-one-out).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from noslip._typing import Floats
 from noslip.distribution.curves import SAMPLES, Curves
@@ -97,7 +99,7 @@ def estimate(values: Floats, context: Floats, curves: Curves, tangent: Tangent) 
         before = best
         for name, choices in CHOICES.items():
             for choice in choices:
-                shape = replace(best, **{name: choice})
+                shape = replace(best, **{name: choice})  # type: ignore[arg-type]
                 if shape not in tried:
                     tried[shape] = leave_one_out(values, context, shape, curves, tangent)
                 if tried[shape] > score:
@@ -108,7 +110,9 @@ def estimate(values: Floats, context: Floats, curves: Curves, tangent: Tangent) 
     return Estimate(gaussian, noise, best, score)
 
 
-def leave_one_out(values: Floats, context: Floats, shape: Shape, curves: Curves, tangent: Tangent) -> float:
+def leave_one_out(
+    values: Floats, context: Floats, shape: Shape, curves: Curves, tangent: Tangent
+) -> float:
     """Log-likelihood of each curve under the others and its context, nats a value."""
     total = 0.0
     for k in range(len(values)):
@@ -117,25 +121,47 @@ def leave_one_out(values: Floats, context: Floats, shape: Shape, curves: Curves,
         if context.shape[1]:
             rows = context_rows(gaussian, context.shape[1])
             gaussian = gaussian.given(rows, context[k], np.zeros(len(rows)))
-        total += log_likelihood(gaussian, noise, values[k], curves.of(shape.weights))
+        freedom = freedom_of(len(values) - 1, context.shape[1])
+        total += log_likelihood(gaussian, noise, values[k], curves.of(shape.weights), freedom)
     return total / len(values)
 
 
-def log_likelihood(gaussian: Gaussian, noise: Floats, values: Floats, curves: Curves) -> float:
-    """Log-density of a curve, shape (SAMPLES, d), over the number of its values (nats)."""
-    basis, weights, channels = curves.values, curves.count, values.shape[1]
+def log_likelihood(
+    gaussian: Gaussian, noise: Floats, values: Floats, curves: Curves, freedom: int
+) -> float:
+    """Log-density of a curve, shape (SAMPLES, d), over the number of its values (nats).
+
+    Student's: the scale of a covariance that so few motions tell is itself uncertain, and a motion
+    unlike them is possible (Murphy 2007, eq. 232).
+
+    Parameters
+    ----------
+    freedom : int
+        nu: degrees of freedom of the covariance.
+    """
+    basis, channels, size = curves.values, values.shape[1], values.size
     held = values.T @ basis
     left = values.T - held @ basis.T
-    rows = np.eye(channels * weights, len(gaussian.mean))
-    seen = gaussian.seen(rows, np.repeat(noise, weights))
+    rows = np.eye(channels * curves.count, len(gaussian.mean))
+    seen = gaussian.seen(rows, np.repeat(noise, curves.count))
     # Orthonormal curves: what they leave is white noise in so many dimensions, and nothing else.
     variance = noise[:, None] ** 2
-    beyond = -0.5 * np.sum(left**2 / variance)
-    beyond -= 0.5 * (SAMPLES - weights) * np.log(2 * np.pi * variance).sum()
-    return float((seen.log_density(held.ravel()) + beyond) / values.size)
+    square = seen.distance(held.ravel()) ** 2 + float(np.sum(left**2 / variance))
+    volume = seen.log_volume + (values.shape[0] - curves.count) * float(np.log(noise).sum())
+    gamma = scipy.special.gammaln((freedom + size) / 2) - scipy.special.gammaln(freedom / 2)
+    constant = gamma - size / 2 * np.log(np.pi * freedom)
+    density = constant - volume - (freedom + size) / 2 * np.log1p(square / freedom)
+    return float(density / size)
 
 
-def fitted(values: Floats, context: Floats, shape: Shape, curves: Curves, tangent: Tangent) -> tuple[Gaussian, Floats]:
+def freedom_of(count: int, context: int) -> int:
+    """Degrees of freedom of what is estimated from so many curves in so many numbers of context."""
+    return max(1, count - 1 - context)
+
+
+def fitted(
+    values: Floats, context: Floats, shape: Shape, curves: Curves, tangent: Tangent
+) -> tuple[Gaussian, Floats]:
     """Return the distribution of weights and context in one shape, and the noise of each channel.
 
     Weights follow the context linearly, by least squares; what is left of them is their own spread.
@@ -156,9 +182,11 @@ def fitted(values: Floats, context: Floats, shape: Shape, curves: Curves, tangen
     apart, aside = weights - mean, context - middle
     slopes = np.linalg.lstsq(aside, apart, rcond=None)[0]
     own = apart - aside @ slopes
-    freedom = max(1, count - 1 - context.shape[1])
+    freedom = freedom_of(count, context.shape[1])
     seen = own.T @ own / freedom
-    spread = (1 - shape.shrinkage) * seen + shape.shrinkage * _target(own, freedom, shape, curves, tangent)
+    spread = (1 - shape.shrinkage) * seen + shape.shrinkage * _target(
+        own, freedom, shape, curves, tangent
+    )
     spread *= 1 + 1 / count
     there = aside.T @ aside / max(1, count - 1)
     across = there @ slopes
