@@ -498,7 +498,7 @@ class MotionDistribution(Value):
         # What is known exactly has rounding for a variance.
         diagonal = np.arange(POSE.velocity_size)
         found[:, diagonal, diagonal] = np.maximum(found[:, diagonal, diagonal], 0.0)
-        return found
+        return np.asarray(found)
 
     def _seen(self, boundary: Boundary, noise: Floats) -> tuple[Floats, Floats, Floats]:
         """Rows, values and noise of what a boundary says of the weights."""
