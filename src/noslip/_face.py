@@ -30,6 +30,7 @@ from noslip.runtime.state import State
 from noslip.saving import load_primitive
 from noslip.shielding import Shield
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
 __all__ = [
     "Blade",
@@ -47,6 +48,7 @@ __all__ = [
     "Shield",
     "SpeedLimit",
     "State",
+    "Trajectory",
     "Wheel",
     "__version__",
     "check",

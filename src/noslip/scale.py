@@ -66,7 +66,7 @@ def require_motion(recording: PoseTrajectory) -> None:
     turns = _turns(recording)
     if np.ptp(recording.positions, axis=0).max() < STILL and turns.sum() < STILL:
         raise InputError(f"{recording.name}: does not move; give a recording of a motion")
-    if turns.max() > MOST_TURN:
+    if turns.max(initial=0.0) > MOST_TURN:
         step = int(turns.argmax())
         raise InputError(
             f"{recording.name}: turns by {np.degrees(turns[step]):.0f} degrees from sample {step} "
@@ -86,7 +86,7 @@ def clock_doubt(recording: PoseTrajectory) -> str:
     """Return what speaks against seconds; empty if nothing does."""
     latest, turning = np.abs(recording.times).max(), _turns(recording).sum() / recording.duration
     speed = recording.path_length / recording.duration
-    slow = speed < FASTEST / 1000 and turning < FASTEST_TURN / 1000
+    slow = recording.unit == "m" and speed < FASTEST / 1000 and turning < FASTEST_TURN / 1000
     times = "are its times in other units than seconds?"
     if latest > LATEST:
         return f"has stamps of {latest:.3g} s; {times}"
@@ -108,6 +108,9 @@ def _remedy(recording: PoseTrajectory) -> str:
 
 def _doubt(recording: PoseTrajectory) -> str:
     """Return what speaks against meters and radians; empty if nothing does."""
+    # Of joints and the like, nothing says how far and how fast they go.
+    if recording.unit != "m":
+        return ""
     size = np.ptp(recording.positions, axis=0).max()
     speed = recording.path_length / recording.duration
     turning = _turns(recording).sum() / recording.duration

@@ -1,8 +1,8 @@
 """What a motion moves in: R^n x SO(3)^b, and the bodies that constraints see of it.
 
-A pose is R^3 x SO(3); joints or any other vector R^n; a position alone R^3; two tools R^6 x SO(3)^2.
-A point is n coordinates and b unit quaternions (w first), a velocity n rates and b angular
-velocities (rad/s, world frame).  Nothing else in the library knows how many of each there are.
+A pose is R^3 x SO(3); joints or any other vector R^n; a position alone R^3; two tools
+R^6 x SO(3)^2.  A point is n coordinates and b unit quaternions (w first), a velocity n rates and b
+angular velocities (rad/s, world frame).
 
 Constraints are declared of a body, which has a pose; :class:`Placed` is one whose pose is part of
 the point, :class:`Carried` one that joints carry.
@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
+from functools import cached_property, lru_cache
+from typing import Any, Protocol, Self
 
 import casadi as ca
 import numpy as np
@@ -50,6 +50,69 @@ class Twisted:
     angular: Expression
     linear_acceleration: Expression = 0
     angular_acceleration: Expression = 0
+
+
+class Samples(Protocol):
+    """A sampled motion in a space, of whichever kind: what projections need of one."""
+
+    @property
+    def times(self) -> Floats:
+        """Seconds."""
+
+    @property
+    def name(self) -> str:
+        """What errors call it."""
+
+    def __len__(self) -> int: ...
+
+    @property
+    def space(self) -> Space:
+        """What it moves in."""
+
+    @property
+    def points(self) -> Floats:
+        """Coordinates, then quaternions, shape (N, n + 4 b)."""
+
+    @property
+    def positions(self) -> Floats:
+        """Coordinates, shape (N, n)."""
+
+    @property
+    def quaternions(self) -> Floats:
+        """Rotations (w first), shape (N, 4 b), each near the one before, not near its opposite."""
+
+    @property
+    def clock(self) -> Floats:
+        """Times from the first sample on (s)."""
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last (s)."""
+
+    @property
+    def path_length(self) -> float:
+        """Length of the polyline through the coordinates."""
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether all samples are the same time apart."""
+
+    def step_velocities(self) -> tuple[Floats, Floats]:
+        """Rates of each step, shape (N - 1, n), and its angular velocities, (N - 1, 3 b)."""
+
+    @property
+    def linear_velocities(self) -> Floats:
+        """Rates at the samples, shape (N, n)."""
+
+    @property
+    def angular_velocities(self) -> Floats:
+        """Angular velocities at the samples, shape (N, 3 b)."""
+
+    def with_points(self, points: Floats, times: Floats | None = None) -> Self:
+        """Return it elsewhere."""
+
+    def with_velocities(self, linear: Floats, angular: Floats) -> Self:
+        """Return it with other velocities at the samples."""
 
 
 class Body(Protocol):
@@ -100,7 +163,11 @@ class Placed:
 class Kinematics(Protocol):
     """What carries a tool: hashable, equal if it is the same."""
 
-    def pose(self, values: Expression) -> Pose:
+    @property
+    def size(self) -> int:
+        """How many joints it has."""
+
+    def pose(self, q: Expression) -> Pose:
         """Return the tool's pose of joint values; continuous in them."""
 
 
@@ -176,6 +243,12 @@ class Space:
         """Whether a point is a pose, and nothing else."""
         return (self.linear, self.rotations) == (3, 1)
 
+    @property
+    def carrier(self) -> Any:
+        """What carries the tool, if joints do."""
+        bodies = (body for body in self.bodies if isinstance(body, Carried))
+        return next((body.kinematics for body in bodies), None)
+
     @cached_property
     def is_placed(self) -> bool:
         """Whether all bodies are parts of the point."""
@@ -205,13 +278,29 @@ class Space:
         return np.concatenate(parts, axis=-1)
 
     def moved(self, points: Floats, changes: Floats) -> Floats:
-        """``(x + d, Exp(r) R)``: what leads by :meth:`difference` from points, shape (N, n + 4 b)."""
+        """``(x + d, Exp(r) R)``: the inverse of :meth:`difference`, shape (N, n + 4 b)."""
         n = self.linear
         parts = [points[..., :n] + changes[..., :n]]
         for k in range(self.rotations):
             at, by = slice(n + 4 * k, n + 4 * k + 4), slice(n + 3 * k, n + 3 * k + 3)
             parts.append(turned(changes[..., by], points[..., at]))
         return np.concatenate(parts, axis=-1)
+
+    def carried(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Places of bodies that joints carry, and the derivatives of these.
+
+        Parameters
+        ----------
+        positions : array, shape (N, n)
+
+        Returns
+        -------
+        places : array, shape (c, N, 3)
+        derivatives : array, shape (c, N, 3, n)
+        """
+        found = np.array([_places(body, positions) for body in self.bodies if not body.is_placed])
+        found = found.reshape(-1, len(positions), 3 * (1 + self.linear))
+        return found[..., :3], found[..., 3:].reshape(*found.shape[:2], 3, self.linear)
 
     # ---------------------------------------------------------------- expressions
 
@@ -265,19 +354,44 @@ class Space:
         halfway = self.each(quaternion_product, half, quaternion)
         end = position + h * linear, self.each(quaternion_again, half, halfway, quaternion)
         middle = position + h / 2 * linear, halfway
+        steps = self.steps_of_bodies(h, (position, quaternion), middle, end, linear, angular)
         middles, ends = [], []
-        for body in self.bodies:
+        for body, (there, over, moving) in zip(self.bodies, steps, strict=True):
             if isinstance(body, Placed):
-                moving = body.twist(linear, angular)
                 pushed = body.twist(acceleration, angular_acceleration)
-                there, over = body.pose(*middle), body.pose(*end)
             else:
-                before, over = body.pose(position, quaternion), body.pose(*end)
-                there, moving = between(before, over, h)
                 _, pushed = _carried(body, *middle, linear, acceleration)
             middles.append(Twisted(*there, *moving, *pushed))
             ends.append(Twisted(*over, *moving, *pushed))
         return middles, ends
+
+    def steps_of_bodies(
+        self,
+        time_step: Expression,
+        before: Pose,
+        middle: Pose,
+        after: Pose,
+        linear: Expression,
+        angular: Expression,
+    ) -> list[tuple[Pose, Pose, tuple[Expression, Expression]]]:
+        """Of each body its pose in the middle of a step, that at its end, and its twist.
+
+        Parameters
+        ----------
+        before, middle, after : (n numbers, 4 b numbers)
+            Points of the space.
+        linear, angular : expression
+            The step's own velocity there.
+        """
+        found = []
+        for body in self.bodies:
+            over = body.pose(*after)
+            if isinstance(body, Placed):
+                found.append((body.pose(*middle), over, body.twist(linear, angular)))
+            else:
+                there, moving = between(body.pose(*before), over, time_step)
+                found.append((there, over, moving))
+        return found
 
 
 def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pose]:
@@ -293,6 +407,19 @@ def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pos
     return halfway, (linear, turn / time_step)
 
 
+def _places(body: Any, positions: Floats) -> Floats:
+    count, size = positions.shape
+    return np.array(_place(body, size).map(count)(positions.T)).T
+
+
+@lru_cache(16)
+def _place(body: Any, size: int) -> Any:
+    x = ca.SX.sym("x", size)
+    p, _ = body.pose(x, ca.SX(0, 1))
+    slopes = ca.densify(ca.jacobian(p, x))
+    return ca.Function("place", [x], [ca.cse(ca.vertcat(p, ca.vec(slopes.T)))])
+
+
 def _carried(
     body: Body, position: Expression, quaternion: Expression, rates: Expression, seconds: Expression
 ) -> tuple[Pose, Pose]:
@@ -303,7 +430,8 @@ def _carried(
     angular = 2 * quaternion_product(ca.jtimes(q, x, xd), quaternion_conjugate(q))[1:]
     both, along = ca.vertcat(x, xd), ca.vertcat(xd, xdd)
     found = [linear, angular, ca.jtimes(linear, both, along), ca.jtimes(angular, both, along)]
-    given = [position, ca.SX(rates), ca.SX(seconds)]
+    # Zeros that are left out would not fit.
+    given = [ca.densify(ca.SX(each)) for each in (position, rates, seconds)]
     v, w, a, alpha = ca.substitute(found, [x, xd, xdd], given)
     return (v, w), (a, alpha)
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
+from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
+from noslip.constraints.declaration import Constraint
 from noslip.constraints.edge_motion import edge_motion
 from noslip.constraints.system import ConstraintSystem
-from noslip.trajectory import PoseTrajectory
+from noslip.space import Placed, Samples
 
 REACH = 0.005
 """Of the path's extent: nothing nearer than that says where a tool is heading."""
@@ -36,7 +38,7 @@ class Heading:
 
     Attributes
     ----------
-    turns : array, shape (N, 3)
+    turns : array, shape (N, 3 b)
         Rotation vectors, world frame (rad): ``R_guess = Exp(turns) R``.
     backing : int
         Stretches between rests in which the demonstration itself moves backwards; there the edge
@@ -47,9 +49,7 @@ class Heading:
     backing: int
 
 
-def turn_edge_into_path(
-    trajectory: PoseTrajectory, system: ConstraintSystem, smoothing: float
-) -> Heading:
+def turn_edge_into_path(trajectory: Samples, system: ConstraintSystem, smoothing: float) -> Heading:
     """Smallest turns that bring each sample's velocity into the blade's plane, edge leading.
 
     A blade has one edge, so of the two turns that satisfy the constraint the one with
@@ -58,13 +58,30 @@ def turn_edge_into_path(
     rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed
     with weights that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
-    Constraints that name no edge get no turn.
+    Constraints that name no edge get no turn, nor do tools that joints carry.
     """
-    constraint = system.edged
+    turns, backing = np.zeros((len(trajectory), system.space.angular)), 0
+    for k, body in enumerate(system.space.bodies):
+        of_body = [not c.coordinates and system.space.body(c.body) == k for c in system.constraints]
+        constraint = system.part(of_body).edged
+        if constraint is None or not isinstance(body, Placed) or body.turn is None:
+            continue
+        found = _turned_into_path(trajectory, body.first, body.turn, constraint, smoothing)
+        turns[:, 3 * body.turn : 3 * body.turn + 3] = found.turns
+        backing += found.backing
+    return Heading(turns, backing)
+
+
+def _turned_into_path(
+    trajectory: Samples, first: int, turn: int, constraint: Constraint, smoothing: float
+) -> Heading:
     none = Heading(np.zeros((len(trajectory), 3)), 0)
-    if constraint is None or constraint.edge is None or constraint.edge.lateral is None:
+    if constraint.edge is None or constraint.edge.lateral is None:
         return none
-    seen = edge_motion(constraint, trajectory.clock, trajectory.positions, trajectory.rotations)
+    positions = trajectory.positions[:, first : first + 3]
+    quaternions = trajectory.quaternions[:, 4 * turn : 4 * turn + 4]
+    rotations = Rotation.from_quat(quaternions, scalar_first=True)
+    seen = edge_motion(constraint, trajectory.clock, positions, rotations)
     velocities = _travel(seen.points, trajectory.times)
     speed = np.linalg.norm(velocities, axis=1)
     if speed.max() == 0:
@@ -100,7 +117,7 @@ def turn_edge_into_path(
         angles[stretch] = angle
         # The axis is perpendicular to the lateral axis and to that direction.
         axes[stretch] = lead @ [frame[2], -frame[0]]
-    turns = trajectory.rotations.apply(axes * angles[:, None])
+    turns = rotations.apply(axes * angles[:, None])
     sure = np.minimum(speed, 2 * typical) ** 2
     weights = np.where(moving, sure / sure.mean(), 0.0)
     return Heading(_smoothed(turns, weights, smoothing), backing)

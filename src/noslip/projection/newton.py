@@ -78,13 +78,16 @@ class Plan:
     ----------
     stage : Stage
     positions, quaternions, z : array, shape (N + 2, ...)
+        With n, 4 b and the stage's unknowns as columns.
     turn_weights : array, shape (N,)
     turn_slopes : array, shape (N - 1,)
+    metric : array, shape (N, n, n), or None
+    pull : array, shape (N, n), or None
     fixed : array of bool, shape (N, n)
     active : array of bool, shape (N, m)
     clearance, multipliers, slack : array, shape (N, m)
     row_scale, tolerance : array, shape (m,)
-    twists : two arrays, shape (2, 6), or None
+    twists : two arrays, shape (2, n + 3 b), or None
     bending : array, shape (2,)
     """
 
@@ -106,6 +109,8 @@ class Plan:
     position_weight: float
     bending: Floats
     last_barrier: float
+    metric: Floats | None = None
+    pull: Floats | None = None
     careful: bool = False
     barrier: float = 0.0
     step_size: float = np.inf
@@ -146,16 +151,19 @@ class Plan:
         for end, twists in enumerate(self.twists):
             if twists is None:
                 continue
-            turn, (asked, own) = self.unknown[-end, :3], twists
-            # R = Exp(turn) R_ref turns with Exp(turn) w_ref + J turn'.
-            rate = asked[3:] - Rotation.from_rotvec(turn).apply(own[3:])
-            wanted = [inverse_left_jacobian(turn, rate), (asked[:3] - own[:3]) / self.length]
+            n, wanted, (asked, own) = self.stage.space.linear, [], twists
+            for k in range(0, self.stage.space.angular, 3):
+                turn, at = self.unknown[-end, k : k + 3], slice(n + k, n + k + 3)
+                # R = Exp(turn) R_ref turns with Exp(turn) w_ref + J turn'.
+                rate = asked[at] - Rotation.from_rotvec(turn).apply(own[at])
+                wanted.append(inverse_left_jacobian(turn, rate))
+            wanted.append((asked[:n] - own[:n]) / self.length)
             changes[-end] -= self.time_step * np.concatenate(wanted)[: changes.shape[1]]
         return changes
 
     def costs(self) -> tuple[Floats, Floats, Floats]:
         """Weights (N, n) of the correction, (N - 1, n) of its changes, (n,) of its bending."""
-        turns = np.arange(self.z.shape[1]) < 3
+        turns = np.arange(self.z.shape[1]) < self.stage.turns
         weights: Floats = np.where(turns, self.turn_weights[:, None], self.position_weight)
         slopes: Floats = np.where(turns, self.turn_slopes[:, None], 0.0)
         bending: Floats = np.where(turns, self.bending[0], self.bending[1])
@@ -229,6 +237,9 @@ def optimality(
         band.add_bending(j, bending[j])
         band.add(0, j, j, weights[:, j])
         band.add_slope(j, slopes[:, j])
+    if plan.metric is not None:
+        for i, j in np.ndindex(unknowns, unknowns):
+            band.add(0, i, j, plan.metric[:, i, j])
     right = np.zeros((count, unknowns + rows))
     right[:, :unknowns] = -_cost_gradient(plan, weights, slopes, bending)
     for (row, column), entries in jacobian.items():
@@ -286,6 +297,8 @@ def _beside(shift: int, count: int) -> tuple[slice, slice]:
 def _cost_gradient(plan: Plan, weights: Floats, slopes: Floats, bending: Floats) -> Floats:
     z = plan.unknown
     gradient = weights * z
+    if plan.metric is not None and plan.pull is not None:
+        gradient += (plan.metric @ z[..., None])[..., 0] + plan.pull
     bend = bending * (z[2:] - 2 * z[1:-1] + z[:-2])
     gradient[2:] += bend
     gradient[1:-1] -= 2 * bend

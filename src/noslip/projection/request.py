@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from noslip._values import Value
 from noslip.boundary import Boundary, end_twist, sample_of
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.trajectory import PoseTrajectory
 
 FEWEST_SAMPLES = 4
 """Second differences of both ends must not share all of their samples."""
@@ -85,8 +85,9 @@ class Request(Value):
 
     Parameters
     ----------
-    reference : PoseTrajectory
-        Uniformly sampled, 4 samples or more; the result is the nearest to it.
+    reference : PoseTrajectory or Trajectory
+        In the system's space.  Uniformly sampled, 4 samples or more; the result is the nearest to
+        it.
     system : ConstraintSystem
         Equalities and limits that the result satisfies.
     boundaries : tuple of Boundary
@@ -112,7 +113,7 @@ class Request(Value):
         each other or ``hold_position``.
     """
 
-    reference: PoseTrajectory
+    reference: Any
     system: ConstraintSystem
     boundaries: tuple[Boundary, ...] = ()
     weights: Weights = LEARNING
@@ -125,6 +126,18 @@ class Request(Value):
 
     def __post_init__(self) -> None:
         reference = self.reference
+        space, own = self.system.space, reference.positions.shape[1]
+        if (own, reference.quaternions.shape[1]) != (space.linear, 4 * space.rotations):
+            raise InputError(
+                f"{reference.name}: {own} coordinates and {reference.quaternions.shape[1] // 4} "
+                f"rotations a sample, but the constraints are declared of {space.linear} and "
+                f"{space.rotations}"
+            )
+        if self.hold_position and not space.rotations:
+            raise InputError(
+                f"{reference.name}: hold_position=True leaves the rotation to give way, and "
+                "there is none; let the coordinates give way (hold_position=False)"
+            )
         if not reference.is_uniform or len(reference) < FEWEST_SAMPLES:
             raise InputError(
                 f"{reference.name}: a trajectory projection needs {FEWEST_SAMPLES} or more uniform "
@@ -141,6 +154,7 @@ class Request(Value):
         most = _arguments.count("max_iterations", self.max_iterations)
         object.__setattr__(self, "max_iterations", most)
         for k, boundary in self.fixed.items():
+            boundary.require_of(space)
             moved = boundary.position is not None and np.any(
                 np.abs(boundary.position - reference.positions[k]) > _SAME * reference.path_length
             )
@@ -149,7 +163,7 @@ class Request(Value):
                     "hold_position=True keeps every position and velocity; no boundary can ask for "
                     "another one"
                 )
-            is_end = boundary.at in (0, 1) and (boundary.is_pose or not boundary.moves)
+            is_end = boundary.at in (0, 1) and (boundary.is_whole(space) or not boundary.moves)
             if boundary.has_twist and not is_end:
                 raise InputError(
                     f"a velocity at {boundary.at:g} of the motion: it can be asked for at an end "
@@ -186,4 +200,4 @@ class Request(Value):
     @property
     def time_step(self) -> float:
         """Seconds between samples."""
-        return self.reference.duration / (len(self.reference) - 1)
+        return float(self.reference.duration) / (len(self.reference) - 1)

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from noslip.projection.heading import Heading, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
-from noslip.trajectory import PoseTrajectory
+from noslip.space import Samples
 
 _ATTEMPTS = (
     (1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (100.0, False, 1), (500.0, False, 1),
@@ -63,7 +63,7 @@ a tool passes by.  Without it every touch is a jolt, and a blade misses its goal
 
 
 def project_trajectory(
-    trajectory: PoseTrajectory,
+    trajectory: Any,
     constraints: ConstraintSystem | Constraint | Sequence[Constraint],
     *,
     hold_position: bool = False,
@@ -81,7 +81,7 @@ def project_trajectory(
 
     Parameters
     ----------
-    trajectory : PoseTrajectory
+    trajectory : PoseTrajectory or Trajectory
         Uniformly sampled, 4 samples or more.
     constraints : ConstraintSystem or constraints
     hold_position : bool
@@ -111,7 +111,7 @@ def project_trajectory(
     """
     request = Request(
         trajectory,
-        as_system(constraints),
+        as_system(constraints, trajectory.space),
         (
             _end("start", start, 0.0, trajectory),
             *boundaries,
@@ -153,7 +153,7 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
     equalities alone leads such a reference elsewhere, and back by no step.
     """
     best: ProjectedTrajectory | None = None
-    begun = np.zeros((len(request.reference), 3))
+    begun = np.zeros((len(request.reference), request.system.space.angular))
     clearance = max(request.clearance, _CLEARANCE * request.reference.path_length)
     request = replace(request, clearance=clearance)
     limited = request.system.limits.size > 0
@@ -195,7 +195,7 @@ def project_heeding_what_it_can(request: Request) -> ProjectedTrajectory:
     return replace(_converged(project(alone), alone), left_out=system.limits.names)
 
 
-def _end(name: str, asked: End | Boundary, at: float, trajectory: PoseTrajectory) -> Boundary:
+def _end(name: str, asked: End | Boundary, at: float, trajectory: Samples) -> Boundary:
     if isinstance(asked, Boundary):
         if asked.at != at:
             raise InputError(f"{name}: a boundary at {at:g} is needed, got one at {asked.at:g}")
@@ -209,9 +209,12 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         return result
     # What is undefined on the way lets nothing converge, and nothing that follows would help.
     for tried in (request.reference, result.trajectory):
-        times, positions, rotations = tried.step_middles()
-        pose = (times + request.begin, positions, rotations.as_quat(scalar_first=True))
-        request.system.require_slopes(*pose, *tried.step_velocities(), "step")
+        space, (linear, angular) = request.system.space, tried.step_velocities()
+        half = np.diff(tried.times)[:, None] / 2
+        middles = space.moved(tried.points[:-1], half * np.hstack([linear, angular]))
+        times = tried.clock[:-1] + half[:, 0] + request.begin
+        pose = middles[:, : space.linear], middles[:, space.linear :]
+        request.system.require_slopes(times, *pose, linear, angular, "step")
     names = ", ".join(c.name for c in request.system.constraints)
     if swing := _swing(result, request):
         raise ConvergenceError(
@@ -251,7 +254,7 @@ def _swing(result: ProjectedTrajectory, request: Request) -> float:
     kept = [k for k, boundary in request.fixed.items() if boundary.rotation is not None]
     if not request.hold_position or not kept:
         return 0.0
-    turns = result.trajectory.step_velocities()[1] * result.trajectory.period
+    turns = result.trajectory.step_velocities()[1] * request.time_step
     steps = np.diff(turns, axis=0)
     signs = np.resize([1.0, -1.0], len(steps))[:, None]
     largest = 0.0
@@ -263,13 +266,13 @@ def _swing(result: ProjectedTrajectory, request: Request) -> float:
     return largest if largest > _SWINGING else 0.0
 
 
-def _with_twists(trajectory: PoseTrajectory, request: Request) -> PoseTrajectory:
+def _with_twists(trajectory: Samples, request: Request) -> Samples:
     """Return a trajectory that says of its ends what was asked for."""
     velocities = trajectory.linear_velocities.copy(), trajectory.angular_velocities.copy()
     for k, asked in request.twists.items():
         for found, wanted in zip(velocities, asked, strict=True):
             found[k] = wanted
-    return replace(trajectory, linear_velocities=velocities[0], angular_velocities=velocities[1])
+    return trajectory.with_velocities(*velocities)
 
 
 # ---------------------------------------------------------------- attempts
@@ -284,7 +287,7 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
         if len(request.reference) > weights.most_samples and best is not None:
             break
         smoother = replace(request, weights=weights)
-        heading = Heading(np.zeros((len(moved), 3)), 0)
+        heading = Heading(np.zeros((len(moved), request.system.space.angular)), 0)
         if turn:
             heading = turn_edge_into_path(moved, request.system, weights.rotation_smoothing)
         problem = Problem(smoother, heading.turns)
@@ -339,7 +342,7 @@ def _project_within(request: Request, without: ProjectedTrajectory) -> Projected
     return best
 
 
-def _moved(trajectory: PoseTrajectory, boundaries: dict[int, Boundary]) -> PoseTrajectory:
+def _moved(trajectory: Samples, boundaries: dict[int, Boundary]) -> Samples:
     """Return the trajectory with its samples moved to where boundaries want their positions."""
     shifts: dict[int, Floats] = {
         k: boundary.position - trajectory.positions[k]
@@ -349,4 +352,4 @@ def _moved(trajectory: PoseTrajectory, boundaries: dict[int, Boundary]) -> PoseT
     if not any(shift.any() for shift in shifts.values()):
         return trajectory
     positions = trajectory.positions + spread(shifts, np.arange(len(trajectory)))
-    return PoseTrajectory(trajectory.times, positions, trajectory.rotations, name=trajectory.name)
+    return trajectory.with_points(np.hstack([positions, trajectory.quaternions]))
