@@ -31,7 +31,8 @@ from noslip.trajectory import PoseTrajectory
 
 NPZ = Format(
     name="an npz",
-    read=lambda path: [read_npz(path)],
+    read=lambda path, values=None: [read_npz(path, values=bool(values))],
+    options=("values",),
     suffixes=(".npz",),
     write=PoseTrajectory.to_npz,
     written=(".npz",),
