@@ -10,7 +10,7 @@ import numpy as np
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import Value
-from noslip.boundary import Boundary, end_twist, sample_of
+from noslip.boundary import Boundary, End, end_twist, sample_of
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 
@@ -129,6 +129,7 @@ class Request(Value):
     length: float = 0.0
     is_hurried: bool = False
     is_periodic: bool = False
+    tool_ends: tuple[End, ...] = ("free", "free")
 
     def __post_init__(self) -> None:
         reference = self.reference
@@ -139,7 +140,7 @@ class Request(Value):
                 f"rotations a sample, but the constraints are declared of {space.linear} and "
                 f"{space.rotations}"
             )
-        if self.hold_position and not space.rotations:
+        if self.hold_position and not space.rotations and space.is_placed:
             raise InputError(
                 f"{reference.name}: hold_position=True leaves the rotation to give way, and "
                 "there is none; let the coordinates give way (hold_position=False)"

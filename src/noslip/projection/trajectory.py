@@ -20,6 +20,7 @@ new goal or start is the case with other boundary values.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -37,6 +38,7 @@ from noslip.projection.heading import NO_TURN, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
+from noslip.projection.tool_first import kept_ends, tool_request, with_tool_led
 from noslip.space import Samples
 
 _ATTEMPTS = (
@@ -113,19 +115,20 @@ def project_trajectory(
     ConvergenceError
         If no attempt converges (unless ``on_failure="return"``).
     """
+    given = [_given("start", start, 0.0), _given("end", end, 1.0)]
+    asked: list[End] = ["free" if isinstance(e, Boundary) else e for e in (start, end)]
+    kept, of_tool = kept_ends(trajectory, trajectory.space, *asked)
+    first, last = (g or k for g, k in zip(given, kept, strict=True))
     request = Request(
         trajectory,
         as_system(constraints, trajectory.space),
-        (
-            _end("start", start, 0.0, trajectory),
-            *boundaries,
-            _end("end", end, 1.0, trajectory),
-        ),
+        (first, *boundaries, last),
         Weights(position_weight, position_smoothing, rotation_smoothing),
         hold_position,
         _arguments.finite("begin", begin),
         max_iterations,
         is_periodic=_arguments.flag("periodic", periodic),
+        tool_ends=of_tool,
     )
     result = project(request)
     return result if on_failure == "return" else _converged(result, request)
@@ -137,10 +140,17 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
     It begins with the edge turned into the path, or with the reference's own rotations.
 
     What the reference leads straight into it passes on one side, see :func:`detour.around`.
+    Where joints carry the tool, its own motion comes first: :mod:`noslip.projection.tool_first`.
 
     The result's trajectory has at its ends the velocities that were asked for.
     """
-    if not request.hold_position and "position" in request.system.limits.row_levels:
+    led = None
+    if (of_tool := tool_request(request)) is not None:
+        led = project(of_tool, turn=turn)
+        if led.converged:
+            with suppress(InputError):
+                request = with_tool_led(request, led.trajectory)
+    elif not request.hold_position and "position" in request.system.limits.row_levels:
         passed = around(request.reference, request.system, request.begin)
         request = replace(request, reference=passed)
     best = _attempt(replace(request, system=request.system.equalities), turn)
@@ -199,12 +209,10 @@ def project_heeding_what_it_can(request: Request) -> ProjectedTrajectory:
     return replace(_converged(project(alone), alone), left_out=system.limits.names)
 
 
-def _end(name: str, asked: End | Boundary, at: float, trajectory: Samples) -> Boundary:
-    if isinstance(asked, Boundary):
-        if asked.at != at:
-            raise InputError(f"{name}: a boundary at {at:g} is needed, got one at {asked.at:g}")
-        return asked
-    return Boundary.keeping(trajectory, at, asked)
+def _given(name: str, asked: End | Boundary, at: float) -> Boundary | None:
+    if isinstance(asked, Boundary) and asked.at != at:
+        raise InputError(f"{name}: a boundary at {at:g} is needed, got one at {asked.at:g}")
+    return asked if isinstance(asked, Boundary) else None
 
 
 def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajectory:
