@@ -287,7 +287,7 @@ class Space:
         return np.concatenate(parts, axis=-1)
 
     def carried(self, positions: Floats) -> tuple[Floats, Floats]:
-        """Poses of bodies that joints carry, and their Jacobians.
+        """Places of bodies that joints carry, and the derivatives of these.
 
         Parameters
         ----------
@@ -295,14 +295,12 @@ class Space:
 
         Returns
         -------
-        poses : array, shape (c, N, 7)
-            Positions, then quaternions (w first).
-        jacobians : array, shape (c, N, 6, n)
-            Of linear, then angular velocities in the joints' rates.
+        places : array, shape (c, N, 3)
+        derivatives : array, shape (c, N, 3, n)
         """
-        found = np.array([_poses(body, positions) for body in self.bodies if not body.is_placed])
-        found = found.reshape(-1, len(positions), 7 + 6 * self.linear)
-        return found[..., :7], found[..., 7:].reshape(*found.shape[:2], 6, self.linear)
+        found = np.array([_places(body, positions) for body in self.bodies if not body.is_placed])
+        found = found.reshape(-1, len(positions), 3 * (1 + self.linear))
+        return found[..., :3], found[..., 3:].reshape(*found.shape[:2], 3, self.linear)
 
     # ---------------------------------------------------------------- expressions
 
@@ -409,18 +407,17 @@ def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pos
     return halfway, (linear, turn / time_step)
 
 
-def _poses(body: Any, positions: Floats) -> Floats:
+def _places(body: Any, positions: Floats) -> Floats:
     count, size = positions.shape
-    return np.array(_pose(body, size).map(count)(positions.T)).T
+    return np.array(_place(body, size).map(count)(positions.T)).T
 
 
 @lru_cache(16)
-def _pose(body: Any, size: int) -> Any:
-    x, rates = ca.SX.sym("x", size), ca.SX.sym("rates", size)
-    p, q = body.pose(x, ca.SX(0, 1))
-    (v, w), _ = _carried(body, x, ca.SX(0, 1), rates, ca.SX.zeros(size))
-    jacobian = ca.densify(ca.jacobian(ca.vertcat(v, w), rates))
-    return ca.Function("pose", [x], [ca.cse(ca.vertcat(p, q, ca.vec(jacobian.T)))])
+def _place(body: Any, size: int) -> Any:
+    x = ca.SX.sym("x", size)
+    p, _ = body.pose(x, ca.SX(0, 1))
+    slopes = ca.densify(ca.jacobian(p, x))
+    return ca.Function("place", [x], [ca.cse(ca.vertcat(p, ca.vec(slopes.T)))])
 
 
 def _carried(

@@ -22,6 +22,8 @@ from noslip.constraints.instant import Coordinates
 from noslip.constraints.joint_limits import JointLimits
 from noslip.errors import InputError
 from noslip.projection import planner
+from noslip.projection.heading import NO_TURN
+from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, Request
 from noslip.projection.stage import Stage
 from noslip.projection.trajectory import project, project_trajectory
@@ -84,7 +86,7 @@ def planar(askew: float, count: int = 61) -> Trajectory:
 
 
 def bent(seed: int, count: int = 61) -> Trajectory:
-    """A random cut of about a tenth of a meter by seven joints, its blade askew by up to 0.3 rad."""
+    """A random cut of a tenth of a meter by seven joints, its blade askew by up to 0.3 rad."""
     home = np.array([0.0, 0.4, 0.1, 1.5, 0.1, 1.2, 0.3])
     place, rotation = SEVEN.forward(home)
     tool = facing(seed, count, askew=0.3, duration=2.0)
@@ -178,7 +180,10 @@ def test_limits_of_joints_and_of_their_tool_are_kept_together() -> None:
 def test_the_arm_that_ipopt_finds_is_the_same() -> None:
     """The same problem stated anew: complex numbers for the arm, a general solver for the band."""
     recorded = planar(0.25, count=41)
-    found = project_trajectory(recorded, [Blade()])
+    # From where it is, not from where its tool's own motion leads.
+    request = Request(recorded, ConstraintSystem([Blade()], recorded.space))
+    found = Problem(request, NO_TURN.turns).solve(40, careful=False)
+    assert found.converged
     count, h, T = len(recorded), 1 / (len(recorded) - 1), recorded.duration
 
     def arm(q: Any) -> tuple[Any, Any, Any]:
@@ -225,6 +230,24 @@ def test_the_arm_that_ipopt_finds_is_the_same() -> None:
     assert solver.stats()["success"]
     theirs = np.array(solved["x"]).reshape(count, 3)
     np.testing.assert_allclose(found.trajectory.values, theirs, atol=1e-4)
+
+
+def test_joints_go_round_and_round() -> None:
+    a = 2 * np.pi * np.linspace(0, 1, 61)
+    places = np.column_stack([0.45 + 0.05 * np.cos(a), 0.2 + 0.04 * np.sin(a), 0 * a])
+    way = np.column_stack([-0.05 * np.sin(a), 0.04 * np.cos(a)])
+    held = Rotation.from_euler("z", np.unwrap(np.arctan2(way[:, 1], way[:, 0])) + 0.2 * np.sin(a))
+    values = ARM.inverse(PoseTrajectory(a / np.pi, places, held), [-0.2, 1.2, 0.5])
+    # A wrist that turns on and on, of which nothing repeats but where its tool is.
+    assert abs(values[-1, 2] - values[0, 2]) == pytest.approx(2 * np.pi, abs=1e-6)
+    with pytest.raises(InputError, match=r"a period ends where it begins, but this ends 6\.28"):
+        project_trajectory(Trajectory(a / np.pi, values, carrier=ARM), [Blade()], periodic=True)
+    # One that goes to and fro.
+    saw = planar(0.1, count=31).values
+    there = Trajectory(a / np.pi, np.vstack([saw, saw[-2::-1]]), carrier=ARM)
+    found = project_trajectory(there, [Blade()], periodic=True).trajectory
+    np.testing.assert_array_equal(found.values[-1], found.values[0])
+    assert slip(found) < 1e-11
 
 
 # -------------------------------------------------------------------- vectors

@@ -45,19 +45,16 @@ class Heading:
     ----------
     turns : array, shape (N, 3 b)
         Rotation vectors, world frame (rad): ``R_guess = Exp(turns) R``.
-    carried : array, shape (c, N, 3)
-        Those of tools that joints carry.
     backing : int
         Stretches between rests in which the demonstration itself moves backwards; there the edge
         trails, as it did when recorded.
     """
 
     turns: Floats
-    carried: Floats
     backing: int
 
 
-NO_TURN = Heading(np.zeros((1, 1)), np.zeros((1, 1, 1)), 0)
+NO_TURN = Heading(np.zeros((1, 1)), 0)
 """Of any motion: as it is."""
 
 
@@ -72,7 +69,7 @@ def turn_edge_into_path(
     rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed
     with weights that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
-    Constraints that name no edge get no turn.  A period is turned
+    Constraints that name no edge get no turn, nor do tools that joints carry.  A period is turned
     as in the middle of several; one that is sawn to and fro within the blade's plane stays so.
     """
     if periodic:
@@ -82,36 +79,27 @@ def turn_edge_into_path(
         rounds = trajectory.with_points(trajectory.points[rows], times)
         found = _turned(rounds, system, smoothing / _ROUNDS**4, sawing=True)
         middle = slice(_ROUNDS // 2 * steps, (_ROUNDS // 2 + 1) * steps + 1)
-        backing = -(-found.backing // _ROUNDS)
-        return Heading(found.turns[middle], found.carried[:, middle], backing)
+        return Heading(found.turns[middle], -(-found.backing // _ROUNDS))
     return _turned(trajectory, system, smoothing, sawing=False)
 
 
 def _turned(
     trajectory: Samples, system: ConstraintSystem, smoothing: float, *, sawing: bool
 ) -> Heading:
-    space = system.space
-    poses, _ = space.carried(trajectory.positions)
-    turns, carried = np.zeros((len(trajectory), space.angular)), np.zeros((*poses.shape[:2], 3))
-    backing, tools = 0, iter(zip(poses, carried, strict=True))
+    space, points = system.space, trajectory.points
+    turns, backing = np.zeros((len(trajectory), space.angular)), 0
     for k, body in enumerate(space.bodies):
         of_body = [not c.coordinates and space.body(c.body) == k for c in system.constraints]
         constraint = system.part(of_body).edged
-        if not isinstance(body, Placed):
-            pose, turn = next(tools)
-        elif body.turn is not None:
-            at, own = 3 * body.turn, space.linear + 4 * body.turn
-            turn = turns[:, at : at + 3]
-            places = trajectory.points[:, body.first : body.first + 3]
-            pose = np.hstack([places, trajectory.points[:, own : own + 4]])
-        else:
+        if constraint is None or not isinstance(body, Placed) or body.turn is None:
             continue
-        if constraint is not None:
-            turn[:], backed = _turned_into_path(
-                trajectory.clock, pose, constraint, smoothing, sawing=sawing
-            )
-            backing += backed
-    return Heading(turns, carried, backing)
+        own = space.linear + 4 * body.turn
+        poses = np.hstack([points[:, body.first : body.first + 3], points[:, own : own + 4]])
+        turns[:, 3 * body.turn : 3 * body.turn + 3], backed = _turned_into_path(
+            trajectory.clock, poses, constraint, smoothing, sawing=sawing
+        )
+        backing += backed
+    return Heading(turns, backing)
 
 
 def _turned_into_path(

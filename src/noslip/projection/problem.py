@@ -158,13 +158,6 @@ class Problem:
         self.plan.metric[:, own, own] = self.plan.position_weight * metric
         self.plan.pull[:, own] = self.plan.position_weight * pull
 
-    def begin_turned(self, turns: Floats) -> None:
-        """Take as the first guess that joints turn their tools, shape (c, N, 3)."""
-        if turns.any():
-            fixed = self.fixed[:, self.space.angular :]
-            guess = self.tools.turned(turns[:, self.own]) / self.length
-            self.shifts += np.where(fixed, 0.0, guess)
-
     def begin_at(self, trajectory: Samples) -> None:
         """Take a trajectory as the first guess."""
         turns = _turns(self.reference, trajectory.quaternions[self.own])

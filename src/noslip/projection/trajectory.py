@@ -326,7 +326,6 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
             smoothing, periodic = weights.rotation_smoothing, request.is_periodic
             heading = turn_edge_into_path(moved, request.system, smoothing, periodic=periodic)
         problem = Problem(smoother, heading.turns)
-        problem.begin_turned(heading.carried)
         found = problem.solve(patience * request.max_iterations, careful)
         result = replace(found, backing=heading.backing)
         if result.converged:
