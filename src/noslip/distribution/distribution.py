@@ -185,7 +185,8 @@ class MotionDistribution(Value):
                 "or with noise",
                 CompromiseWarning,
             )
-        return result.trajectory
+        motion: PoseTrajectory = result.trajectory
+        return motion
 
     @cached_property
     def mean(self) -> ConstrainedDMP:
@@ -567,7 +568,9 @@ def projected(
     if not system.size:
         return sampled
     kept = (Boundary.keeping(sampled, at, end) for at, end in zip((0.0, 1.0), ends, strict=True))
-    return project_heeding_what_it_can(Request(sampled, system, tuple(kept))).trajectory
+    request = Request(sampled, system, tuple(kept))
+    found: PoseTrajectory = project_heeding_what_it_can(request).trajectory
+    return found
 
 
 class _Tangent:
