@@ -104,7 +104,7 @@ def project_trajectory(
         the result says with how much.
     periodic : bool
         The last sample is the first one again, of the result, too.  What does not quite end where
-        it begins is closed by :func:`noslip.projection.blend.closed` first.
+        it begins is closed by :func:`noslip.demonstrations.cycles.closed` first.
     on_failure : "raise" or "return"
 
     Raises
