@@ -197,7 +197,8 @@ def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
     """Lines of Markdown, one a primitive."""
     yield (
         "| recording | limits of joints | slip, m/s: person, primitive | off the path, mm | "
-        "turned, ° (rms) | joints moved, ° | room | rates over limits | learned in, CPU s | step in C, us |"
+        "turned, ° (rms) | joints moved, ° | room | rates over limits | learned in, CPU s | "
+        "step in C, us |"
     )
     yield "|---|---|---|---|---|---|---|---|---|---|"
     for each in outcomes:
