@@ -77,6 +77,7 @@ def project_trajectory(
     position_smoothing: float = LEARNING.position_smoothing,
     rotation_smoothing: float = LEARNING.rotation_smoothing,
     max_iterations: int = MAX_ITERATIONS,
+    periodic: bool = False,
     on_failure: Literal["raise", "return"] = "raise",
 ) -> ProjectedTrajectory:
     """Find the nearest trajectory that satisfies constraints and limits at every step.
@@ -101,6 +102,9 @@ def project_trajectory(
         Newton steps in the first attempt.  If they do not suffice, it tries again with more
         smoothing of the rotation, up to a thousandfold, and with steps that converge from farther;
         the result says with how much.
+    periodic : bool
+        The last sample is the first one again, of the result, too.  What does not quite end where
+        it begins is closed by :func:`noslip.projection.blend.closed` first.
     on_failure : "raise" or "return"
 
     Raises
@@ -123,6 +127,7 @@ def project_trajectory(
         hold_position,
         _arguments.finite("begin", begin),
         max_iterations,
+        is_periodic=_arguments.flag("periodic", periodic),
         tool_ends=of_tool,
     )
     result = project(request)
@@ -231,6 +236,8 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
             "from step to step; let the position give way (hold_position=False), or free it",
             iterate=result.trajectory,
         )
+    if request.is_periodic:
+        _require_closing(request, names)
     least = result.margins.min(initial=0.0)
     left = f"residual {result.residual:.2g}" + (f", margin {least:.2g}" if least < 0 else "")
     # More smoothing of the rotation is no advice: it was tried.
@@ -250,6 +257,23 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         f"after {result.iterations} iterations); {advice}",
         code=Refusal.NOT_FOUND,
         iterate=result.trajectory,
+    )
+
+
+def _require_closing(request: Request, names: str) -> None:
+    """Refuse a period that constraints let not close, and say by how much."""
+    opened = project(replace(request, is_periodic=False))
+    if not opened.converged:
+        return
+    space, points = request.system.space, opened.trajectory.points
+    gap = space.difference(points[-1:], points[:1])[0]
+    away, turn = np.linalg.norm(gap[: space.linear]), np.abs(gap[space.linear :]).max(initial=0.0)
+    raise ConvergenceError(
+        f"{request.reference.name}: no period near it found that satisfies {names}, which let it "
+        f"end {away:.3g} {request.reference.unit} from where it begins, turned by "
+        f"{np.degrees(turn):.3g} degrees; take a path that closes under them",
+        code=Refusal.NOT_FOUND,
+        iterate=opened.trajectory,
     )
 
 
@@ -277,6 +301,9 @@ def _swing(result: ProjectedTrajectory, request: Request) -> float:
 def _with_twists(trajectory: Samples, request: Request) -> Samples:
     """Return a trajectory that says of its ends what was asked for."""
     velocities = trajectory.linear_velocities.copy(), trajectory.angular_velocities.copy()
+    if request.is_periodic:
+        for found, steps in zip(velocities, trajectory.step_velocities(), strict=True):
+            found[[0, -1]] = (steps[0] + steps[-1]) / 2
     for k, asked in request.twists.items():
         for found, wanted in zip(velocities, asked, strict=True):
             found[k] = wanted
@@ -297,7 +324,8 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
         smoother = replace(request, weights=weights)
         heading = Heading(np.zeros((len(moved), request.system.space.angular)), 0)
         if turn:
-            heading = turn_edge_into_path(moved, request.system, weights.rotation_smoothing)
+            smoothing, periodic = weights.rotation_smoothing, request.is_periodic
+            heading = turn_edge_into_path(moved, request.system, smoothing, periodic=periodic)
         problem = Problem(smoother, heading.turns)
         found = problem.solve(patience * request.max_iterations, careful)
         result = replace(found, backing=heading.backing)
