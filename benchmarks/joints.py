@@ -27,7 +27,7 @@ from noslip._typing import Floats
 from noslip.chain import Chain
 from noslip.codegen import library
 from noslip.constraints.check import step_residuals
-from noslip.constraints.joint_limits import JointLimits, joint_limits
+from noslip.constraints.joints import JointLimits, joint_limits
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data" / "contour_following"
 LOWPASS = 2.0

@@ -12,7 +12,7 @@ import noslip as ns
 from measures import slip
 from noslip.boundary import Boundary
 from noslip.chain import Chain, Joint
-from noslip.constraints.joint_limits import JointLimits
+from noslip.constraints.joints import JointLimits
 from noslip.errors import ConvergenceError
 
 LINKS = (0.4, 0.3, 0.2, 0.1)
