@@ -1,4 +1,4 @@
-"""A primitive of an arm's joints whose tool does not slip: learned, adapted, saved, within limits."""
+"""A primitive of an arm's joints whose tool does not slip: learned, adapted, saved."""
 
 from __future__ import annotations
 
