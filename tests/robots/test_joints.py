@@ -74,3 +74,13 @@ def test_it_is_saved_with_the_robot(tmp_path: Path) -> None:
     again = ns.load_primitive(learned().save(tmp_path / "arm.json"))
     assert again == learned()
     assert np.array_equal(again.rollout().values, learned().rollout().values)
+
+
+@pytest.mark.parametrize("robot", [CHAIN, ARM], ids=["chain", "robot"])
+def test_recorded_joints_are_read_as_those_of_the_robot(tmp_path: Path, robot: object) -> None:
+    file = demonstration().to_csv(tmp_path / "joints.csv")
+    read = ns.load_trajectory(file, robot=robot)
+    assert read.carrier == CHAIN
+    assert read.units == ("rad",) * 7
+    assert np.array_equal(read.values, demonstration().values)
+    assert np.abs(read.tool.positions - tool(read).positions).max() <= 1e-12
