@@ -20,7 +20,6 @@ new goal or start is the case with other boundary values.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -38,7 +37,7 @@ from noslip.projection.heading import NO_TURN, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
-from noslip.projection.tool_first import kept_ends, tool_request, with_tool_led
+from noslip.projection.tool_first import kept_ends, led_by, tool_request
 from noslip.space import Samples
 
 _ATTEMPTS = (
@@ -147,9 +146,7 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
     led = None
     if (of_tool := tool_request(request)) is not None:
         led = project(of_tool, turn=turn)
-        if led.converged:
-            with suppress(InputError):
-                request = with_tool_led(request, led.trajectory)
+        request = led_by(request, led)
     elif not request.hold_position and "position" in request.system.limits.row_levels:
         passed = around(request.reference, request.system, request.begin)
         request = replace(request, reference=passed)
@@ -158,6 +155,8 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
         best = _heed_limits(request, best)
     if _swing(best, request):
         best = replace(best, converged=False)
+    if led is not None:
+        best = replace(best, backing=led.backing)
     return replace(best, trajectory=_with_twists(best.trajectory, request))
 
 

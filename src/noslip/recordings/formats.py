@@ -15,6 +15,8 @@ from noslip._files import write_beside
 from noslip._pose_columns import Kinematics
 from noslip._pose_npz import read_npz
 from noslip._samples import Duplicates, Gaps, Interval, Lost, Mending, Samples, Unsorted
+from noslip._supplied import Supplied
+from noslip.chain import Chain
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import listed, numbers_text
 from noslip.recordings._format import VELOCITIES, Format
@@ -128,10 +130,11 @@ def load_demonstrations(
         ``rotvec``, ``rpy``, ``euler:ZYX`` (capitals: about the moving axes; small letters: about
         the fixed ones; any order), ``matrix:rows``, ``matrix:columns`` (of 3 x 3, or with the
         position 3 x 4 or 4 x 4), ``planar``; followed by ``:deg`` if angles are in degrees.
-    robot : Robot, optional
+    robot : Robot or Chain, optional
         Of tables and data sets that hold joints: the pose is that of the tool of this robot (of
         :mod:`noslip.robots`).  Joints are found by its names, as ``q1``, ``q2``, ..., or as a
-        column of as many numbers; ``columns`` lists them otherwise.
+        column of as many numbers; ``columns`` lists them otherwise.  With ``values``, they are
+        read as they are, and are known to carry its tool.
     gaps : "refuse", "split" or "interpolate"
         More than 10 median periods without a sample: make a recording of each piece, or fill it
         with samples at the median period, on the straight line and the shortest turn.
@@ -227,7 +230,11 @@ def load_demonstrations(
         "rotation": rotation,
         "robot": robot,
     }
-    return [trajectory for _, trajectory in loaded(paths, options, mending)]
+    found = [trajectory for _, trajectory in loaded(paths, options, mending)]
+    if robot is None or not values:
+        return found
+    chain = robot if isinstance(robot, Chain) else Supplied.functions["robots.chain"](robot)
+    return [each.on(chain) for each in found]
 
 
 def load_trajectory(
