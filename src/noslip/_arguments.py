@@ -79,15 +79,29 @@ def count(name: str, value: Any, most: int | None = None) -> int:
     return int(found)
 
 
-def vector(name: str, value: Any, unit: str = "m") -> Floats:
-    """Return 3 finite numbers, shape (3,)."""
+def vector(name: str, value: Any, unit: str = "m", size: int = 3) -> Floats:
+    """Return so many finite numbers, shape (size,)."""
     try:
         array = numbers(name, value)
     except InputError:
         array = np.empty(0)
-    if array.shape != (3,) or not np.all(np.abs(array) <= LARGEST):
+    if array.shape != (size,) or not np.all(np.abs(array) <= LARGEST):
         raise InputError(
-            f"{name} must be 3 finite numbers up to {LARGEST:g} ({unit}), got {short(value)}"
+            f"{name} must be {size} finite numbers up to {LARGEST:g} ({unit}), got {short(value)}"
+        )
+    return array
+
+
+def coordinates(name: str, value: Any, unit: str = "m") -> Floats:
+    """Return finite numbers, 1 or more, shape (n,)."""
+    try:
+        array = numbers(name, value)
+    except InputError:
+        array = np.empty(0)
+    if array.ndim != 1 or not len(array) or not np.all(np.abs(array) <= LARGEST):
+        raise InputError(
+            f"{name} must be 3 finite numbers up to {LARGEST:g} ({unit}), or as many as what moves "
+            f"has coordinates; got {short(value)}"
         )
     return array
 
@@ -99,25 +113,28 @@ def rotation(name: str, value: Any) -> Rotation:
     return value
 
 
-def inverse_metric(value: Sequence[float]) -> tuple[float, ...]:
-    """Return the diagonal of M^-1: 6 numbers, none negative, not all 0."""
+def inverse_metric(value: Sequence[float], size: int = 6) -> tuple[float, ...]:
+    """Return the diagonal of M^-1: so many numbers, none negative, not all 0."""
     weights = _each(value)
     # Over the square of a length.
     largest = LARGEST**2
-    fits = len(weights) == 6 and all(0 <= x <= largest for x in weights)
+    fits = len(weights) == size and all(0 <= x <= largest for x in weights)
     if not fits or not any(weights):
         raise InputError(
-            f"inverse_metric must be 6 numbers from 0 to {largest:g}, not all 0; got {short(value)}"
+            f"inverse_metric must be {size} numbers from 0 to {largest:g}, not all 0; "
+            f"got {short(value)}"
         )
     return weights
 
 
-def positive_weights(name: str, value: Sequence[float]) -> tuple[float, ...]:
-    """Return 6 positive numbers; infinite ones hold what they weigh."""
+def positive_weights(name: str, value: Sequence[float], size: int = 6) -> tuple[float, ...]:
+    """Return so many positive numbers; infinite ones hold what they weigh."""
     weights = _each(value)
-    fits = len(weights) == 6 and all(x > 0 for x in weights)
+    fits = len(weights) == size and all(x > 0 for x in weights)
     if not fits or not any(map(np.isfinite, weights)):
-        raise InputError(f"{name} must be 6 positive numbers, not all infinite; got {short(value)}")
+        raise InputError(
+            f"{name} must be {size} positive numbers, not all infinite; got {short(value)}"
+        )
     return weights
 
 

@@ -24,12 +24,13 @@ from noslip.learning import learn
 from noslip.many import learn_each
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.trajectory import project_trajectory
-from noslip.recordings import load_demonstrations
+from noslip.recordings import load_demonstrations, load_trajectory
 from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 from noslip.saving import load_primitive
 from noslip.shielding import Shield
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
 __all__ = [
     "Blade",
@@ -47,6 +48,7 @@ __all__ = [
     "Shield",
     "SpeedLimit",
     "State",
+    "Trajectory",
     "Wheel",
     "__version__",
     "check",
@@ -59,6 +61,7 @@ __all__ = [
     "learn_each",
     "load_demonstrations",
     "load_primitive",
+    "load_trajectory",
     "position_constraint",
     "prepare",
     "project_trajectory",

@@ -25,7 +25,7 @@ from noslip.law.fitting import FEWEST_STEPS, MOST_BASIS_FUNCTIONS
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.layout import FORCE
-from noslip.law.space import Goal
+from noslip.law.points import Goal
 from noslip.law.winding import Winding
 from noslip.primitive import ConstrainedDMP
 from noslip.trajectory import PoseTrajectory

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from noslip import _arguments
 from noslip._values import LONGEST_REPR, Value, shortened
 from noslip.constraints.system import ConstraintSystem
-from noslip.projection.pointwise import POSITION_ONLY, Push
+from noslip.projection.pointwise import Push, position_only
+from noslip.space import Space
 
 STABILIZATION = 20.0
 """How fast a violation at the start decays, per duration: gone, to e^-20, when the motion ends."""
@@ -24,7 +25,7 @@ class Rule(Value):
     Attributes
     ----------
     system : ConstraintSystem
-    inverse_metric : tuple of 6 floats
+    inverse_metric : tuple of floats
         Diagonal of M^-1: who gives way at run time; position only by default, as in the paper.
     push : "steering" or "force"
         Along what a correction acts: a turn of the tool through the way of half a step, so that it
@@ -37,7 +38,7 @@ class Rule(Value):
     """
 
     system: ConstraintSystem = field(default_factory=ConstraintSystem)
-    inverse_metric: tuple[float, ...] = POSITION_ONLY
+    inverse_metric: tuple[float, ...] = None  # type: ignore[assignment]
     push: Push = None  # type: ignore[assignment]
     stabilization: float = STABILIZATION
     barrier_rate: float = BARRIER_RATE
@@ -49,13 +50,17 @@ class Rule(Value):
     @property
     def yielding(self) -> str:
         """Who gives way at run time: "position", "rotation", or "position and rotation"."""
-        parts = {"position": self.inverse_metric[:3], "rotation": self.inverse_metric[3:]}
+        n = self.system.space.linear
+        parts = {"position": self.inverse_metric[:n], "rotation": self.inverse_metric[n:]}
         return " and ".join(name for name, weights in parts.items() if any(weights))
 
     def __post_init__(self) -> None:
+        space, given = self.system.space, self.inverse_metric
+        metric = position_only(space) if given is None else given
+        metric = _arguments.inverse_metric(metric, space.velocity_size)
         checked = {
-            "inverse_metric": _arguments.inverse_metric(self.inverse_metric),
-            "push": self.push or _usual_push(self.inverse_metric),
+            "inverse_metric": metric,
+            "push": self.push or _usual_push(space, metric),
             "stabilization": _arguments.not_negative("stabilization", self.stabilization),
             "barrier_rate": _arguments.positive("barrier_rate", self.barrier_rate),
         }
@@ -63,5 +68,12 @@ class Rule(Value):
             object.__setattr__(self, name, value)
 
 
-def _usual_push(inverse_metric: Sequence[float]) -> Push:
-    return "steering" if any(inverse_metric[3:]) else "force"
+def no_rule(space: Space) -> Rule:
+    """Return the rule of what moves freely in a space."""
+    return Rule(ConstraintSystem((), space))
+
+
+def _usual_push(space: Space, metric: Sequence[float]) -> Push:
+    # Coordinates turn a tool as well as they move it.
+    turns = any(metric[space.linear :]) or not (space.rotations and space.is_placed)
+    return "steering" if turns else "force"

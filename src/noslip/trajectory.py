@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -14,23 +13,25 @@ import scipy
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from noslip import _arguments
 from noslip._files import write_beside
 from noslip._pose_columns import Asked
-from noslip._pose_npz import npz_bytes, read_npz
-from noslip._pose_text import csv_text, read_text_table
+from noslip._pose_names import POSE as POSE_COLUMNS
+from noslip._pose_names import clock_name
+from noslip._pose_npz import CHANNELS, npz_bytes, read_npz
+from noslip._pose_text import read_text_table
+from noslip._samples import Samples
 from noslip._supplied import Supplied
 from noslip._typing import Floats
-from noslip._values import Value, html_table, shortened
 from noslip.errors import InputError
+from noslip.named_columns import listed, numbers_text
 from noslip.quaternions import inverse, product, turns_between, without_flips
-
-UNIFORM_TOLERANCE = 1e-6
-"""Largest relative spread of the sampling period that still counts as uniform."""
+from noslip.series import Series
+from noslip.space import POSE, Space
+from noslip.timed import Timed, step_estimates
 
 
 @dataclass(frozen=True, eq=False)
-class PoseTrajectory(Value):
+class PoseTrajectory(Timed):
     """Timed poses of a tool, with the velocities that go with them. Immutable.
 
     Parameters
@@ -46,6 +47,9 @@ class PoseTrajectory(Value):
         ``dR/dt = [w] R``).  Left out, they are estimated by differences of second order.
     name : str
         Where the trajectory came from; error messages and figures use it.
+    channels : Series, optional
+        What goes with the pose at the same times: a gripper, a wrench, a stiffness; a
+        :class:`noslip.Trajectory` is one.
 
     Raises
     ------
@@ -59,19 +63,10 @@ class PoseTrajectory(Value):
     linear_velocities: Floats = field(default=None)  # type: ignore[arg-type]
     angular_velocities: Floats = field(default=None)  # type: ignore[arg-type]
     name: str = "trajectory"
+    channels: Series | None = None
 
     def __post_init__(self) -> None:
-        times = self._freeze("times", self.times, ())
-        if len(times) < 2:
-            raise InputError(
-                f"{self.name}: a trajectory needs at least 2 samples, got {len(times)}"
-            )
-        if not np.all(np.diff(times) > 0):
-            row = int(np.argmin(np.diff(times) > 0)) + 1
-            raise InputError(
-                f"{self.name}: times must increase, but sample {row} is at {times[row]} s "
-                f"after {times[row - 1]} s"
-            )
+        times = self._require_times()
         self._freeze("positions", self.positions, (3,))
         if not isinstance(self.rotations, Rotation):
             raise InputError(
@@ -88,90 +83,74 @@ class PoseTrajectory(Value):
         object.__setattr__(self, "rotations", copy.deepcopy(self.rotations))
         for k, kind in enumerate(("linear_velocities", "angular_velocities")):
             given = getattr(self, kind)
-            self._freeze(kind, _velocities(times, self._steps[k]) if given is None else given, (3,))
-
-    def _freeze(self, name: str, value: ArrayLike, columns: tuple[int, ...]) -> Floats:
-        """Store a read-only float copy of a field whose first axis is time."""
-        array = _arguments.numbers(f"{self.name}: {name}", value)
-        samples = array.shape[0] if array.ndim else 0
-        expected = (samples if name == "times" else len(self.times), *columns)
-        if array.shape != expected:
-            raise InputError(f"{self.name}: {name} has shape {array.shape}, expected {expected}")
-        if not np.all(np.isfinite(array)):
-            row = int(np.argwhere(~np.isfinite(array))[0][0])
-            raise InputError(f"{self.name}: {name}[{row}] is not finite")
-        if name == "positions" and np.abs(array).max(initial=0.0) > _arguments.LARGEST:
-            row = int(np.argmax(np.abs(array).max(axis=1)))
-            raise InputError(
-                f"{self.name}: positions[{row}] is {np.abs(array[row]).max():.3g} m away; "
-                "positions are meters"
+            self._freeze(
+                kind, step_estimates(times, self._steps[k]) if given is None else given, (3,)
             )
-        array.flags.writeable = False
-        object.__setattr__(self, name, array)
-        return array
+        self._require_channels()
+
+    def _require_channels(self) -> None:
+        """Refuse channels at other times, and those that have the names of the pose's columns."""
+        beside = self.channels
+        if beside is None:
+            return
+        if not isinstance(beside, Series):
+            raise InputError(
+                f"{self.name}: channels must be a Trajectory, got {type(beside).__name__}"
+            )
+        if not np.array_equal(beside.times, self.times):
+            raise InputError(
+                f"{self.name}: channels have other times than the poses; give them at these, "
+                "channels.between(poses.times)"
+            )
+        if taken := set(beside.names) & set(POSE_COLUMNS):
+            raise InputError(
+                f"{self.name}: a channel is called {', '.join(sorted(taken))}, as the pose is; "
+                "rename it"
+            )
+
+    def with_channels(self, channels: Series | None) -> Self:
+        """Return it with other channels, or none; their times must be its own."""
+        found = copy.copy(self)
+        object.__setattr__(found, "channels", channels)
+        found._require_channels()
+        return found
 
     # ---------------------------------------------------------------- what it is
 
-    def __len__(self) -> int:
-        return len(self.times)
-
-    def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}({shortened(repr(self.name), 50)}, {len(self)} samples, "
-            f"{self.duration:.6g} s, path {self.path_length:.6g} m)"
-        )
-
-    def _facts(self) -> dict[str, str]:
-        """What a notebook tells of it, as label and text."""
-        ends = np.round(self.positions[[0, -1]], 6) + 0.0
-        first, last = (" ".join(f"{x:.4g}" for x in position) for position in ends)
-        return {
-            "samples": f"{len(self)}",
-            "duration": f"{self.duration:.4g} s",
-            "path": f"{self.path_length:.4g} m",
-            "from, to": f"{first}; {last} m",
-        }
-
-    def _repr_html_(self) -> str:
-        return html_table(f"{type(self).__name__} {self.name}", self._facts().items())
-
     plot = Supplied("Draw it, and what constraints say of it; return the figure.")
-
-    @property
-    def duration(self) -> float:
-        """Time from the first sample to the last (s)."""
-        return float(self.times[-1] - self.times[0])
-
-    @property
-    def path_length(self) -> float:
-        """Length of the polyline through the positions (m)."""
-        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
-
-    @property
-    def period(self) -> float:
-        """Median time between samples (s)."""
-        return float(np.median(np.diff(self.times)))
-
-    @property
-    def clock(self) -> Floats:
-        """Times as constraints see them (s): of a recording, from its first sample on."""
-        return np.asarray(self.times - self.times[0])
-
-    @property
-    def is_uniform(self) -> bool:
-        """Whether all samples are the same time apart (to a millionth)."""
-        periods = np.diff(self.times)
-        return bool(np.ptp(periods) <= UNIFORM_TOLERANCE * periods.mean() + 4 * self._rounding)
-
-    @property
-    def _rounding(self) -> float:
-        """Distance between neighboring floats at the times; 0.2 us for stamps since 1970."""
-        return float(np.spacing(np.abs(self.times).max()))
 
     @property
     def quaternions(self) -> Floats:
         """Unit quaternions ``(qw, qx, qy, qz)``, shape (N, 4), without sign flips."""
         return continuous_quaternions(self.rotations)
+
+    @property
+    def space(self) -> Space:  # type: ignore[override]
+        """What it moves in."""
+        return POSE
+
+    @property
+    def points(self) -> Floats:
+        """Positions and quaternions, shape (N, 7)."""
+        return np.hstack([self.positions, self.quaternions])
+
+    @property
+    def tool(self) -> PoseTrajectory:
+        """The tool's own motion: itself."""
+        return self
+
+    def with_points(self, points: Floats, times: Floats | None = None) -> PoseTrajectory:
+        """Return other poses under the same name, shape (N, 7)."""
+        return PoseTrajectory(
+            self.times if times is None else times,
+            points[:, :3],
+            Rotation.from_quat(points[:, 3:], scalar_first=True),
+            name=self.name,
+        )
+
+    def with_velocities(self, linear: Floats, angular: Floats) -> PoseTrajectory:
+        """Return the poses with other velocities (m/s, rad/s), each of shape (N, 3)."""
+        return replace(self, linear_velocities=linear, angular_velocities=angular)
 
     def step_velocities(self) -> tuple[Floats, Floats]:
         """Linear and angular velocity of every step, each of shape (N - 1, 3).
@@ -204,20 +183,6 @@ class PoseTrajectory(Value):
 
     # ---------------------------------------------------------------- new ones from it
 
-    def __getitem__(self, index: slice) -> Self:
-        """Return the samples of a slice as a trajectory of its own."""
-        if not isinstance(index, slice):
-            raise TypeError("a trajectory is sliced, as in trajectory[10:200]")
-        arrays: dict[str, Any] = {
-            f.name: getattr(self, f.name)[index]
-            for f in fields(self)
-            if isinstance(getattr(self, f.name), (np.ndarray, Rotation))
-        }
-        return replace(self, **arrays)
-
-    def __iter__(self) -> Iterator[Any]:
-        raise TypeError("iterate over trajectory.positions or trajectory.times instead")
-
     def step_middles(self) -> tuple[Floats, Floats, Rotation]:
         """Time (s, of :attr:`clock`), position (m) and rotation in the middle of each step.
 
@@ -238,7 +203,8 @@ class PoseTrajectory(Value):
         """Return the trajectory at other instants, by cubic splines.
 
         Positions and quaternions follow cubic splines, the quaternions' normalized (both twice
-        continuously differentiable); velocities are the splines' own derivatives.
+        continuously differentiable); velocities are the splines' own derivatives.  Channels follow
+        straight lines from sample to sample: a gripper's jump stays one.
 
         Parameters
         ----------
@@ -247,29 +213,7 @@ class PoseTrajectory(Value):
         times : array, shape (M,)
             Or the instants themselves (s), within the recorded time.
         """
-        if (rate is None) == (times is None):
-            raise InputError(f"{self.name}: resample with either a rate or times")
-        if rate is not None:
-            rate = _arguments.positive(f"{self.name}: rate", rate)
-            intervals = (self.duration + 2 * self._rounding) * rate * (1 + 1e-12) + 1e-9
-            count = _arguments.samples(f"{self.name}: rate={rate:g}", intervals)
-            if count < 1:
-                raise InputError(
-                    f"{self.name}: {rate:g} samples per second leave fewer than 2 samples "
-                    f"in {self.duration:g} s"
-                )
-            instants = self.times[0] + np.arange(count + 1) / rate
-            instants = np.minimum(instants, self.times[-1])
-        else:
-            instants = _arguments.numbers(f"{self.name}: times", times)
-            margin = 1e-9 * max(self.duration, abs(self.times[0]), abs(self.times[-1]))
-            if instants.ndim != 1 or len(instants) < 2 or not np.all(np.isfinite(instants)):
-                raise InputError(f"{self.name}: resample at 2 or more finite times")
-            if instants.min() < self.times[0] - margin or instants.max() > self.times[-1] + margin:
-                raise InputError(
-                    f"{self.name}: recorded from {self.times[0]:g} to {self.times[-1]:g} s, "
-                    f"cannot be resampled from {instants.min():g} to {instants.max():g} s"
-                )
+        instants = self._instants(rate, times)
         inside = np.clip(instants, self.times[0], self.times[-1])
         poses, rates = self._spline(inside), self._spline(inside, 1)
         quaternions, size = poses[:, 3:], np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
@@ -282,6 +226,7 @@ class PoseTrajectory(Value):
             linear_velocities=rates[:, :3],
             angular_velocities=turning,
             name=self.name,
+            channels=None if self.channels is None else self.channels.between(inside, instants),
         )
 
     @cached_property
@@ -293,42 +238,65 @@ class PoseTrajectory(Value):
     # ---------------------------------------------------------------- files
 
     def csv_text(self) -> str:
-        """Return ``t,x,y,z,qw,qx,qy,qz`` as text; a float read back is the float written."""
-        return csv_text(self.times, self.positions, self.quaternions)
+        """Return ``t,x,y,z,qw,qx,qy,qz`` and channels as text; floats are read back as they are."""
+        names, table = [clock_name(self.times), *POSE_COLUMNS], [self.times[:, None], self.points]
+        if self.channels is not None:
+            names += self.channels.csv_columns()
+            table.append(self.channels.values)
+        return numbers_text(names, np.hstack(table))
 
     def to_csv(self, path: str | Path) -> Path:
         """Write :meth:`csv_text` to a file."""
         return write_beside(path, self.csv_text().encode())
 
     @classmethod
-    def from_csv(cls, path: str | Path, *, rate: float | None = None) -> Self:
+    def from_csv(
+        cls, path: str | Path, *, rate: float | None = None, channels: str | None = None
+    ) -> Self:
         """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
-        return cls(**read_text_table(path, Asked(rate=rate)).checked(), name=str(path))
+        return cls.of_samples(read_text_table(path, Asked(rate=rate, channels=channels)))
 
     def to_npz(self, path: str | Path) -> Path:
-        """Write the poses and velocities as NumPy's ``.npz``."""
-        velocities = self.linear_velocities, self.angular_velocities
-        content = npz_bytes(self.times, self.positions, self.quaternions, *velocities)
-        return write_beside(path, content)
+        """Write the poses, velocities and channels as NumPy's ``.npz``."""
+        arrays = {
+            "times": self.times,
+            "positions": self.positions,
+            "quaternions": self.quaternions,
+            "linear_velocities": self.linear_velocities,
+            "angular_velocities": self.angular_velocities,
+        }
+        if self.channels is not None:
+            arrays |= {
+                CHANNELS.get(name, ""): array for name, array in self.channels.arrays().items()
+            }
+            arrays.pop("", None)
+        return write_beside(path, npz_bytes(arrays))
 
     @classmethod
     def from_npz(cls, path: str | Path) -> Self:
         """Read an ``.npz`` with times, positions and quaternions (qw, qx, qy, qz)."""
-        return cls(**read_npz(path).checked(), name=str(path))
+        return cls.of_samples(read_npz(path))
+
+    @classmethod
+    def of_samples(cls, samples: Samples) -> Self:
+        """Return what a file holds, checked.
+
+        Raises
+        ------
+        InputError
+            If it holds no poses, or for what :func:`noslip.load_demonstrations` refuses.
+        """
+        if samples.names:
+            raise InputError(
+                f"{samples.name}: holds {listed(samples.names, str)}, no poses; read it with "
+                "load_trajectory"
+            )
+        fields = samples.checked()
+        if (beside := fields.pop("channels", None)) is not None:
+            fields["channels"] = Series(fields["times"], **beside, name=samples.name)
+        return cls(**fields, name=samples.name)
 
 
 def continuous_quaternions(rotations: Rotation) -> Floats:
     """Quaternions ``(qw, qx, qy, qz)``, shape (N, 4), each within a quarter sphere of the last."""
     return without_flips(rotations.as_quat(scalar_first=True))
-
-
-def _velocities(times: Floats, steps: Floats) -> Floats:
-    """Second-order estimate: at a sample, the two adjoining steps weighted as np.gradient does."""
-    periods = np.diff(times)[:, None]
-    if len(steps) == 1:
-        return np.repeat(steps, 2, axis=0)
-    before, after = periods[:-1], periods[1:]
-    inner = (after * steps[:-1] + before * steps[1:]) / (before + after)
-    first = steps[0] + (steps[0] - steps[1]) * periods[0] / (periods[0] + periods[1])
-    last = steps[-1] + (steps[-1] - steps[-2]) * periods[-1] / (periods[-1] + periods[-2])
-    return np.concatenate([first[None], inner, last[None]])

@@ -21,7 +21,7 @@ from noslip.law.basis import Basis
 from noslip.law.clock import Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
-from noslip.law.space import Goal
+from noslip.law.points import Goal
 from noslip.law.winding import Winding
 from refusals import refusal
 

@@ -10,12 +10,13 @@ from scipy.linalg import expm
 
 from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.law import points as point
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.clock import Phase
 from noslip.law.fitting import demonstrated_forces
 from noslip.law.forcing import ForcingTerm
-from noslip.law.space import POSE
+from noslip.space import POSE
 
 rates = st.floats(0.05, 20)
 counts = st.integers(1, 120)
@@ -145,7 +146,7 @@ def fit_positions(
 ) -> ForcingTerm:
     """The forces that the positions of demonstrations ask for, which do not turn."""
     points = [np.hstack([path, np.tile([1.0, 0, 0, 0], (len(path), 1))]) for path in paths]
-    goal = POSE.goal(points)
+    goal = point.goal(POSE, points)
     forces = [demonstrated_forces(attractor, goal, p)[:, :3] for p in points]
     return ForcingTerm.fit(basis, attractor, forces, ridge=ridge)
 

@@ -25,7 +25,7 @@ from noslip.errors import NoslipError
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.layout import FORCE
-from noslip.law.space import Goal
+from noslip.law.points import Goal
 from noslip.law.winding import Winding
 from noslip.projection import planner
 from noslip.projection.request import ADAPTING, Request, Weights

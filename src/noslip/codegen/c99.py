@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -14,18 +15,9 @@ import numpy as np
 
 from noslip.errors import InputError
 from noslip.law import clock
-from noslip.law.layout import (
-    BEGINNING,
-    DRIVE,
-    PRIMITIVE,
-    STEP,
-    Field,
-    Layout,
-    carried_layout,
-    memory_fields,
-    output_layout,
-)
+from noslip.law.layout import Field, Layout, layouts
 from noslip.law.step import step_function
+from noslip.space import POSE, Space
 
 _CONSTANT = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[-+]?\d+)?)")
 _CONDITION = re.compile(r"\((\w+)\?")
@@ -56,22 +48,34 @@ def template(name: str) -> str:
     return (files("noslip.codegen") / "c" / name).read_text(encoding="utf-8")
 
 
-def header(equalities: int, limits: int, bound: str = "") -> str:
-    """``noslip.h`` for so many rows of equalities and limits."""
-    text = template("noslip.h")
+def header(equalities: int, limits: int, bound: str = "", space: Space = POSE) -> str:
+    """``noslip.h`` for so many rows of equalities and limits, in a space."""
+    text, places = template("noslip.h"), layouts(space)
     rows = equalities + limits
     for name, value in {
+        "LINEAR": str(space.linear),
+        "ROTATIONS": str(space.rotations),
+        "WEIGHTS": _weights_text(space),
         "EQUALITIES": str(equalities),
         "LIMITS": str(limits),
         "ROWS": str(max(1, rows)),
-        "PRIMITIVE": declared(PRIMITIVE),
-        "STATE": declared(memory_fields(rows)),
+        "PRIMITIVE": declared(places.primitive),
+        "STATE": declared(places.memory_fields(rows)),
     }.items():
         text = text.replace(f"@{name}@", value)
     return text.replace("\n@BOUND@ */", f"{bound} */")
 
 
-def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
+def _weights_text(space: Space) -> str:
+    if space.is_pose:
+        return "Rows of weights: x, y, z (m), then the rotation vector (rad)."
+    both = zip(space.coordinates, space.units, strict=True)
+    names = ", ".join(f"{name} ({unit})" for name, unit in both)
+    turns = ", then rotation vectors (rad)" if space.rotations else ""
+    return textwrap.fill(f"Rows of weights: {names}{turns}.", 90).replace("\n", "\n * ")
+
+
+def source(function: ca.Function, rows: int, *, parts: bool = True, space: Space = POSE) -> str:
     """``noslip.c`` around a step function.
 
     Parameters
@@ -82,22 +86,24 @@ def source(function: ca.Function, rows: int, *, parts: bool = True) -> str:
         Of constraints.
     parts : bool
         Whether it returns all outputs, each row's own force too; else up to the multipliers.
+    space : Space
+        That it steps in.
     """
-    layout = output_layout(rows)
+    table = layouts(space)
+    layout = table.output(rows)
     outputs = layout.size if parts else layout["multipliers"].stop
-    state = carried_layout(rows)
-    layouts = {
-        "STATE": state,
-        "STEP": STEP,
-        "BEGINNING": BEGINNING,
-        "DRIVE": DRIVE,
+    placed = {
+        "STATE": table.carried(rows),
+        "STEP": table.step,
+        "BEGINNING": table.beginning,
+        "DRIVE": table.drive,
         "OUTPUT": layout,
     }
     places = "\n".join(
-        [*(offsets(name, each) for name, each in layouts.items()), *defined({clock: _STEPS})]
+        [*(offsets(name, each) for name, each in placed.items()), *defined({clock: _STEPS})]
     )
     text = template("noslip.c").replace("@OUTPUTS@", str(outputs)).replace("@OFFSETS@", places)
-    free = Plain({"free": step_function(None, 0)}, *_STEPPING)
+    free = Plain({"free": step_function(None, 0, space=space)}, *_STEPPING)
     return text + "\n" + core(function, outputs, free)
 
 
@@ -105,6 +111,8 @@ def declared(fields: Sequence[Field]) -> str:
     """Declarations of a struct's fields."""
     lines = []
     for field in fields:
+        if field.shape and not field.size:
+            continue
         shape = "".join(f"[{size}]" for size in field.shape)
         text = {
             "int": f"int {field.name};",

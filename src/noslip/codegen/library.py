@@ -28,6 +28,7 @@ import casadi as ca
 from noslip._files import scratch, write_beside
 from noslip.codegen import c99
 from noslip.errors import NoslipError
+from noslip.space import POSE, Space
 
 T = TypeVar("T")
 
@@ -241,12 +242,14 @@ class Library:
     sizes: tuple[int, int]
 
     @classmethod
-    def of(cls, step_function: ca.Function, rows: int) -> Library:
-        """That of a step function with so many rows of constraints."""
+    def of(cls, step_function: ca.Function, rows: int, space: Space = POSE) -> Library:
+        """That of a step function with so many rows of constraints, in a space."""
         texts = {
-            "noslip.h": c99.header(rows, 0),
+            "noslip.h": c99.header(rows, 0, space=space),
             "inside.h": c99.template("inside.h"),
-            "noslip.c": c99.source(step_function, rows) + "\n" + c99.template("many.c"),
+            "noslip.c": "\n".join(
+                [c99.source(step_function, rows, space=space), c99.template("many.c")]
+            ),
             **c99.grids(step_function),
         }
         path = built("step", texts)

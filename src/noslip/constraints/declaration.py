@@ -24,7 +24,13 @@ from noslip import _arguments
 from noslip._typing import Expression
 from noslip._values import call_text, keep_repr, shortened
 from noslip.constraints.expression import MOST_OPERATIONS, Instructions, Opaque
-from noslip.constraints.instant import AcceleratedInstant, Instant, motion_symbols
+from noslip.constraints.instant import (
+    AcceleratedInstant,
+    Coordinates,
+    Instant,
+    coordinate_symbols,
+    motion_symbols,
+)
 from noslip.constraints.shape import Shape
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
@@ -72,6 +78,10 @@ class Constraint(ABC):
         The tool is kept within such balls as they are, not within planes that touch them.
     from_files : tuple of str
         Arguments that may be files, which a user names but no saved primitive does.
+    coordinates : int
+        0: declared of a body's pose and motion; else of so many coordinates, such as joints.
+    body : str
+        Of which body, where there are several; the first one by default.
     """
 
     name: str
@@ -83,6 +93,8 @@ class Constraint(ABC):
     edge: Edge | None = None
     radii: tuple[float, ...] = ()
     from_files: ClassVar[tuple[str, ...]] = ()
+    coordinates: int = 0
+    body: str = ""
 
     @abstractmethod
     def residual(self, motion: Instant) -> Expression:
@@ -161,6 +173,8 @@ class Declaration:
     edge: Edge | None
     expression: Instructions | Opaque
     relative: Instructions | None
+    coordinates: int = 0
+    body: str = ""
 
 
 class DeclaredConstraint(Constraint):
@@ -188,7 +202,17 @@ class DeclaredConstraint(Constraint):
         return Instant(motion.time, position, rotation, *ca.vertsplit(velocities, 3))
 
 
-_ATTRIBUTES = ["name", "level", "relation", "unit", "barrier_rate", "priority", "edge"]
+_ATTRIBUTES = [
+    "name",
+    "level",
+    "relation",
+    "unit",
+    "barrier_rate",
+    "priority",
+    "edge",
+    "coordinates",
+    "body",
+]
 
 
 def declared(constraint: Constraint) -> Constraint | Declaration:
@@ -220,6 +244,8 @@ def from_declared(identity: Constraint | Declaration) -> Constraint:
 
 def relative_function(constraint: Constraint) -> Any:
     """CasADi function (t, p, R, v, w) -> column of the relative p, R, v, w; None of all motion."""
+    if constraint.coordinates:
+        return None
     motion = motion_symbols()
     with of_a_user(f"constraint {constraint.name!r}: its relative motion"):
         seen = constraint.relative(motion)
@@ -285,7 +311,7 @@ _KINDS: dict[Relation, str] = {"zero": "constraint", "nonnegative": "inequality"
 def constraint_function(constraint: Constraint) -> Any:
     """CasADi function (t, p, R, v, w, a, alpha) -> residual column, checked for what it must be.
 
-    Those that declare the same share one.
+    Declared of coordinates, it is one of (t, x, x', x'').  Those that declare the same share one.
 
     Raises
     ------
@@ -312,6 +338,8 @@ def row_units(constraint: Constraint) -> list[str]:
     function = constraint_function(constraint)
     rows = function.size1_out(0)
     if constraint.unit is None and constraint.level == "velocity":
+        if constraint.coordinates:
+            return ["1/s"] * rows
         moving = set(function.jac_sparsity(0, 3).row())
         return [UNITS["velocity"] if row in moving else "rad/s" for row in range(rows)]
     unit = constraint.unit or UNITS[constraint.level]
@@ -357,7 +385,7 @@ def _require_attributes(constraint: Constraint) -> None:
 
 def _built(constraint: Constraint) -> Any:
     _require_attributes(constraint)
-    name, motion = constraint.name, motion_symbols()
+    name, motion = constraint.name, _symbols(constraint)
     column = _column(constraint, motion)
     function = ca.Function("constraint", [*vars(motion).values()], [column])
     require_size(f"constraint {name!r} has", column.shape[0], function.n_instructions())
@@ -399,10 +427,16 @@ def require_size(what: str, rows: int, operations: int) -> None:
             )
 
 
-def _column(constraint: Constraint, motion: AcceleratedInstant) -> Expression:
+def _symbols(constraint: Constraint) -> AcceleratedInstant | Coordinates:
+    if constraint.coordinates:
+        return coordinate_symbols(constraint.coordinates)
+    return motion_symbols()
+
+
+def _column(constraint: Constraint, motion: AcceleratedInstant | Coordinates) -> Expression:
     """Evaluate a declaration; an error says what to change."""
-    given: Instant = motion
-    if constraint.level != "acceleration":
+    given: Any = motion
+    if constraint.level != "acceleration" and isinstance(motion, AcceleratedInstant):
         given = Instant(*list(vars(motion).values())[:5])
     with of_a_user(f"constraint {constraint.name!r}", _advice):
         value = constraint.residual(given)
@@ -441,8 +475,14 @@ def _advice(reason: str) -> str:
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 
 
-def _levels(motion: AcceleratedInstant) -> dict[Level, Expression]:
+def _levels(motion: AcceleratedInstant | Coordinates) -> dict[Level, Expression]:
     """Quantities that a constraint of a level may depend on, and one below it may not."""
+    if isinstance(motion, Coordinates):
+        return {
+            "position": motion.values,
+            "velocity": motion.rates,
+            "acceleration": motion.accelerations,
+        }
     return {
         "position": ca.vertcat(motion.position, ca.vec(motion.rotation)),
         "velocity": ca.vertcat(motion.linear_velocity, motion.angular_velocity),
@@ -451,5 +491,5 @@ def _levels(motion: AcceleratedInstant) -> dict[Level, Expression]:
 
 
 def depends_on_velocity(constraint: Constraint) -> bool:
-    motion = motion_symbols()
+    motion = _symbols(constraint)
     return bool(ca.depends_on(_column(constraint, motion), _levels(motion)["velocity"]))

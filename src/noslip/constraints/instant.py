@@ -91,6 +91,31 @@ class AcceleratedInstant(Instant):
         )
 
 
+@dataclass(frozen=True)
+class Coordinates:
+    """An instant of a motion of coordinates, such as joints, of which a limit may be declared.
+
+    Attributes
+    ----------
+    time : expression, scalar
+        Seconds since the motion began.
+    values, rates, accelerations : expression, shape (n,)
+        In the coordinates' own units, over s and s^2.
+    """
+
+    time: Expression
+    values: Expression
+    rates: Expression
+    accelerations: Expression
+
+
+def coordinate_symbols(count: int) -> Coordinates:
+    """One instant of so many coordinates, as symbols."""
+    return Coordinates(
+        ca.SX.sym("t"), *(ca.SX.sym(name, count) for name in ("x", "rate", "acceleration"))
+    )
+
+
 def motion_symbols() -> AcceleratedInstant:
     """One instant of a motion, as symbols."""
     return AcceleratedInstant(

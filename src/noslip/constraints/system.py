@@ -25,13 +25,9 @@ from noslip.constraints.declaration import (
     row_units,
 )
 from noslip.constraints.undefined import Watch
-from noslip.errors import ConstraintError
-from noslip.rotations import (
-    quaternion_again,
-    quaternion_exp,
-    quaternion_product,
-    rotation_matrix,
-)
+from noslip.errors import ConstraintError, InputError
+from noslip.rotations import quaternion_product, rotation_matrix
+from noslip.space import POSE, Space, Twisted
 
 T = TypeVar("T")
 
@@ -55,6 +51,9 @@ class ConstraintSystem:
     ----------
     constraints : Constraint or iterable of them
         May be empty.
+    space : Space
+        What moves; a pose by default.  Positions, quaternions and velocities of the methods have
+        its n, 4 b, n and 3 b numbers.
 
     Attributes
     ----------
@@ -70,7 +69,10 @@ class ConstraintSystem:
         If one is not a constraint, or its declaration is wrong; the message names it.
     """
 
-    def __init__(self, constraints: Constraint | Iterable[Constraint] = ()) -> None:
+    def __init__(
+        self, constraints: Constraint | Iterable[Constraint] = (), space: Space = POSE
+    ) -> None:
+        self.space = space
         several = isinstance(constraints, Iterable) and not isinstance(constraints, (type, str))
         kept, rows, operations = [], 0, 0
         # One after the other, so that of too many the last are never even read.
@@ -80,6 +82,7 @@ class ConstraintSystem:
                 raise ConstraintError(
                     f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
                 )
+            _require_seen(constraint, space)
             function = constraint_function(constraint)
             rows, operations = rows + function.size1_out(0), operations + function.n_instructions()
             kept.append(constraint)
@@ -92,7 +95,7 @@ class ConstraintSystem:
         self.rows: tuple[int, ...] = tuple(
             constraint_function(c).size1_out(0) for c in self.constraints
         )
-        self._identity = tuple(map(declared, self.constraints)), self.names
+        self._identity = tuple(map(declared, self.constraints)), self.names, self.space
         self._hash = hash(self._identity)
         self._graphs = _graphs(self._identity)
 
@@ -108,7 +111,7 @@ class ConstraintSystem:
         return self._hash
 
     def __reduce__(self) -> Any:
-        return _named, (self.constraints, self.names)
+        return _named, (self.constraints, self.names, self.space)
 
     def owned(self, key: Hashable, build: Callable[[], T]) -> T:
         """Return what is kept under a key for all systems that declare the same.
@@ -144,7 +147,7 @@ class ConstraintSystem:
             return self
         constraints = tuple(compress(self.constraints, chosen))
         names = tuple(compress(self.names, chosen))
-        return self.owned(("part", *chosen), lambda: _named(constraints, names))
+        return self.owned(("part", *chosen), lambda: _named(constraints, names, self.space))
 
     @property
     def edged(self) -> Constraint | None:
@@ -205,12 +208,32 @@ class ConstraintSystem:
         return self.owned("residual", self._residual)
 
     def _residual(self) -> Any:
-        t, p, q, v, w = _state_symbols()
-        a, alpha = ca.SX.sym("a", 3), ca.SX.sym("alpha", 3)
-        R = rotation_matrix(q)
-        columns = [constraint_function(c)(t, p, R, v, w, a, alpha) for c in self.constraints]
-        stacked = ca.vertcat(ca.SX(0, 1), *columns)
+        t, p, q, v, w = self._symbols()
+        a, alpha = ca.SX.sym("a", self.space.linear), ca.SX.sym("alpha", self.space.angular)
+        bodies = self.space.bodies_at(p, q, v, w, a, alpha)
+        stacked = self.of_bodies(t, bodies, p, v, a)
         return ca.Function("residual", [t, p, q, v, w, a, alpha], [stacked])
+
+    def of_bodies(
+        self,
+        t: Expression,
+        bodies: Sequence[Twisted],
+        coordinates: Expression,
+        rates: Expression,
+        accelerations: Expression = 0,
+    ) -> Expression:
+        """Stacked residual of bodies, and of the coordinates where it is declared of these."""
+        column = [ca.SX(0, 1)]
+        for constraint in self.constraints:
+            function = constraint_function(constraint)
+            if constraint.coordinates:
+                column.append(function(t, coordinates, rates, accelerations))
+                continue
+            body = bodies[self.space.body(constraint.body)]
+            R = rotation_matrix(body.quaternion)
+            pushed = body.linear_acceleration, body.angular_acceleration
+            column.append(function(t, body.position, R, body.linear, body.angular, *pushed))
+        return ca.vertcat(*column)
 
     def residual(
         self,
@@ -255,10 +278,12 @@ class ConstraintSystem:
         count = np.size(times)
         if self.size == 0:
             return np.zeros((count, 0))
-        still = np.zeros((3, count))
+        sizes = map(function.size1_in, range(function.n_in()))
         arguments = [
-            still if a is None else np.asarray(a, dtype=np.float64).reshape(count, -1).T
-            for a in (times, *given)
+            np.zeros((size, count))
+            if a is None
+            else np.asarray(a, dtype=np.float64).reshape(count, size).T
+            for a, size in zip((times, *given), sizes, strict=True)
         ]
         residuals = np.array(function.map(count)(*arguments)).T.reshape(count, self.size)
         counted = "step" if key == "of step" else "sample"
@@ -293,7 +318,9 @@ class ConstraintSystem:
             return
         at, entry = (int(k) for k in (found or np.argwhere(undefined)[0])[:2])
         what = found[2] if found else "it"
-        row = entry if entry < 2 * self.size else (entry - 2 * self.size) // 6
+        row = (
+            entry if entry < 2 * self.size else (entry - 2 * self.size) // self.space.velocity_size
+        )
         name = self.row_names[row % self.size]
         verb = "is" if entry < self.size else "has a slope of"
         where = f"{times[at]:.6g} s" + (f" ({counted} {at})" if counted else "")
@@ -333,20 +360,20 @@ class ConstraintSystem:
         q: Expression,
         v: Expression,
         w: Expression,
-        a: Expression = 0,
-        alpha: Expression = 0,
+        a: Expression = None,
+        alpha: Expression = None,
     ) -> Expression:
         """Residual of the step of length h from (t, p, q) at constant velocities v, w.
 
         Rows at velocity level are those of the step's middle, ``p + h v / 2``, ``Exp(h w / 2) R``,
         which is second order and symmetric in time; rows at position level those of its end.
         """
-        half = quaternion_exp(h / 2 * w)
-        halfway = quaternion_product(half, q)
-        turned = quaternion_again(half, halfway, q)
+        still = ca.SX(self.space.linear, 1), ca.SX(self.space.angular, 1)
+        a, alpha = still[0] if a is None else a, still[1] if alpha is None else alpha
+        middles, ends = self.space.bodies_of_step(h, p, q, v, w, a, alpha)
         return self.by_level(
-            self.residual(t + h / 2, p + h / 2 * v, halfway, v, w, a, alpha),
-            self.residual(t + h, p + h * v, turned, v, w, a, alpha),
+            self.of_bodies(t + h / 2, middles, p + h / 2 * v, v, a),
+            self.of_bodies(t + h, ends, p + h * v, v, a),
         )
 
     def by_level(self, middle: Expression, end: Expression) -> Expression:
@@ -356,8 +383,9 @@ class ConstraintSystem:
         return ca.vertcat(ca.SX(0, 1), *rows)
 
     def _step_residual(self) -> Any:
-        t, p, q, v, w = _state_symbols()
-        h, a, alpha = ca.SX.sym("h"), ca.SX.sym("a", 3), ca.SX.sym("alpha", 3)
+        t, p, q, v, w = self._symbols()
+        h, a = ca.SX.sym("h"), ca.SX.sym("a", self.space.linear)
+        alpha = ca.SX.sym("alpha", self.space.angular)
         arguments = [t, h, p, q, v, w, a, alpha]
         return ca.Function("of_step", arguments, [ca.cse(self.of_step(*arguments))])
 
@@ -396,9 +424,9 @@ class ConstraintSystem:
         )
 
     def _first_order(self) -> Any:
-        state = _state_symbols()
+        state = self._symbols()
         value = self.residual(*state)
-        rate = _time_derivative(value, *state)
+        rate = self._time_derivative(value, *state)
         rows = [
             rate[i] if level == "position" else value[i] for i, level in enumerate(self.row_levels)
         ]
@@ -411,7 +439,7 @@ class ConstraintSystem:
         return self.owned("first order", self._first_order)(t, p, q, v, w)
 
     def _instant(self) -> Any:
-        state = _state_symbols()
+        state = self._symbols()
         phi = self.first_order(*state)
         rows = ca.jacobian(phi, ca.vertcat(*state[3:]))
         outputs = ca.vertcat(self.residual(*state), phi, ca.vec(rows.T))
@@ -434,10 +462,12 @@ class ConstraintSystem:
         jacobian : array, shape (m, 6)
             Of phi with respect to linear, then angular velocity.
         """
-        size = self.size
-        given, found = np.empty(14), np.empty(8 * size)
-        given[0], given[1:4], given[4:8] = time, position, quaternion
-        given[8:11], given[11:14] = linear_velocity, angular_velocity
+        size, space = self.size, self.space
+        given = np.empty(1 + space.point_size + space.velocity_size)
+        found = np.empty((2 + space.velocity_size) * size)
+        end = 1 + space.linear, 1 + space.point_size, 1 + space.point_size + space.linear
+        given[0], given[1 : end[0]], given[end[0] : end[1]] = time, position, quaternion
+        given[end[1] : end[2]], given[end[2] :] = linear_velocity, angular_velocity
         if size:
             # Read and written in place: a call that converts takes ten times as long.
             buffer, evaluate = self.owned("instant", self._instant).buffer()
@@ -447,7 +477,11 @@ class ConstraintSystem:
             if not np.isfinite(found[:size]).all():
                 function = self.owned("instant", self._instant)
                 self._require_defined("instant", function, found[None], given[:1], [given[:, None]])
-        return found[:size], found[size : 2 * size], found[2 * size :].reshape(size, 6)
+        return (
+            found[:size],
+            found[size : 2 * size],
+            found[2 * size :].reshape(size, space.velocity_size),
+        )
 
     def rows_at(self, instants: Floats) -> Floats:
         """Jacobians that :meth:`instant` finds, of many instants at once, shape (N, m, 6).
@@ -458,16 +492,17 @@ class ConstraintSystem:
             Time, position, quaternion, linear and angular velocity.
         """
         function = self.owned("instant", self._instant).map(len(instants))
-        return np.array(function(instants.T)).T[:, 2 * self.size :].reshape(-1, self.size, 6)
+        rows = np.array(function(instants.T)).T[:, 2 * self.size :]
+        return rows.reshape(-1, self.size, self.space.velocity_size)
 
     def _acceleration_form(self) -> Any:
         if "acceleration" in self.row_levels:
             raise ConstraintError("limits of accelerations have no form A a = b; leave them out")
-        t, p, q, v, w = state = _state_symbols()
+        t, p, q, v, w = state = self._symbols()
         kappa, zeta = ca.SX.sym("kappa"), ca.SX.sym("zeta")
         value = self.residual(*state)
         phi = self.first_order(*state)
-        drift = _time_derivative(phi, *state)
+        drift = self._time_derivative(phi, *state)
         A = ca.jacobian(phi, ca.vertcat(v, w))
         pull = [
             kappa * value[i] if is_velocity else 2 * zeta * kappa * phi[i] + kappa**2 * value[i]
@@ -514,7 +549,31 @@ class ConstraintSystem:
             stabilization,
             damping_ratio,
         )
-        return np.array(A).reshape(self.size, 6), np.array(b).reshape(self.size)
+        return np.array(A).reshape(self.size, self.space.velocity_size), np.array(b).reshape(
+            self.size
+        )
+
+    def _symbols(self) -> tuple[Expression, ...]:
+        space = self.space
+        sizes = 1, space.linear, 4 * space.rotations, space.linear, space.angular
+        return tuple(ca.SX.sym(name, size) for name, size in zip("tpqvw", sizes, strict=True))
+
+    def _time_derivative(
+        self,
+        value: Expression,
+        t: Expression,
+        p: Expression,
+        q: Expression,
+        v: Expression,
+        w: Expression,
+    ) -> Expression:
+        """d/dt of an expression along the motion, with all accelerations zero."""
+
+        def rate(w: Expression, q: Expression) -> Expression:
+            return 0.5 * quaternion_product(ca.vertcat(0, w), q)
+
+        along = ca.vertcat(1, v, self.space.each(rate, w, q))
+        return ca.jtimes(value, ca.vertcat(t, p, q), along)
 
 
 class _Graphs:
@@ -550,21 +609,40 @@ def _recent(graphs: _Graphs) -> _Graphs:
     return graphs
 
 
-def _named(constraints: tuple[Constraint, ...], names: tuple[str, ...]) -> ConstraintSystem:
+def _named(
+    constraints: tuple[Constraint, ...], names: tuple[str, ...], space: Space
+) -> ConstraintSystem:
     """Part of a system, whose constraints keep the names that they have there."""
     system = ConstraintSystem.__new__(ConstraintSystem)
-    system.constraints, system.names = constraints, names
+    system.constraints, system.names, system.space = constraints, names, space
     system._own()
     return system
 
 
 def as_system(
-    constraints: ConstraintSystem | Constraint | Sequence[Constraint],
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint], space: Space = POSE
 ) -> ConstraintSystem:
-    """Return the constraints as a system; a system passes through."""
+    """Return the constraints as a system of a space; a system passes through."""
     if isinstance(constraints, ConstraintSystem):
+        if constraints.space != space:
+            raise InputError("these constraints are a system of another space; give them alone")
         return constraints
-    return ConstraintSystem(constraints)
+    return ConstraintSystem(constraints, space)
+
+
+def _require_seen(constraint: Constraint, space: Space) -> None:
+    """Refuse a constraint that a space has nothing for."""
+    if constraint.coordinates:
+        if constraint.coordinates != space.linear:
+            raise ConstraintError(
+                f"constraint {constraint.name!r} is declared of {constraint.coordinates} "
+                f"coordinates, but what moves has {space.linear}"
+            )
+        return
+    try:
+        space.body(constraint.body)
+    except InputError as error:
+        raise ConstraintError(f"constraint {constraint.name!r}: {error}") from None
 
 
 def _numbered(names: Sequence[str]) -> tuple[str, ...]:
@@ -575,22 +653,3 @@ def _numbered(names: Sequence[str]) -> tuple[str, ...]:
         seen[name] += 1
         numbered.append(name if seen[name] == 1 else f"{name} {seen[name]}")
     return tuple(numbered)
-
-
-def _state_symbols() -> tuple[Expression, ...]:
-    return (
-        ca.SX.sym("t"),
-        ca.SX.sym("p", 3),
-        ca.SX.sym("q", 4),
-        ca.SX.sym("v", 3),
-        ca.SX.sym("w", 3),
-    )
-
-
-def _time_derivative(
-    value: Expression, t: Expression, p: Expression, q: Expression, v: Expression, w: Expression
-) -> Expression:
-    """d/dt of an expression along the motion, with both accelerations zero."""
-    q_rate = 0.5 * quaternion_product(ca.vertcat(0, w), q)
-    where = ca.vertcat(t, p, q)
-    return ca.jtimes(value, where, ca.vertcat(1, v, q_rate))

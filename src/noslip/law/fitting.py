@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +15,15 @@ from noslip.law.basis import Basis
 from noslip.law.clock import Phase
 from noslip.law.forcing import RIDGE, ForcingTerm
 from noslip.law.law import Law
-from noslip.law.space import POSE, Goal
+from noslip.law.points import Goal, mean
+from noslip.law.points import goal as goal_of
+from noslip.space import POSE, Space
+from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
+Recorded = PoseTrajectory | Trajectory
+"""What a law is learned from."""
 SAMPLES_PER_BASIS_FUNCTION = 4
 """A demonstration with fewer samples is splined to a multiple of its own before fitting: with fewer
 a function is not told from its neighbors, and a plan on longer steps ends more than 1e-5 of the
@@ -29,7 +36,7 @@ path."""
 
 
 def fit(
-    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    demonstrations: Recorded | Iterable[Recorded],
     *,
     basis_functions: int = 100,
     alpha: float = 25.0,
@@ -44,7 +51,7 @@ def fit(
 
     Parameters
     ----------
-    demonstrations : PoseTrajectory or several
+    demonstrations : PoseTrajectory, Trajectory, or several of one kind
         Any rate and start time; irregular ones are splined to their median rate, short ones
         to 4 samples a basis function.
     basis_functions : int
@@ -63,68 +70,78 @@ def fit(
     ridge = _arguments.not_negative("ridge", ridge)
     basis = Basis(basis_functions, Phase(alpha_s))
     attractor = Attractor(alpha, beta)
-    sampled = [POSE.points(evenly_sampled(d, basis_functions)) for d in recorded]
-    goal = POSE.goal(sampled)
-    forces = [demonstrated_forces(attractor, goal, points) for points in sampled]
+    space = recorded[0].space
+    sampled = [evenly_sampled(d, basis_functions).points for d in recorded]
+    goal = goal_of(space, sampled)
+    forces = [demonstrated_forces(attractor, goal, points, space) for points in sampled]
     forcing = ForcingTerm.fit(basis, attractor, forces, ridge=ridge)
-    velocities = [_start_velocity(attractor, forcing, goal, points) for points in sampled]
+    velocities = [_start_velocity(attractor, forcing, goal, points, space) for points in sampled]
     return Law(
         attractor,
         forcing,
-        POSE.mean([points[0] for points in sampled]),
+        mean(space, [points[0] for points in sampled]),
         np.mean(velocities, axis=0),
         goal,
         float(np.mean([d.duration for d in recorded])),
         default_steps(recorded[0], basis_functions),
+        space=space,
     )
 
 
-def demonstrated_forces(attractor: Attractor, goal: Goal, points: Floats) -> Floats:
+def demonstrated_forces(
+    attractor: Attractor, goal: Goal, points: Floats, space: Space = POSE
+) -> Floats:
     """Forces under which the steps reproduce a demonstration, led to its own end.
 
     Parameters
     ----------
-    points : array, shape (N, 7)
+    points : array, shape (N, n + 4 b)
         Evenly spaced from its first sample to its last.
 
     Returns
     -------
-    array, shape (N - 2, 6)
+    array, shape (N - 2, n + 3 b)
         At its inner samples, time normalized by the duration.
     """
     fraction = 1.0 / (len(points) - 1)
-    velocities = POSE.difference(points[1:], points[:-1]) / fraction
+    velocities = space.difference(points[1:], points[:-1]) / fraction
     pull = attractor.demonstrated_pull(velocities, fraction)
     led = goal.pull(points, attractor, len(points) - 1)
     return attractor.stiffness * (pull - led[1:])
 
 
 def _start_velocity(
-    attractor: Attractor, forcing: ForcingTerm, goal: Goal, points: Floats
+    attractor: Attractor, forcing: ForcingTerm, goal: Goal, points: Floats, space: Space
 ) -> Floats:
     """Velocity, per duration, with which the first step is the demonstrated one."""
     fraction = 1.0 / (len(points) - 1)
     pull = goal.pull(points, attractor, 1)[0]
     pull = pull + forcing.at_start(fraction, attractor) / attractor.stiffness
-    first = POSE.difference(points[1:2], points[:1])[0] / fraction
+    first = space.difference(points[1:2], points[:1])[0] / fraction
     return attractor.demonstrated_start(pull, first, fraction)
 
 
-def as_demonstrations(
-    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
-) -> list[PoseTrajectory]:
-    """Return a list of demonstrations, checked."""
-    if isinstance(demonstrations, PoseTrajectory):
-        return [demonstrations]
-    try:
-        recorded = list(demonstrations)
-    except TypeError:
-        recorded = [demonstrations]
+def as_demonstrations(demonstrations: Recorded | Iterable[Recorded]) -> list[PoseTrajectory]:
+    """Return a list of demonstrations, checked: all of one space."""
+    if isinstance(demonstrations, Timed):
+        recorded: list[Any] = [demonstrations]
+    else:
+        try:
+            recorded = list(demonstrations)
+        except TypeError:
+            recorded = [demonstrations]
     for item in recorded:
-        if not isinstance(item, PoseTrajectory):
+        if not isinstance(item, Timed):
             raise InputError(
-                f"demonstrations are PoseTrajectory objects, got {type(item).__name__}; "
-                "read files with load_demonstrations"
+                "demonstrations are PoseTrajectory or Trajectory objects, got "
+                f"{type(item).__name__}; read files with load_demonstrations"
+            )
+        if item.space != recorded[0].space:
+            both = (", ".join(each.space.coordinates) for each in (recorded[0], item))
+            raise InputError(
+                f"{recorded[0].name} and {item.name} move in different spaces ({' and '.join(both)}"
+                f"; {recorded[0].space.rotations} and {item.space.rotations} rotations); learn one "
+                "primitive of each kind"
             )
     if not recorded:
         raise InputError("no demonstration given; at least one is needed")

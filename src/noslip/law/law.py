@@ -15,9 +15,9 @@ from noslip.law.basis import Basis
 from noslip.law.clock import Phase
 from noslip.law.entry import goal_entry
 from noslip.law.forcing import ForcingTerm
-from noslip.law.layout import FORCE, STATE
-from noslip.law.space import POINT_SIZE, POSE, VELOCITY_SIZE, Goal, PoseSpace, frozen
+from noslip.law.points import Goal, frozen, rotation_of
 from noslip.law.winding import Winding
+from noslip.space import POSE, Space
 from noslip.trajectory import continuous_quaternions
 
 
@@ -36,12 +36,12 @@ class Law(Value):
     ----------
     attractor : Attractor
     forcing : ForcingTerm
-        Six columns: position (m), rotation vector (rad), world frame; time normalized by the
-        duration.
-    start : array, shape (7,)
+        A column a coordinate (m), then those of rotation vectors (rad, world frame); time
+        normalized by the duration.
+    start : array, shape (n + 4 b,)
         Where the demonstrations begin (mean): position (m) and quaternion (qw, qx, qy, qz).  Kept
         as numbers, since SciPy's rotations change their last bits when written and read.
-    start_velocity : array, shape (6,)
+    start_velocity : array, shape (n + 3 b,)
         Meters and radians per duration, world frame.
     goal : Goal
         Where they end (mean).
@@ -52,7 +52,7 @@ class Law(Value):
     begin : float
         Time at its start (s), for constraints that depend on it; that of the state from which it
         was re-planned.
-    space : PoseSpace
+    space : Space
     """
 
     attractor: Attractor
@@ -63,11 +63,11 @@ class Law(Value):
     duration: float
     steps: int
     begin: float = 0.0
-    space: PoseSpace = POSE
+    space: Space = POSE
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", frozen("start", self.start, POINT_SIZE))
-        velocity = frozen("start_velocity", self.start_velocity, VELOCITY_SIZE)
+        object.__setattr__(self, "start", frozen("start", self.start, self.space.point_size))
+        velocity = frozen("start_velocity", self.start_velocity, self.space.velocity_size)
         object.__setattr__(self, "start_velocity", velocity)
 
     def __repr__(self) -> str:
@@ -85,17 +85,17 @@ class Law(Value):
 
     @cached_property
     def start_position(self) -> Floats:
-        """Where the demonstrations begin (mean), meters, shape (3,)."""
-        return self.start[STATE["position"]]
+        """Where the demonstrations begin (mean), meters, shape (n,)."""
+        return self.start[: self.space.linear]
 
     @cached_property
     def start_rotation(self) -> Rotation:
         """The same of the rotation."""
-        return Rotation.from_quat(self.start[STATE["quaternion"]], scalar_first=True)
+        return rotation_of(self.start[self.space.linear :])
 
     @property
     def goal_position(self) -> Floats:
-        """Where they end (mean), meters, shape (3,)."""
+        """Where they end (mean), meters, shape (n,)."""
         return self.goal.position
 
     @property
@@ -105,7 +105,7 @@ class Law(Value):
 
     @cached_property
     def offset_weights(self) -> Floats:
-        """Weights over ``alpha beta``: what they add to the goals, shape (K, 6)."""
+        """Weights over ``alpha beta``: what they add to the goals, shape (K, n + 3 b)."""
         return self.forcing.weights / self.attractor.stiffness
 
     def targets(
@@ -128,9 +128,9 @@ class Law(Value):
         steps : int
         step_fraction : float
             ``dt / tau``.
-        goal_position, goal_rotation : array, shape (3,), and Rotation
+        goal_position, goal_rotation : array, shape (n,), and Rotation
             To end at.
-        first_goal_position, first_goal_rotation : array, shape (3,), and Rotation
+        first_goal_position, first_goal_rotation : array, shape (n,), and Rotation
             From where they move there, see :mod:`noslip.law.entry`.
         before : float
             The step before the first one, over tau; 0 at the start of the motion.
@@ -138,7 +138,7 @@ class Law(Value):
         Returns
         -------
         dict of array, shape (steps, d)
-            The columns of :data:`noslip.law.layout.STEP` that belong to the space.
+            The columns of a step (:class:`noslip.law.layout.Layouts`) that belong to the space.
         """
         offsets = self.basis.stepping_forces(
             begin,
@@ -148,38 +148,45 @@ class Law(Value):
             before,
             self.offset_weights,
         )
-        rotations, left_out = self.goal.winding.along(
-            begin, steps, step_fraction, self.attractor, before, first_goal_rotation
-        )
-        position, moved = goal_position, goal_position - first_goal_position
-        rotation_offset = offsets[:, FORCE["angular"]] + left_out
-        turn = np.zeros(3)
-        if goal_rotation is not first_goal_rotation:
-            turn = (goal_rotation * first_goal_rotation.inv()).as_rotvec()
-        if moved.any() or turn.any():
+        n, position = self.space.linear, goal_position
+        moved = goal_position - first_goal_position
+        turns = _turns(first_goal_rotation, goal_rotation, self.space.rotations)
+        entered, drawn = np.zeros((steps, 1)), np.ones((steps, 1))
+        if moved.any() or turns.any():
             entry = goal_entry(self.attractor, begin, steps, step_fraction, before)
             entered, drawn = (column[:, None] for column in entry)
             position = goal_position + moved * (drawn - 1)
-            turned = Rotation.from_rotvec(entered * turn)
-            leading = turned * Rotation.from_quat(rotations, scalar_first=True)
-            rotations = np.asarray(leading.as_quat(scalar_first=True))
-            rotation_offset = turned.apply(rotation_offset) + (drawn - entered) * turn
+        goals, pulls = [np.zeros((steps, 0))], [np.zeros((steps, 0))]
+        firsts = [first_goal_rotation] if first_goal_rotation.single else first_goal_rotation
+        for k, (winding, turn) in enumerate(zip(self.goal.windings, turns, strict=True)):
+            rotations, left_out = winding.along(
+                begin, steps, step_fraction, self.attractor, before, firsts[k]
+            )
+            offset = offsets[:, n + 3 * k : n + 3 * k + 3] + left_out
+            if turn.any():
+                turned = Rotation.from_rotvec(entered * turn)
+                leading = turned * Rotation.from_quat(rotations, scalar_first=True)
+                rotations = np.asarray(leading.as_quat(scalar_first=True))
+                offset = turned.apply(offset) + (drawn - entered) * turn
+            goals.append(rotations)
+            pulls.append(offset)
         return {
-            "position_target": position + offsets[:, FORCE["linear"]],
-            "rotation_goal": rotations,
-            "rotation_offset": rotation_offset,
+            "position_target": position + offsets[:, :n],
+            "rotation_goal": np.hstack(goals),
+            "rotation_offset": np.hstack(pulls),
         }
 
     def turned(self, turn: Rotation) -> Law:
-        """Return the law whose rotations are ``turn R(t)``, turned in the world frame."""
+        """Return the law of a pose whose rotations are ``turn R(t)``, turned in the world frame."""
+        n = self.space.linear
         knots = turn * Rotation.from_quat(self.goal.winding.quaternions, scalar_first=True)
         matrix = turn.as_matrix()
         weights, velocity, start = (
             np.array(x) for x in (self.forcing.weights, self.start_velocity, self.start)
         )
-        weights[:, FORCE["angular"]] = weights[:, FORCE["angular"]] @ matrix.T
-        velocity[FORCE["angular"]] = matrix @ velocity[FORCE["angular"]]
-        start[STATE["quaternion"]] = (turn * self.start_rotation).as_quat(scalar_first=True)
+        weights[:, n:] = weights[:, n:] @ matrix.T
+        velocity[n:] = matrix @ velocity[n:]
+        start[n:] = (turn * self.start_rotation).as_quat(scalar_first=True)
         return replace(
             self,
             forcing=ForcingTerm(self.basis, weights),
@@ -190,9 +197,18 @@ class Law(Value):
 
     def rotated_to(self, start: Rotation, goal: Rotation) -> Law:
         """Return the law with another rotation at its start and goal; the learned force stays."""
+        if not self.space.rotations:
+            return self
         turn = self.goal_rotation.inv() * goal
         knots = Rotation.from_quat(self.goal.winding.quaternions, scalar_first=True) * turn
         point = np.array(self.start)
-        point[STATE["quaternion"]] = start.as_quat(scalar_first=True)
+        point[self.space.linear :] = start.as_quat(scalar_first=True)
         winding = Winding(continuous_quaternions(knots))
         return replace(self, start=point, goal=Goal(self.goal_position, winding))
+
+
+def _turns(begins: Rotation, ends: Rotation, count: int) -> Floats:
+    """Rotation vectors that lead from rotations to others, shape (b, 3)."""
+    if begins is ends or not count:
+        return np.zeros((count, 3))
+    return np.reshape((ends * begins.inv()).as_rotvec(), (count, 3))

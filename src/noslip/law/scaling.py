@@ -24,8 +24,7 @@ from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
-from noslip.law.layout import FORCE, STATE
-from noslip.law.space import Goal
+from noslip.law.points import Goal
 
 Scaling = Literal["none", "difference", "rotation-dilation"]
 
@@ -69,35 +68,42 @@ def scaled(
     if scaling not in get_args(Scaling):
         raise InputError(f"scaling is one of {', '.join(get_args(Scaling))}; got {scaling!r}")
     start, goal = law.start_position, law.goal_position
+    if scaling == "rotation-dilation" and law.space.linear != 3:
+        raise InputError(
+            f"rotation-dilation turns positions in space; of {law.space.linear} coordinates scale "
+            'each by "difference"'
+        )
     if start_position is not None:
-        start = _arguments.vector("start_position", start_position)
+        start = _arguments.vector("start_position", start_position, size=law.space.linear)
     if goal_position is not None:
-        goal = _arguments.vector("goal_position", goal_position)
+        goal = _arguments.vector("goal_position", goal_position, size=law.space.linear)
     matrix = _matrix(law, scaling, start, goal)
     ratio = float(np.cbrt(np.linalg.det(matrix)))
-    if scaling == "rotation-dilation" and ratio:
+    if scaling == "rotation-dilation" and ratio and law.space.rotations:
         law = law.turned(Rotation.from_matrix(matrix / ratio))
     weights, velocity, point = (
         np.array(x) for x in (law.forcing.weights, law.start_velocity, law.start)
     )
-    weights[:, FORCE["linear"]] = weights[:, FORCE["linear"]] @ matrix.T
-    velocity[FORCE["linear"]] = matrix @ velocity[FORCE["linear"]]
-    point[STATE["position"]] = start
+    n = law.space.linear
+    weights[:, :n] = weights[:, :n] @ matrix.T
+    velocity[:n] = matrix @ velocity[:n]
+    point[:n] = start
     return replace(
         law,
         forcing=ForcingTerm(law.basis, weights),
         start=point,
         start_velocity=velocity,
-        goal=Goal(goal, law.goal.winding),
+        goal=Goal(goal, *law.goal.windings),
     )
 
 
 def _matrix(law: Law, scaling: Scaling, start: Floats, goal: Floats) -> Floats:
-    """S, shape (3, 3)."""
+    """S, shape (n, n)."""
+    n = law.space.linear
     if scaling == "none":
-        return np.eye(3)
+        return np.eye(n)
     # In meters: how far the force alone would move the attractor.
-    reach = np.abs(law.offset_weights[:, FORCE["linear"]]).max()
+    reach = np.abs(law.offset_weights[:, :n]).max()
     stretch = _difference if scaling == "difference" else _rotation_dilation
     return stretch(law.goal_position - law.start_position, goal - start, _CLOSED * reach)
 
@@ -105,7 +111,7 @@ def _matrix(law: Law, scaling: Scaling, start: Floats, goal: Floats) -> Floats:
 def _difference(demonstrated: Floats, wanted: Floats, closed: float) -> Floats:
     ways = np.abs(demonstrated)
     counts = ways > max(_SMALL * ways.max(), closed)
-    return np.diag(np.divide(wanted, demonstrated, out=np.ones(3), where=counts))
+    return np.diag(np.divide(wanted, demonstrated, out=np.ones(len(ways)), where=counts))
 
 
 def _rotation_dilation(demonstrated: Floats, wanted: Floats, closed: float) -> Floats:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.law.layout import FORCE, STEP, carried_layout
+from noslip.law.layout import layouts
 from noslip.rotations import (
     quaternion_again,
     quaternion_conjugate,
@@ -21,6 +21,7 @@ from noslip.rotations import (
     quaternion_log,
     quaternion_product,
 )
+from noslip.space import POSE, Space
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class StepSymbols:
         The same at velocity level.
     barrier_rate : expression
         How fast the margin of a limit may shrink that names no rate of its own (1/s).
+    space : Space
+        What they are of.
     """
 
     position: Expression
@@ -59,13 +62,15 @@ class StepSymbols:
     residual_rate: Expression
     slip_rate: Expression
     barrier_rate: Expression
+    space: Space = POSE
 
     def advance(self, linear: Expression, angular: Expression) -> tuple[Expression, Expression]:
         """Pose after the step at given velocities: ``p + dt v``, ``Exp(dt w) R``."""
         # By way of the middle, where constraints are asked: both have one sine and cosine.
-        half = quaternion_exp(self.time_step / 2 * angular)
-        halfway = quaternion_product(half, self.quaternion)
-        turned = quaternion_again(half, halfway, self.quaternion)
+        each = self.space.each
+        half = each(quaternion_exp, self.time_step / 2 * angular)
+        halfway = each(quaternion_product, half, self.quaternion)
+        turned = each(quaternion_again, half, halfway, self.quaternion)
         return self.position + self.time_step * linear, turned
 
 
@@ -75,13 +80,13 @@ class Coupled:
 
     Attributes
     ----------
-    linear, angular : expression, shape (3,)
+    linear, angular : expression, shape (n,) and (3 b,)
         Velocities after the step.
     values : expression, shape (m,)
         Residuals and margins after the step.
     multipliers : expression, shape (m,)
         Of accelerations.
-    forces : expression, shape (6, m)
+    forces : expression, shape (n + 3 b, m)
         What each row adds to the acceleration.
     yielding : expression, shape (m,)
         1 for limits that gave way.
@@ -103,7 +108,10 @@ Coupling = Callable[[StepSymbols, Expression, Expression], Coupled]
 
 
 def step_function(
-    coupling: Coupling | None, rows: int, first: Coupling | None = None
+    coupling: Coupling | None,
+    rows: int,
+    first: Coupling | None = None,
+    space: Space = POSE,
 ) -> ca.Function:
     """Return the step (carried, row of the step table) -> (carried, outputs) as one graph.
 
@@ -115,10 +123,12 @@ def step_function(
         Of constraints.
     first : Coupling, optional
         Tried first; the other one is evaluated only where this one does not suffice.
+    space : Space
+        What moves.
     """
     if first is None:
-        return _graph("step", coupling, rows, 2)
-    whole, short = _graph("whole", coupling, rows, 2), _graph("short", first, rows, 3)
+        return _graph("step", coupling, rows, 2, space)
+    whole, short = _graph("whole", coupling, rows, 2, space), _graph("short", first, rows, 3, space)
     given = [ca.MX.sym(name, whole.numel_in(k)) for k, name in enumerate(("state", "step"))]
     found = [ca.MX.sym(name, whole.numel_out(k)) for k, name in enumerate(("after", "output"))]
     kept = ca.Function("kept", [*given, *found], found)
@@ -128,20 +138,25 @@ def step_function(
     return ca.Function("step", given, chosen)
 
 
-def _graph(name: str, coupling: Coupling | None, rows: int, outputs: int) -> ca.Function:
+def _graph(
+    name: str, coupling: Coupling | None, rows: int, outputs: int, space: Space
+) -> ca.Function:
     """The step with one coupling term: after, output and whether that suffices."""
-    layout = carried_layout(rows)
-    state, step = ca.SX.sym("state", layout.size), ca.SX.sym("step", STEP.size)
-    field = {name: step[STEP[name]] for name in STEP}
-    parts = field | {name: state[layout[name]] for name in layout}
+    places = layouts(space)
+    layout, row = places.carried(rows), places.step
+    state, step = ca.SX.sym("state", layout.size), ca.SX.sym("step", row.size)
+    field = {name: step[row[name]] for name in row}
+    parts = {"space": space} | field | {name: state[layout[name]] for name in layout}
     symbols = StepSymbols(**{f.name: parts[f.name] for f in fields(StepSymbols)})
     decay, gain = field["decay"], field["gain"]
-    turn = quaternion_log(
-        quaternion_product(field["rotation_goal"], quaternion_conjugate(symbols.quaternion))
-    )
+
+    def turn_to(goal: Expression, quaternion: Expression) -> Expression:
+        return quaternion_log(quaternion_product(goal, quaternion_conjugate(quaternion)))
+
+    turn = space.each(turn_to, field["rotation_goal"], symbols.quaternion)
     linear = decay * symbols.linear_velocity + gain * (field["position_target"] - symbols.position)
     angular = decay * symbols.angular_velocity + gain * (turn + field["rotation_offset"])
-    output, values, suffices = ca.SX(FORCE.size, 1), ca.SX(0, 1), ca.SX(1)
+    output, values, suffices = ca.SX(places.force.size, 1), ca.SX(0, 1), ca.SX(1)
     if coupling is not None:
         held = coupling(symbols, linear, angular)
         force = ca.vertcat(held.linear - linear, held.angular - angular) / symbols.kick
@@ -149,7 +164,7 @@ def _graph(name: str, coupling: Coupling | None, rows: int, outputs: int) -> ca.
         values, suffices = held.values, ca.SX(held.suffices)
         linear, angular = held.linear, held.angular
     position, quaternion = symbols.advance(linear, angular)
-    quaternion = quaternion / ca.norm_2(quaternion)
+    quaternion = space.each(lambda q: q / ca.norm_2(q), quaternion)
     after = ca.densify(ca.vertcat(position, quaternion, linear, angular, values))
     # The coupling term evaluates poses and residuals more than once; each is computed once.
     found = [after, ca.densify(output), suffices][:outputs]

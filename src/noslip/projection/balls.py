@@ -11,6 +11,8 @@ stiffest spring cannot hold gives way, by little more than the other rows ask fo
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 
 from noslip._typing import Expression
@@ -32,7 +34,7 @@ class Balls:
     limits : ConstraintSystem
     margins : expression, shape (k,)
         Of the limits, at a pose that does not depend on the velocities.
-    unknown, at : expression, shape (6,)
+    unknown, at : expression, shape (n + 3 b,)
         Velocities that the margins are expressions of; some that they may have.
 
     Attributes
@@ -62,7 +64,7 @@ class Balls:
         if not self.rows:
             return ca.diag(weights)
         stiff = sum(self.stiffness[b] * square for b, square in enumerate(self.squares))
-        return _INVERSE(ca.densify(weights), ca.densify(stiff))
+        return _inverse(weights.numel())(ca.densify(weights), ca.densify(stiff))
 
     def forces(self, lengths: Expression, slopes: Expression, change: Expression) -> Expression:
         """What each spring pulls with after a change of velocities, shape (6, b).
@@ -76,7 +78,7 @@ class Balls:
             self.stiffness[b] * (lengths[b] * slopes[b, :].T - square @ change)
             for b, square in enumerate(self.squares)
         ]
-        return ca.horzcat(ca.SX(6, 0), *pulls)
+        return ca.horzcat(ca.SX(change.shape[0], 0), *pulls)
 
     def stretch(
         self,
@@ -117,13 +119,11 @@ class Balls:
         self.stiffness = ca.fmin(ca.fmax(ca.if_else(k > 0, back, newton), 0), self.stiffest)
 
 
-def _inverse() -> ca.Function:
+@lru_cache(maxsize=16)
+def _inverse(size: int) -> ca.Function:
     """(inverse weights, stiffness) -> inverse metric; weights may be 0."""
-    weights, stiff = ca.SX.sym("weights", 6), ca.SX.sym("stiff", 6, 6)
+    weights, stiff = ca.SX.sym("weights", size), ca.SX.sym("stiff", size, size)
     root = ca.diag(ca.sqrt(weights))
-    matrix = ca.densify(root @ stiff @ root + ca.SX.eye(6))
+    matrix = ca.densify(root @ stiff @ root + ca.SX.eye(size))
     found = root @ ca.ldl_solve(ca.densify(root), *ca.ldl(matrix))
     return ca.Function("inverse", [weights, stiff], [found], CALLED)
-
-
-_INVERSE = _inverse()

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
@@ -16,8 +15,6 @@ from noslip.projection.nearest import nearest
 from noslip.projection.pointwise import project_velocities
 from noslip.trajectory import PoseTrajectory
 
-_EVERYTHING = (1.0,) * 6
-"""M^-1 in which a meter costs as much as a radian."""
 _APPROACHING = 8
 """Newton steps to the nearest pose, and then straight onto the constraints."""
 _ON = 1e-12
@@ -34,7 +31,7 @@ def project_pose(
     position: ArrayLike,
     quaternion: ArrayLike,
     *,
-    inverse_metric: Sequence[float] = _EVERYTHING,
+    inverse_metric: Sequence[float] | None = None,
 ) -> tuple[Floats, Floats]:
     """Nearest pose, in the metric, on the position-level constraints and within the limits.
 
@@ -42,8 +39,8 @@ def project_pose(
 
     Returns
     -------
-    position : array, shape (3,)
-    quaternion : array, shape (4,)
+    position : array, shape (n,)
+    quaternion : array, shape (4 b,)
         Scalar first.
 
     Raises
@@ -51,10 +48,12 @@ def project_pose(
     ConstraintError
         If none is found; the message names the constraints.
     """
-    system = as_system(constraints).of_poses
-    pose, residual = _nearest_pose(system, time, position, quaternion, inverse_metric)
+    given = constraints if isinstance(constraints, ConstraintSystem) else as_system(constraints)
+    system = given.of_poses
+    metric = _everything(system) if inverse_metric is None else inverse_metric
+    pose, residual = _nearest_pose(system, time, position, quaternion, metric)
     if residual > _APART:
-        free = "" if all(inverse_metric) else ', or let the rotation give way too: metric="shared"'
+        free = "" if all(metric) else ', or let the rotation give way too: metric="shared"'
         raise ConstraintError(
             f"no pose found near the one given that satisfies {' and '.join(system.names)} "
             f"(residual {residual:.2g}); give one closer to it{free}",
@@ -74,14 +73,14 @@ def require_consistent(system: ConstraintSystem, trajectory: PoseTrajectory) -> 
     if len(system.constraints) < 2:
         return
     places = np.unique(np.linspace(0, len(trajectory) - 1, _PLACES).astype(int))
-    poses = [(trajectory.positions[k], trajectory.quaternions[k]) for k in places]
+    poses, given = [(trajectory.positions[k], trajectory.quaternions[k]) for k in places], system
     for i, place in enumerate(places):
         time = float(trajectory.times[place] - trajectory.times[0])
         motion = (trajectory.linear_velocities[place], trajectory.angular_velocities[place])
 
         def agree(constraints: Sequence[Constraint]) -> bool:
             # From far off the search may fail where there is a pose; the start is the next guess.
-            system = ConstraintSystem(constraints)
+            system = ConstraintSystem(constraints, given.space)
             return any(_agree(system, time, *pose, *motion) for pose in (poses[i], poses[0]))  # noqa: B023
 
         hard = [c for c in system.constraints if c.priority == 0 and c.level != "acceleration"]
@@ -121,11 +120,12 @@ def _agree(
     angular: ArrayLike,
 ) -> bool:
     places = system.of_poses
-    pose, residual = _nearest_pose(places, time, position, quaternion, _EVERYTHING)
+    everything = _everything(system)
+    pose, residual = _nearest_pose(places, time, position, quaternion, everything)
     if residual > _APART:
         return False
     equalities = system.equalities
-    moved = project_velocities(equalities, time, *pose, linear, angular, inverse_metric=_EVERYTHING)
+    moved = project_velocities(equalities, time, *pose, linear, angular, inverse_metric=everything)
     _, phi, _ = equalities.instant(time, *pose, *moved[:2])
     return bool(np.abs(phi).max(initial=0.0) <= _APART * max(1.0, np.abs(linear).max()))
 
@@ -138,20 +138,25 @@ def _nearest_pose(
     inverse_metric: Sequence[float],
 ) -> tuple[tuple[Floats, Floats], float]:
     """Pose, and what is left of the residual there."""
-    given = np.array(position, dtype=np.float64)
-    turned = Rotation.from_quat(np.asarray(quaternion, dtype=np.float64), scalar_first=True)
+    space, n = system.space, system.space.linear
+    given = np.concatenate([np.ravel(position), np.ravel(quaternion)]).astype(float)
+    still = np.zeros(n), np.zeros(space.angular)
 
     def moved(change: Floats) -> tuple[Floats, Floats]:
-        rotation = Rotation.from_rotvec(change[3:]) * turned
-        return given + change[:3], rotation.as_quat(scalar_first=True)
+        point = space.moved(given, change)
+        return point[:n], point[n:]
+
+    def then(change: Floats, more: Floats) -> Floats:
+        """One displacement and turn, and then another."""
+        return space.difference(space.moved(space.moved(given, change), more), given)
 
     def conditions(change: Floats) -> tuple[Floats, Floats]:
-        value, _, rows = system.instant(time, *moved(change), np.zeros(3), np.zeros(3))
+        value, _, rows = system.instant(time, *moved(change), *still)
         return value, rows
 
     change, residual = nearest(
         conditions,
-        _then,
+        then,
         system.row_is_limit,
         inverse_metric,
         approaching=_APPROACHING,
@@ -160,7 +165,6 @@ def _nearest_pose(
     return moved(change), residual
 
 
-def _then(change: Floats, more: Floats) -> Floats:
-    """One displacement and turn, and then another."""
-    turned = Rotation.from_rotvec(more[3:]) * Rotation.from_rotvec(change[3:])
-    return np.concatenate([change[:3] + more[:3], turned.as_rotvec()])
+def _everything(system: ConstraintSystem) -> tuple[float, ...]:
+    """M^-1 in which a meter costs as much as a radian."""
+    return (1.0,) * system.space.velocity_size

@@ -30,7 +30,7 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
-from noslip.projection.pointwise import POSITION_ONLY, holdable_rows
+from noslip.projection.pointwise import holdable_rows, position_only
 from noslip.trajectory import PoseTrajectory, continuous_quaternions
 
 Metric = Literal["auto", "position", "shared"] | Sequence[float]
@@ -54,16 +54,16 @@ def inverse_metric(
     usual: float,
     demonstrations: Sequence[PoseTrajectory] = (),
 ) -> tuple[float, ...]:
-    """Diagonal of M^-1, 6 numbers.
+    """Diagonal of M^-1, n + 3 b numbers.
 
     Parameters
     ----------
     system : ConstraintSystem
-    metric : "auto", "position", "shared" or 6 positive weights
+    metric : "auto", "position", "shared" or n + 3 b positive weights
         "auto" is "position" where that can hold every constraint all along the demonstrations, no
         limit is about turning (a tool that goes on turning cannot stand still for it), and no limit
         on the position meets a rule on velocities (past an obstacle a blade must turn), else
-        "shared".
+        "shared".  Where there are coordinates alone, these are the same.
     length : float or None
         L (m); None is the usual one.
     usual : float
@@ -79,12 +79,14 @@ def inverse_metric(
     if length is None:
         length = usual if usual > 0 else 1.0
     length = _arguments.positive("metric_length", length, "m")
+    space, n = system.space, system.space.linear
     turn = 1 / length**2
     if isinstance(metric, str):
         name: str = metric
         if name == "auto":
-            position = (
-                all(holdable_rows(system, POSITION_ONLY))
+            position = not space.rotations or (
+                space.is_pose
+                and all(holdable_rows(system, position_only(space)))
                 and not _limits_turning(system.limits)
                 and not _must_steer(system)
                 and all(_position_holds(system.equalities, each) for each in demonstrations)
@@ -93,13 +95,16 @@ def inverse_metric(
         if name == "rotation":
             raise InputError(_SWINGS)
         if name not in _NAMED:
-            names = ", ".join(("auto", *_NAMED))
-            raise InputError(f"metric is one of {names}, or 6 positive weights; got {metric!r}")
-        return _scaled(_NAMED[name], turn)
-    inverse = [1 / weight for weight in _arguments.positive_weights("metric", metric)]
-    if not any(inverse[:3]):
+            raise InputError(
+                f"metric is one of {', '.join(_NAMED)}, or {space.velocity_size} positive weights; "
+                f"got {metric!r}"
+            )
+        return position_only(space) if name == "position" else (1.0,) * n + (turn,) * space.angular
+    weights = _arguments.positive_weights("metric", metric, space.velocity_size)
+    inverse = [1 / weight for weight in weights]
+    if not any(inverse[:n]):
         raise InputError(_SWINGS)
-    return _scaled(inverse, turn)
+    return (*inverse[:n], *(turn * weight for weight in inverse[n:]))
 
 
 _SWINGS = (
@@ -161,21 +166,13 @@ def _must_steer(system: ConstraintSystem) -> bool:
 
 
 def _limits_turning(limits: ConstraintSystem) -> bool:
-    sizes = (1, 3, 4, 3, 3, 3, 3)
-
     def found() -> bool:
-        motion = [ca.SX.sym(name, size) for name, size in zip("tpqvwab", sizes, strict=True)]
+        function = limits.function
+        motion = [ca.SX.sym(f"m{k}", function.size1_in(k)) for k in range(function.n_in())]
         rows = ca.vertcat(limits.first_order(*motion[:5]), limits.residual(*motion))
         return bool(ca.depends_on(rows, ca.vertcat(motion[4], motion[6])))
 
     return limits.owned("limits turning", found)
 
 
-def _scaled(inverse_weights: Sequence[float], turn: float) -> tuple[float, ...]:
-    return (*inverse_weights[:3], *(turn * weight for weight in inverse_weights[3:]))
-
-
-_NAMED = {
-    "position": POSITION_ONLY,
-    "shared": (1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
-}
+_NAMED = ("auto", "position", "shared")

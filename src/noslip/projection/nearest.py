@@ -35,12 +35,12 @@ def nearest(
     Parameters
     ----------
     conditions : callable
-        Their values, shape (m,), and the derivatives of these, shape (m, 6), at a change.
+        Their values, shape (m,), and the derivatives of these, shape (m, d), at a change.
     compose : callable
-        The change that results from one, shape (6,), and then another.
+        The change that results from one, shape (d,), and then another.
     is_limit : array of bool, shape (m,)
         Conditions that need only not be negative; the others are zero.
-    inverse_metric : 6 numbers
+    inverse_metric : d numbers
         Diagonal of M^-1.
     approaching : int
         Steps toward the nearest point.
@@ -49,11 +49,11 @@ def nearest(
 
     Returns
     -------
-    change : array, shape (6,)
+    change : array, shape (d,)
     residual : float
         What is left of the conditions there, the largest; above the tolerance if it found none.
     """
-    change = np.zeros(6)
+    change = np.zeros(len(inverse_metric))
     residual = first = 0.0
     for iteration in range(_MOST_ITERATIONS):
         value, rows = conditions(change)
@@ -92,11 +92,11 @@ def least_change(
     # An equality is two limits.
     G = np.concatenate([A, -A[~is_limit]])
     h = np.concatenate([wanted, -wanted[~is_limit]]) / scale
-    end = np.zeros(7)
+    end = np.zeros(len(weights) + 1)
     end[-1] = 1.0
     E = np.vstack([G.T, h])
     push, distance = scipy.optimize.nnls(E, end)
     left = E @ push - end
     if distance < _CONTRADICTION:
         return least_change(rows[~is_limit], reach[~is_limit], is_limit[~is_limit], weights)
-    return np.asarray(roots * (-scale * left[:6] / left[6]))
+    return np.asarray(roots * (-scale * left[:-1] / left[-1]))

@@ -28,6 +28,8 @@ _ARRAYS = (
     "quaternions",
     "turn_weights",
     "turn_slopes",
+    "metric",
+    "pull",
     "fixed",
     "active",
     "clearance",
@@ -114,7 +116,7 @@ def sources(stage: Stage) -> dict[str, str]:
     """``plan.h`` and ``plan.c`` for a stage."""
     unknowns, rows = stage.unknowns, stage.rows
     size = unknowns + rows
-    column = 2 * size + (unknowns if stage.reaches_over else 0) + 1
+    column: int = 2 * size + (unknowns if stage.reaches_over else 0) + 1
 
     def place(one: int, other: int) -> int:
         """Where an entry stands, from the first column of its knot on."""
@@ -157,6 +159,9 @@ def sources(stage: Stage) -> dict[str, str]:
         "EQUALITIES": stage.equalities,
         "LIMITS": rows - stage.equalities,
         "UNKNOWNS": unknowns,
+        "TURNS": stage.turns,
+        "LINEAR": stage.space.linear,
+        "ROTATIONS": stage.space.rotations,
         "REACH": unknowns if stage.reaches_over else 0,
     }.items():
         header = header.replace(f"@{name}@", str(value))
@@ -178,7 +183,8 @@ def solve(plan: Plan, most: int, barrier: float) -> bool:
     What is not to be trusted in machine code is done in NumPy from there.
     """
     outcome = Outcome.UNRELIABLE
-    if compiled := _compiled(plan.stage):
+    # A ring is for NumPy alone.
+    if (compiled := _compiled(plan.stage)) and not plan.is_periodic:
         struct = struct_of(plan, compiled)
         compiled.begin(ctypes.byref(struct), barrier)
         outcome = Outcome(compiled.iterate(ctypes.byref(struct), most))
@@ -225,8 +231,8 @@ def struct_of(plan: Plan, compiled: Compiled) -> _Struct:
     struct.workspace = struct.memory.ctypes.data
     for name in _ARRAYS:
         array = getattr(plan, name)
-        assert array.flags.c_contiguous
-        setattr(struct, name, array.ctypes.data)
+        assert array is None or array.flags.c_contiguous
+        setattr(struct, name, None if array is None else array.ctypes.data)
     struct.twists[:] = [None if each is None else each.ctypes.data for each in plan.twists]
     for name in _NUMBERS:
         setattr(struct, name, getattr(plan, name))

@@ -44,11 +44,18 @@ from noslip.projection.balls import Balls
 from noslip.projection.nearest import nearest
 from noslip.projection.quadratic import Pushes, hold, least_push
 from noslip.rotations import quaternion_product, quaternion_turn
+from noslip.space import Space
 
 Push = Literal["force", "steering"]
 
 POSITION_ONLY: tuple[float, ...] = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """M^-1 of the paper: infinite rotational inertia, so that only the position gives way."""
+
+
+def position_only(space: Space) -> tuple[float, ...]:
+    """The paper's M^-1 in a space: the coordinates give way, rotations are held."""
+    return (1.0,) * space.linear + (0.0,) * space.angular
+
 
 RELATIVE_TIKHONOV = 1e-12
 """Added to ``A M^-1 A^T``, its rows scaled to unit norm: makes dependent rows harmless."""
@@ -105,9 +112,9 @@ def gauss_acceleration(
 
 
 def coupling(
-    constraints: ConstraintSystem | Constraint | Sequence[Constraint],
+    constraints: ConstraintSystem,
     *,
-    inverse_metric: Sequence[float] = POSITION_ONLY,
+    inverse_metric: Sequence[float] | None = None,
     push: Push = "force",
 ) -> Coupling:
     """Build the coupling term that holds constraints at each step.
@@ -118,9 +125,9 @@ def coupling(
 
     Parameters
     ----------
-    constraints : ConstraintSystem or constraints
+    constraints : ConstraintSystem
         Equalities and limits.
-    inverse_metric : 6 numbers
+    inverse_metric : n + 3 b numbers
         Diagonal of M^-1; position only by default, as in the paper.
     push : "force" or "steering"
         Along which rows velocity-level equalities push.
@@ -130,16 +137,17 @@ def coupling(
     Coupling
         For :class:`noslip.runtime.stepper.Stepper`; rows of equalities first.
     """
-    system = as_system(constraints)
-    metric = _arguments.inverse_metric(inverse_metric)
+    system, space = constraints, constraints.space
+    metric = _arguments.inverse_metric(
+        position_only(space) if inverse_metric is None else inverse_metric, space.velocity_size
+    )
     _require_holdable(system, metric)
 
     def couple(s: StepSymbols, linear: Expression, angular: Expression) -> Coupled:
         step = _Step(system, metric, push, s, ca.vertcat(linear, angular))
         velocities, multipliers, forces, yielding = step.solve()
         return Coupled(
-            velocities[:3],
-            velocities[3:],
+            *step.parted(velocities),
             step.values(velocities),
             multipliers / s.kick,
             forces / s.kick,
@@ -166,7 +174,8 @@ def without_limits(
     def couple(s: StepSymbols, linear: Expression, angular: Expression) -> Coupled:
         free, limits = ca.vertcat(linear, angular), ca.SX(system.limits.size, 1)
         whole = _Step(system, metric, push, s, free)
-        velocities, multipliers, forces, lost = free, ca.SX(0, 1), ca.SX(6, 0), ca.SX(0)
+        size = system.space.velocity_size
+        velocities, multipliers, forces, lost = free, ca.SX(0, 1), ca.SX(size, 0), ca.SX(0)
         if system.equalities.size:
             alone = _Step(system.equalities, metric, push, s, free)
             velocities, multipliers, forces, _ = alone.solve()
@@ -179,11 +188,10 @@ def without_limits(
         # Written so that what is undefined stops it.
         clear = ca.sum1(goal - there + ca.fabs(there - here) <= 0) == system.limits.size
         return Coupled(
-            velocities[:3],
-            velocities[3:],
+            *whole.parted(velocities),
             values,
             ca.vertcat(multipliers, limits) / s.kick,
-            ca.horzcat(forces, ca.SX(6, system.limits.size)) / s.kick,
+            ca.horzcat(forces, ca.SX(size, system.limits.size)) / s.kick,
             ca.SX(system.size, 1),
             suffices=ca.logic_and(clear, ca.logic_not(lost)),
         )
@@ -204,12 +212,14 @@ class _Step:
     ) -> None:
         self.s, self.unconstrained, self.metric = s, unconstrained, metric
         self.weights = ca.DM(list(metric))
-        self.shared = any(metric[:3]) and any(metric[3:])
+        self.space, self.n = system.space, system.space.linear
+        self.size = self.space.velocity_size
+        self.shared = any(metric[: self.n]) and any(metric[self.n :])
         self.equalities, self.limits = system.equalities, system.limits
-        self.unknown = ca.SX.sym("nu", 6)
+        self.unknown = ca.SX.sym("nu", self.size)
         # What the metric holds stays a known value: it then drops out of the derivatives.
         self.free = ca.vertcat(
-            *(unconstrained[i] if metric[i] == 0 else self.unknown[i] for i in range(6))
+            *(unconstrained[i] if metric[i] == 0 else self.unknown[i] for i in range(self.size))
         )
         # Position-level rows over the step's length have the scale of velocities, and multipliers
         # of accelerations, as velocity-level rows do.
@@ -247,11 +257,11 @@ class _Step:
             self.is_linear
             and self.by_force == [0]
             and self.equalities.row_levels == ["velocity"]
-            and not any(metric[3:])
+            and not any(metric[self.n :])
             and not ca.depends_on(self.start_rows, self.unknown)
         )
         self.caps, self.asked = _caps(self.limits), ca.SX(_SMALLEST_PIVOT)
-        at = (s.time - s.time_step, s.position, s.quaternion, self.free[:3], self.free[3:])
+        at = (s.time - s.time_step, s.position, s.quaternion, *self.parted(self.free))
         margins = self.limits.residual(*at, *self._accelerations(self.free))
         self.hard = ca.SX([float(priority == 0) for priority in _priorities(self.limits)])
         self.balls = Balls(self.limits, margins, self.unknown, unconstrained)
@@ -261,8 +271,8 @@ class _Step:
 
     def _start_rows(self) -> Expression:
         """Rows as they are at the step's start, along which forces act."""
-        s, now = self.s, ca.SX.sym("now", 6)
-        at = (s.time - s.time_step, s.position, s.quaternion, now[:3], now[3:])
+        s, now = self.s, ca.SX.sym("now", self.size)
+        at = (s.time - s.time_step, s.position, s.quaternion, *self.parted(now))
         rates = ca.vertcat(self.equalities.first_order(*at), self.limits.first_order(*at))
         held = ca.DM([float(weight != 0) for weight in self.metric])
         rows = ca.jacobian(rates, now) @ ca.diag(held)
@@ -271,8 +281,8 @@ class _Step:
 
     def values(self, velocities: Expression) -> Expression:
         """Residuals, then margins, of the step."""
-        s, v, w = self.s, velocities[:3], velocities[3:]
-        step = (s.time - s.time_step, s.time_step, s.position, s.quaternion, v, w)
+        s, moving = self.s, self.parted(velocities)
+        step = (s.time - s.time_step, s.time_step, s.position, s.quaternion, *moving)
         return ca.vertcat(
             self.equalities.of_step(*step),
             self.limits.of_step(*step, *self._accelerations(velocities)),
@@ -281,13 +291,17 @@ class _Step:
     def _accelerations(self, velocities: Expression) -> tuple[Expression, Expression]:
         s = self.s
         before = ca.vertcat(s.linear_velocity, s.angular_velocity)
-        return tuple(ca.vertsplit((velocities - before) / s.kick, 3))
+        return self.parted((velocities - before) / s.kick)
+
+    def parted(self, velocities: Expression) -> tuple[Expression, Expression]:
+        """Linear and angular part of a velocity or acceleration."""
+        return velocities[: self.n], velocities[self.n :]
 
     def solve(self) -> tuple[Expression, Expression, Expression, Expression]:
-        """Velocities, impulses (m,), their parts of the velocities (6, m), who yields (m,)."""
+        """Velocities, impulses (m,), their parts of the velocities (n + 3 b, m), who yields."""
         approaching, restoring = self._passes()
         velocities, impulses = self.unconstrained, ca.SX(self.phi.shape[0], 1)
-        parts = ca.SX(6, self.phi.shape[0])
+        parts = ca.SX(self.size, self.phi.shape[0])
         pushes = None
         value, rows, along = self._linear_at(velocities)
         for iteration in range(approaching + restoring):
@@ -384,25 +398,26 @@ class _Step:
         / (1 + f r)`` times as much with the rotation's inverse weights times f: that f is taken
         which leaves the small turn.
         """
-        turn = self.s.time_step * ca.norm_2(change[3:] + _SMALLEST_PIVOT)
+        n = self.n
+        turn = self.s.time_step * ca.norm_2(change[n:] + _SMALLEST_PIVOT)
         masses = ca.DM([1 / weight if weight else 0.0 for weight in self.metric])
         work = masses * change**2
-        ratio = ca.sum1(work[3:]) / (ca.sum1(work[:3]) + _SMALLEST_PIVOT)
+        ratio = ca.sum1(work[n:]) / (ca.sum1(work[:n]) + _SMALLEST_PIVOT)
         left = ca.fmin(1, _SMALL_TURN / (turn + _SMALLEST_PIVOT))
         factor = left / (1 + ratio * (1 - left))
-        self.weights = ca.vertcat(self.weights[:3], factor * self.weights[3:])
+        self.weights = ca.vertcat(self.weights[:n], factor * self.weights[n:])
 
     def _balance(self, rows: Expression) -> None:
         """Weigh rotation such that what is left is for the position wherever that can mend it."""
-        m = self.equalities.size
+        m, n = self.equalities.size, self.n
         A = rows[:m, :] if m else rows
         moving, turning = (
-            ca.sumsqr(A[:, i : i + 3] @ ca.diag(ca.sqrt(ca.DM(list(self.metric[i : i + 3])))))
-            for i in (0, 3)
+            ca.sumsqr(A[:, part] @ ca.diag(ca.sqrt(ca.DM(list(self.metric[part])))))
+            for part in (slice(0, n), slice(n, self.size))
         )
         share = ca.fmin(1, _STRAIGHT * moving / (turning + _SMALLEST_PIVOT))
         factor = ca.if_else(moving > 0, share, 1)
-        self.weights = ca.vertcat(self.weights[:3], factor * ca.DM(list(self.metric[3:])))
+        self.weights = ca.vertcat(self.weights[:n], factor * ca.DM(list(self.metric[n:])))
 
     def _fallback(self, velocities: Expression, rows: Expression) -> Expression:
         """What leads to other velocities where the passes have not come to what they should.
@@ -442,11 +457,13 @@ class _Step:
         self, velocities: Expression, rows: Expression
     ) -> tuple[Expression, Expression, Expression]:
         """Whether equalities are missed or a turn is too long; how much of limits is missed."""
-        m = self.equalities.size
+        m, n = self.equalities.size, self.n
         left = self.goal - ca.substitute(self.phi, self.unknown, velocities)
-        size = ca.norm_inf(self.s.position) / self.s.time_step + ca.norm_inf(velocities[:3])
-        turn = self.s.time_step * ca.norm_inf(velocities[3:] - self.unconstrained[3:])
-        lost = turn > _LARGEST_TURN
+        size = ca.norm_inf(self.s.position) / self.s.time_step + ca.norm_inf(velocities[:n])
+        lost = ca.SX(0)
+        if self.space.rotations:
+            turn = self.s.time_step * ca.norm_inf(velocities[n:] - self.unconstrained[n:])
+            lost = turn > _LARGEST_TURN
         if m:
             off = ca.mmax(ca.fabs(left[:m, :]))
             lost = ca.logic_or(lost, off > _MISSED + _ROUNDING * size)
@@ -513,10 +530,10 @@ class _Step:
         # Limits of unit norm, in the freedom that the equalities leave.
         pushed = ca.mtimes(inverse, G.T)
         norms = ca.sqrt(ca.sum2(G * pushed.T) + _SMALLEST_PIVOT)
-        pushed, reached = pushed / ca.repmat(norms.T, 6, 1), reach[m:, :] / norms
+        pushed, reached = pushed / ca.repmat(norms.T, self.size, 1), reach[m:, :] / norms
         both = ca.mtimes(A, pushed)
         solved = _solve_regularized(normal, ca.horzcat(left, both), self.floor)
-        across = ca.mtimes(G / ca.repmat(norms, 1, 6), weighted)
+        across = ca.mtimes(G / ca.repmat(norms, 1, self.size), weighted)
         Q = ca.mtimes(pushed.T, G.T) / ca.repmat(norms.T, k, 1) - ca.mtimes(across, solved[:, 1:])
         q = ca.mtimes(across, known + solved[:, 0]) - reached
         # In later passes little is left to ask for; what pushed before may go on.
@@ -577,7 +594,7 @@ def _priorities(limits: ConstraintSystem) -> list[int]:
 
 
 def _columns(inverse: Expression, rows: Expression, impulses: Expression) -> Expression:
-    """What each row adds to the velocities, in an inverse metric, shape (6, m)."""
+    """What each row adds to the velocities, in an inverse metric, shape (n + 3 b, m)."""
     return ca.mtimes(ca.mtimes(inverse, rows.T), ca.diag(impulses))
 
 
@@ -601,19 +618,21 @@ def holdable_rows(system: ConstraintSystem, metric: Sequence[float]) -> list[boo
 
 
 def _influence(system: ConstraintSystem) -> Floats:
-    """Largest slope of each row with respect to the velocities of a step, shape (m, 6).
+    """Largest slope of each row with respect to the velocities of a step, shape (m, n + 3 b).
 
     Tried at random states: an expression may mention what it does not depend on.
     """
-    t, p, q = ca.SX.sym("t"), ca.SX.sym("p", 3), ca.SX.sym("q", 4)
-    v, w, h = ca.SX.sym("v", 3), ca.SX.sym("w", 3), 1e-3
-    after = system.of_step(t, h, p, q / ca.norm_2(q), v, w, v / h, w / h)
+    space, h = system.space, 1e-3
+    sizes = (1, space.linear, 4 * space.rotations, space.linear, space.angular)
+    t, p, q, v, w = (ca.SX.sym(name, size) for name, size in zip("tpqvw", sizes, strict=True))
+    turned = space.each(lambda q: q / ca.norm_2(q), q)
+    after = system.of_step(t, h, p, turned, v, w, v / h, w / h)
     rows = ca.Function("rows", [t, p, q, v, w], [ca.jacobian(after, ca.vertcat(v, w))])
     random = np.random.default_rng(0)
-    influence = np.zeros((system.size, 6))
+    influence = np.zeros((system.size, space.velocity_size))
     for _ in range(3):
-        found = rows(*(random.normal(size=n) for n in (1, 3, 4, 3, 3)))
-        influence = np.fmax(influence, np.abs(np.array(found)).reshape(system.size, 6))
+        found = rows(*(random.normal(size=n) for n in sizes))
+        influence = np.fmax(influence, np.abs(np.array(found)).reshape(influence.shape))
     return influence
 
 
@@ -647,19 +666,20 @@ def _residual_after(
     before, dt, previous = s.time - s.time_step, s.time_step, s.previous_step
     state = (before, s.position, s.quaternion, s.linear_velocity, s.angular_velocity)
     now, drift = system.residual(*state), system.first_order(*state)
-    half_back = quaternion_turn(-previous / 2 * s.angular_velocity)
+    each = system.space.each
+    half_back = each(quaternion_turn, -previous / 2 * s.angular_velocity)
     middle = system.residual(
         before - previous / 2,
         s.position - previous / 2 * s.linear_velocity,
-        quaternion_product(half_back, s.quaternion),
+        each(quaternion_product, half_back, s.quaternion),
         s.linear_velocity,
         s.angular_velocity,
     )
-    back = quaternion_product(half_back, half_back)
+    back = each(quaternion_product, half_back, half_back)
     earlier = system.residual(
         before - previous,
         s.position - previous * s.linear_velocity,
-        quaternion_product(back, s.quaternion),
+        each(quaternion_product, back, s.quaternion),
         s.linear_velocity,
         s.angular_velocity,
     )
@@ -724,7 +744,7 @@ def project_velocities(
     linear_velocity: ArrayLike,
     angular_velocity: ArrayLike,
     *,
-    inverse_metric: Sequence[float] = POSITION_ONLY,
+    inverse_metric: Sequence[float] | None = None,
     residual_rate: float = 0.0,
 ) -> tuple[Floats, Floats, Floats]:
     """Nearest velocities, in the metric, that the constraints allow at a pose.
@@ -739,11 +759,13 @@ def project_velocities(
 
     Returns
     -------
-    linear_velocity, angular_velocity : array, shape (3,)
+    linear_velocity, angular_velocity : array, shape (n,) and (3 b,)
     residual : array, shape (m,)
         Of the equalities at this pose and the projected velocities.
     """
-    system = as_system(constraints)
+    system = constraints if isinstance(constraints, ConstraintSystem) else as_system(constraints)
+    n = system.space.linear
+    metric = position_only(system.space) if inverse_metric is None else inverse_metric
     levels = np.array(system.row_levels, dtype=object)
     # Limits of poses say nothing of velocities yet: their barriers do, step by step.
     counts = ~system.row_is_limit | (levels == "velocity")
@@ -752,7 +774,7 @@ def project_velocities(
     def conditions(change: Floats) -> tuple[Floats, Floats]:
         velocities = given + change
         residual, phi, rows = system.instant(
-            time, position, quaternion, velocities[:3], velocities[3:]
+            time, position, quaternion, velocities[:n], velocities[n:]
         )
         phi = phi + np.where(levels == "position", residual_rate * residual, 0.0)
         return phi[counts], rows[counts]
@@ -761,10 +783,10 @@ def project_velocities(
         conditions,
         np.add,
         system.row_is_limit[counts],
-        inverse_metric,
+        metric,
         approaching=_APPROACHING,
         tolerance=1e-15 * max(1.0, np.abs(given).max()),
     )
     found = given + change
-    residual, _, _ = system.instant(time, position, quaternion, found[:3], found[3:])
-    return found[:3], found[3:], residual[~system.row_is_limit]
+    residual, _, _ = system.instant(time, position, quaternion, found[:n], found[n:])
+    return found[:n], found[n:], residual[~system.row_is_limit]

@@ -17,6 +17,7 @@ from noslip.rotations import (
     quaternion_log,
     quaternion_product,
 )
+from noslip.space import Twisted
 
 Entries = dict[tuple[int, int], Floats]
 """Structural nonzeros of a stage's matrix: (row, column) -> value at each stage."""
@@ -28,7 +29,8 @@ KEPT_COUNTS = 8
 class Stage:
     """What the constraints ask of one step, for any number of steps at once.
 
-    Unknowns of a stage are those of the sample before the step, of its own, and of the next one.
+    Unknowns of a stage are those of the sample before the step, of its own, and of the next one: of
+    each 3 b of rotation vectors, then, unless held, n of displacements over the length.
     Rows of equalities come first, then those of limits.
 
     Parameters
@@ -46,7 +48,10 @@ class Stage:
         curvature = ca.tril(ca.hessian(ca.dot(multipliers, phi), unknown)[0])
         values, slopes = ca.densify(phi), jacobian.nonzeros()
         self.system = system
-        self.rows, self.unknowns = system.size, 3 if hold_position else 6
+        self.rows, self.unknowns = system.size, int(inputs[0].numel()) // 3
+        self.space = system.space
+        # Joints turn a tool, and cost what its turns do.
+        self.turns = self.unknowns if not system.space.is_placed else system.space.angular
         self.equalities = system.equalities.size
         # With accelerations a row asks something of the sample after its own, too.
         self.reaches_over = "acceleration" in system.limits.row_levels
@@ -112,46 +117,65 @@ def _residual(system: ConstraintSystem, hold_position: bool) -> tuple[list[Any],
     The inputs are the unknowns, the reference's quaternions and its positions, each of three
     samples; then the sample's time, the time step and the path's length.
     """
-    unknowns = 3 if hold_position else 6
-    inputs = [ca.SX.sym(name, n) for name, n in zip("zqpt", (3 * unknowns, 12, 9, 3), strict=True)]
-    z, q, p = (ca.vertsplit(each, each.numel() // 3) for each in inputs[:3])
-    time, time_step, length = ca.vertsplit(inputs[3])
-    equalities, limits = system.equalities, system.limits
-
-    turned = [
-        quaternion_product(quaternion_exp(part[:3]), reference)
-        for part, reference in zip(z, q, strict=True)
-    ]
-
-    def rate(first: int) -> Expression:
-        turn = quaternion_product(turned[first + 1], quaternion_conjugate(turned[first]))
-        return quaternion_log(turn) / time_step
-
-    def velocity(first: int) -> Expression:
-        velocity = (p[first + 1] - p[first]) / time_step
-        if hold_position:
-            return velocity
-        return velocity + length * (z[first + 1][3:] - z[first][3:]) / time_step
-
-    position = p[1] if hold_position else p[1] + length * z[1][3:]
-    linear, angular = velocity(0), rate(0)
-    accelerations = (velocity(1) - linear) / time_step, (rate(1) - angular) / time_step
-    # The quaternions are continuous from sample to sample, so their sum is halfway between them.
-    middle = turned[0] + turned[1]
-    at_middle = (
-        time - time_step / 2,
-        position - time_step / 2 * linear,
-        middle / ca.norm_2(middle),
-        linear,
-        angular,
+    space = system.space
+    turns, shifts = space.angular, 0 if hold_position else space.linear
+    sizes = turns + shifts, 4 * space.rotations, space.linear
+    inputs = [ca.SX.sym(name, 3 * size) for name, size in zip("zqp", sizes, strict=True)]
+    z, q, p = (
+        [each[k * size : (k + 1) * size] for k in range(3)]
+        for each, size in zip(inputs, sizes, strict=True)
     )
-    at_end = (time, position, turned[1], linear, angular)
+    inputs.append(ca.SX.sym("t", 3))
+    time, h, length = ca.vertsplit(inputs[3])
 
-    def residual(part: ConstraintSystem, *accelerations: Expression) -> Expression:
-        middles, ends = (part.residual(*at, *accelerations) for at in (at_middle, at_end))
-        return part.by_level(middles, ends)
+    def turn(by: Expression, reference: Expression) -> Expression:
+        return quaternion_product(quaternion_exp(by), reference)
 
-    return inputs, ca.vertcat(residual(equalities), residual(limits, *accelerations))
+    def turning(after: Expression, before: Expression) -> Expression:
+        return quaternion_log(quaternion_product(after, quaternion_conjugate(before)))
+
+    def halfway(before: Expression, after: Expression) -> Expression:
+        # Quaternions are continuous from sample to sample.
+        middle = before + after
+        return middle / ca.norm_2(middle)
+
+    turned = [space.each(turn, z[k][:turns], q[k]) for k in range(3)]
+    positions = [p[k] + length * z[k][turns:] if shifts else p[k] for k in range(3)]
+
+    def step(first: int) -> tuple[Expression, Expression, Any]:
+        """Velocity of a step, the middle's coordinates, and what bodies do in it."""
+        before, after = turned[first : first + 2]
+        linear = (p[first + 1] - p[first]) / h
+        if shifts:
+            linear += length * (z[first + 1][turns:] - z[first][turns:]) / h
+        angular = space.each(turning, after, before) / h
+        middle = positions[first + 1] - h / 2 * linear
+        points = (
+            (positions[first], before),
+            (middle, space.each(halfway, before, after)),
+            (positions[first + 1], after),
+        )
+        return linear, middle, space.steps_of_bodies(h, *points, linear, angular)
+
+    (linear, middle, bodies), (linear_after, _, bodies_after) = step(0), step(1)
+
+    def residual(part: ConstraintSystem, *, accelerated: bool) -> Expression:
+        middles, ends = [], []
+        for (there, over, moving), (*_, moving_after) in zip(bodies, bodies_after, strict=True):
+            both = zip(moving_after, moving, strict=True)
+            pushed = [(after - now) / h for after, now in both] if accelerated else (0, 0)
+            middles.append(Twisted(*there, *moving, *pushed))
+            ends.append(Twisted(*over, *moving, *pushed))
+        acceleration = (linear_after - linear) / h if accelerated else 0
+        return part.by_level(
+            part.of_bodies(time - h / 2, middles, middle, linear, acceleration),
+            part.of_bodies(time, ends, positions[1], linear, acceleration),
+        )
+
+    equalities, limits = system.equalities, system.limits
+    return inputs, ca.vertcat(
+        residual(equalities, accelerated=False), residual(limits, accelerated=limits.size > 0)
+    )
 
 
 def _of_stage(name: str, inputs: list[Expression], outputs: Sequence[Expression]) -> ca.Function:

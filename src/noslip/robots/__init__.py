@@ -1,5 +1,6 @@
 """Arms: motions tracked without slip, placements, closed-loop dynamics.  Extra ``robots``."""
 
+from noslip.robots.chains import chain
 from noslip.robots.dynamics import Control, Execution, execute, summary
 from noslip.robots.executed import (
     Margins,
@@ -28,6 +29,7 @@ __all__ = [
     "Robot",
     "ToolErrors",
     "TrackedMotion",
+    "chain",
     "execute",
     "load",
     "named",

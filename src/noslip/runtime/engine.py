@@ -9,21 +9,21 @@ from math import ceil, exp, isfinite
 
 import numpy as np
 
-from noslip._typing import Floats
 from noslip.codegen.library import Library
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
 from noslip.law.clock import Phase
 from noslip.law.law import Law
-from noslip.law.layout import STATE, STEP, VELOCITY, memory_layout
+from noslip.law.layout import STATE, Layouts, layouts
 from noslip.rule import Rule
 from noslip.runtime.lost import require_defined
 from noslip.runtime.numbers import Struct
 from noslip.runtime.rollout import steps_ahead
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
+from noslip.space import POSE
 
-_PLACES = memory_layout(0)
+_PLACES = layouts(POSE).memory(0)
 """Before the constraints' rows, places are alike for all of them."""
 TIME, FRACTION, PREVIOUS_STEP, DURATION, PULL_IN, BRAKING = (
     _PLACES.index(name)
@@ -31,7 +31,7 @@ TIME, FRACTION, PREVIOUS_STEP, DURATION, PULL_IN, BRAKING = (
 )
 POSITION, QUATERNION, LINEAR, ANGULAR = (_PLACES[name] for name in STATE)
 MOVING = _PLACES.span("position", "angular_velocity")
-"""Pose and velocities."""
+"""Pose and velocities; like those that follow, of a pose."""
 VELOCITIES = _PLACES.span("linear_velocity", "angular_velocity")
 GOAL_POSITION, GOAL_QUATERNION, ACCELERATION, FORCE = (
     _PLACES[name] for name in ("goal_position", "goal_quaternion", "acceleration", "force")
@@ -39,7 +39,29 @@ GOAL_POSITION, GOAL_QUATERNION, ACCELERATION, FORCE = (
 FIRST_GOAL_POSITION, FIRST_GOAL_QUATERNION = (
     _PLACES[f"first_{name}"] for name in ("goal_position", "goal_quaternion")
 )
-_KICK = STEP.index("kick")
+
+
+class _Places:
+    """Where each number stands in the memory of a space; plain attributes, for loops."""
+
+    def __init__(self, table: Layouts) -> None:
+        memory = table.memory(0)
+        self.time, self.fraction = memory.index("time"), memory.index("fraction")
+        self.previous_step, self.duration = memory.index("previous_step"), memory.index("duration")
+        self.pull_in, self.braking = memory.index("pull_in"), memory.index("braking")
+        self.position, self.quaternion, self.linear, self.angular = (
+            memory[name] for name in table.state
+        )
+        self.moving = memory.span("position", "angular_velocity")
+        self.goal_position = memory["goal_position"]
+        self.goal_quaternion = memory["goal_quaternion"]
+        self.first_goal_position = memory["first_goal_position"]
+        self.first_goal_quaternion = memory["first_goal_quaternion"]
+        self.acceleration, self.force = memory["acceleration"], memory["force"]
+        self.state_size, self.velocity = table.state.size, table.velocity
+        self.kick = table.step.index("kick")
+
+
 _MOST_ROWS_AHEAD = 256
 """Rows of the step table computed at once: more would make one step wait for many."""
 NOT_FINITE = (
@@ -60,7 +82,9 @@ class Memory:
 
     def __init__(self, clock: Phase, system: ConstraintSystem) -> None:
         equalities, rows = system.equalities.size, system.size
-        layout = memory_layout(rows)
+        layouts_of = layouts(system.space)
+        layout = layouts_of.memory(rows)
+        self.at = _Places(layouts_of)
         self.data = np.zeros(layout.size)
         values, multipliers = layout.index("values"), layout.index("multipliers")
         self.equalities = slice(values, values + equalities)
@@ -79,17 +103,17 @@ class Memory:
 
     def set(self, state: State) -> None:
         """Write a state to it."""
-        data = self.data
-        data[TIME], data[FRACTION] = state.time, self._clock.fraction(state.phase)
+        data, at = self.data, self.at
+        data[at.time], data[at.fraction] = state.time, self._clock.fraction(state.phase)
         carried = state.carried(self._system)
-        data[MOVING], data[self.values] = np.split(carried, [STATE.size])
-        data[PREVIOUS_STEP], data[DURATION] = state.previous_step, state.duration
-        data[PULL_IN], data[BRAKING] = state.pull_in, state.braking
-        data[GOAL_POSITION] = state.goal_position
-        data[GOAL_QUATERNION] = state.goal_rotation.as_quat(scalar_first=True)
-        data[FIRST_GOAL_POSITION] = state.first_goal_position
-        data[FIRST_GOAL_QUATERNION] = state.first_goal_rotation.as_quat(scalar_first=True)
-        data[ACCELERATION], data[FORCE] = state.acceleration, state.constraint_forces
+        data[at.moving], data[self.values] = np.split(carried, [at.state_size])
+        data[at.previous_step], data[at.duration] = state.previous_step, state.duration
+        data[at.pull_in], data[at.braking] = state.pull_in, state.braking
+        data[at.goal_position] = state.goal_position
+        data[at.goal_quaternion] = state.goal_quaternion
+        data[at.first_goal_position] = state.first_goal_position
+        data[at.first_goal_quaternion] = state.first_goal_quaternion
+        data[at.acceleration], data[at.force] = state.acceleration, state.constraint_forces
         # A state made by hand may come without.
         for given, part in (
             (state.multipliers, self.multipliers),
@@ -100,31 +124,31 @@ class Memory:
 
     def state(self) -> State:
         """What it holds; a copy."""
-        data = self.data.copy()
-        fraction = data.item(FRACTION)
+        data, at = self.data.copy(), self.at
+        fraction = data.item(at.fraction)
         # The frozen dataclass sets its fields one by one, which takes longer than the step itself.
         state = object.__new__(State)
         state.__dict__.update(
-            time=data.item(TIME),
+            time=data.item(at.time),
             phase=exp(-self._clock.alpha_s * fraction),
-            position=data[POSITION],
-            _rotation=data[QUATERNION],
-            linear_velocity=data[LINEAR],
-            angular_velocity=data[ANGULAR],
-            previous_step=data.item(PREVIOUS_STEP),
-            duration=data.item(DURATION),
-            goal_position=data[GOAL_POSITION],
-            _goal_rotation=data[GOAL_QUATERNION],
-            first_goal_position=data[FIRST_GOAL_POSITION],
-            _first_goal_rotation=data[FIRST_GOAL_QUATERNION],
-            pull_in=data.item(PULL_IN),
-            braking=data.item(BRAKING),
+            position=data[at.position],
+            _rotation=data[at.quaternion],
+            linear_velocity=data[at.linear],
+            angular_velocity=data[at.angular],
+            previous_step=data.item(at.previous_step),
+            duration=data.item(at.duration),
+            goal_position=data[at.goal_position],
+            _goal_rotation=data[at.goal_quaternion],
+            first_goal_position=data[at.first_goal_position],
+            _first_goal_rotation=data[at.first_goal_quaternion],
+            pull_in=data.item(at.pull_in),
+            braking=data.item(at.braking),
             constraint_residuals=data[self.equalities],
             multipliers=data[self.multipliers],
             margins=data[self.limits],
             limit_multipliers=data[self.limit_multipliers],
-            acceleration=data[ACCELERATION],
-            constraint_forces=data[FORCE],
+            acceleration=data[at.acceleration],
+            constraint_forces=data[at.force],
             done=self._clock.is_over(fraction),
         )
         return state
@@ -153,15 +177,17 @@ class Compiled:
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
         if self._step(self._primitive, self._state, time_step):
-            data, law = self._memory.data, self._law
-            law.clock.made_good(data.item(FRACTION), time_step, data.item(DURATION), law.steps)
-            raise _lost(self._system, data, time_step)
+            data, at, law = self._memory.data, self._memory.at, self._law
+            fraction, duration = data.item(at.fraction), data.item(at.duration)
+            law.clock.made_good(fraction, time_step, duration, law.steps)
+            raise _lost(self._system, self._memory, time_step)
 
 
-def _lost(system: ConstraintSystem, data: Floats, time_step: float) -> InputError:
+def _lost(system: ConstraintSystem, memory: Memory, time_step: float) -> InputError:
     """Say whose fault it is that a step is not finite."""
-    states = np.stack([data[MOVING], np.full(STATE.size, np.nan)])
-    require_defined(system, data[TIME] + np.array([0.0, time_step]), states)
+    data, at = memory.data, memory.at
+    states = np.stack([data[at.moving], np.full(at.state_size, np.nan)])
+    require_defined(system, data[at.time] + np.array([0.0, time_step]), states)
     return InputError(NOT_FINITE)
 
 
@@ -185,9 +211,10 @@ class Virtual:
         self._law, self._rule, self._memory = law, rule, memory
         stepper = stepper_of(rule)
         self._columns = stepper.outputs
-        self._now, self._row = np.empty(stepper.carried.size), np.empty(STEP.size)
+        row = layouts(law.space).step.size
+        self._now, self._row = np.empty(stepper.carried.size), np.empty(row)
         self._after, self._output = np.empty_like(self._now), np.empty(stepper.outputs.size)
-        self._change = np.empty(VELOCITY.stop - VELOCITY.start)
+        self._change = np.empty(law.space.velocity_size)
         buffer, self._evaluate = stepper.function.buffer()
         buffer.set_arg(0, self._now.data)
         buffer.set_arg(1, self._row.data)
@@ -195,15 +222,16 @@ class Virtual:
         buffer.set_res(1, self._output.data)
         self._buffer, self._values = buffer, memory.values
         # All the way to the end, of steps as they are meant to be.
-        fraction, duration = memory.data.item(FRACTION), memory.data.item(DURATION)
+        at = memory.at
+        fraction, duration = memory.data.item(at.fraction), memory.data.item(at.duration)
         self._ahead = max(1, ceil((1 - fraction) * duration / time_step))
         self._table = steps_ahead(law, rule, memory.state(), self._ahead, time_step)
         self._next, self._expected = 0, (fraction, duration, time_step)
 
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
-        data = self._memory.data
-        fraction, duration = data.item(FRACTION), data.item(DURATION)
+        data, at = self._memory.data, self._memory.at
+        fraction, duration = data.item(at.fraction), data.item(at.duration)
         count, seconds = self._law.clock.made_good(fraction, time_step, duration, self._law.steps)
         kept = data.copy() if count > 1 else data
         try:
@@ -214,12 +242,12 @@ class Virtual:
             raise
 
     def _step(self, h: float) -> None:
-        data = self._memory.data
-        fraction, duration = data.item(FRACTION), data.item(DURATION)
+        data, at = self._memory.data, self._memory.at
+        fraction, duration = data.item(at.fraction), data.item(at.duration)
         share = h / duration
         over = self._law.clock.is_over(fraction)
         if over:
-            _, after_step = self._law.clock.slowed(fraction, h, duration, data.item(BRAKING))
+            _, after_step = self._law.clock.slowed(fraction, h, duration, data.item(at.braking))
         else:
             # The last step ends where the motion does; a whole one would go beyond.
             if share > 1 - fraction:
@@ -229,19 +257,20 @@ class Virtual:
         if over or self._next == len(self._table) or self._expected != (fraction, duration, h):
             self._look_ahead(h, over)
         self._row[:] = self._table[self._next]
-        self._now[: STATE.size], self._now[STATE.size :] = data[MOVING], data[self._values]
+        size = at.state_size
+        self._now[:size], self._now[size:] = data[at.moving], data[self._values]
         self._evaluate()
         after, output, columns = self._after, self._output, self._columns
-        if not isfinite(after[: STATE.size].sum()):
-            raise _lost(self._rule.system, data, h)
-        np.subtract(after[VELOCITY], self._now[VELOCITY], out=self._change)
-        np.multiply(self._change, 1 / self._row[_KICK], out=data[ACCELERATION])
-        data[MOVING], data[self._values] = after[: STATE.size], after[STATE.size :]
-        data[FORCE] = output[columns["force"]]
+        if not isfinite(after[:size].sum()):
+            raise _lost(self._rule.system, self._memory, h)
+        np.subtract(after[at.velocity], self._now[at.velocity], out=self._change)
+        np.multiply(self._change, 1 / self._row[at.kick], out=data[at.acceleration])
+        data[at.moving], data[self._values] = after[:size], after[size:]
+        data[at.force] = output[columns["force"]]
         data[self._memory.all_multipliers] = output[columns["multipliers"]]
-        data[TIME] += h
-        data[FRACTION] = after_step
-        data[PREVIOUS_STEP] = h
+        data[at.time] += h
+        data[at.fraction] = after_step
+        data[at.previous_step] = h
         self._next += 1
         self._expected = (after_step, duration, h)
 

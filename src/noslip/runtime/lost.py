@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
-from noslip.law.layout import STATE
+from noslip.law.layout import layouts
 
 
 def require_defined(system: ConstraintSystem, times: Floats, states: Floats) -> None:
@@ -17,7 +16,7 @@ def require_defined(system: ConstraintSystem, times: Floats, states: Floats) -> 
     ----------
     system : ConstraintSystem
     times : array, shape (N,)
-    states : array, shape (N, 13)
+    states : array, shape (N, ...)
         The first of them is finite.
 
     Raises
@@ -29,14 +28,16 @@ def require_defined(system: ConstraintSystem, times: Floats, states: Floats) -> 
     if finite.all():
         return
     last = int(np.argmin(finite.all(axis=1))) - 1
-    p, q, v, w = (states[last, STATE[name]] for name in STATE)
+    space = system.space
+    place = layouts(space)
+    point, velocity = states[last, place.point], states[last, place.velocity]
     # Where it is, and where it would be in the middle and at the end of the next step.
     ahead = np.array([0.0, 0.5, 1.0])[:, None] * (times[last + 1] - times[last])
-    turned = Rotation.from_rotvec(ahead * w) * Rotation.from_quat(q, scalar_first=True)
+    points = space.moved(np.tile(point, (3, 1)), ahead * velocity)
     system.require_slopes(
         times[last] + ahead,
-        p + ahead * v,
-        turned.as_quat(scalar_first=True),
-        np.tile(v, (3, 1)),
-        np.tile(w, (3, 1)),
+        points[:, : space.linear],
+        points[:, space.linear :],
+        np.tile(velocity[: space.linear], (3, 1)),
+        np.tile(velocity[space.linear :], (3, 1)),
     )

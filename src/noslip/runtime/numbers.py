@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip._typing import Floats
+from noslip.errors import InputError
 from noslip.law.law import Law
-from noslip.law.layout import PRIMITIVE
+from noslip.law.layout import Field, layouts
 from noslip.rule import Rule
 from noslip.runtime.rollout import initial_state
 
@@ -18,9 +19,13 @@ Number = int | float | Floats
 
 
 def numbers(law: Law, rule: Rule) -> dict[str, Number]:
-    """Values of the fields of ``noslip_primitive``, see :data:`noslip.law.layout.PRIMITIVE`."""
-    winding, state = law.goal.winding, initial_state(law, rule)
-    splines = winding.splines.reshape(-1, 12)
+    """Values of the fields of ``noslip_primitive``, see :mod:`noslip.law.layout`."""
+    windings, state = law.goal.windings, initial_state(law, rule)
+    knots = [winding.quaternions for winding in windings] or [np.zeros((1, 0))]
+    splines = [winding.splines.reshape(-1, 12) for winding in windings] or [np.zeros((1, 0))]
+    if len(set(map(len, knots))) > 1:
+        raise InputError("rotations wind by different numbers of knots, which C does not know yet")
+    curves = np.hstack(splines)
     return {
         "basis_functions": law.basis.count,
         "centers": law.basis.centers,
@@ -29,10 +34,10 @@ def numbers(law: Law, rule: Rule) -> dict[str, Number]:
         "alpha": law.attractor.alpha,
         "beta": law.attractor.beta,
         "alpha_s": law.clock.alpha_s,
-        "knots": len(winding.quaternions),
-        "knot_quaternions": winding.quaternions,
+        "knots": len(knots[0]),
+        "knot_quaternions": np.hstack(knots),
         # C knows no empty arrays.
-        "knot_splines": splines if len(splines) else np.zeros((1, 12)),
+        "knot_splines": curves if len(curves) else np.zeros((1, curves.shape[1])),
         "steps": law.steps,
         "duration": law.duration,
         "residual_rate": rule.stabilization,
@@ -43,8 +48,13 @@ def numbers(law: Law, rule: Rule) -> dict[str, Number]:
         "start_linear_velocity": state.linear_velocity,
         "start_angular_velocity": state.angular_velocity,
         "goal_position": state.goal_position,
-        "goal_quaternion": state.goal_rotation.as_quat(scalar_first=True),
+        "goal_quaternion": state.goal_quaternion,
     }
+
+
+def _fields(law: Law) -> list[Field]:
+    """Those of the struct; C knows no empty arrays."""
+    return [field for field in layouts(law.space).primitive if field.size or not field.shape]
 
 
 class Struct:
@@ -61,7 +71,7 @@ class Struct:
         # What pointers point to must live as long as the struct.
         self._kept: list[Floats] = []
         given = numbers(law, rule)
-        for field in PRIMITIVE:
+        for field in _fields(law):
             value = given[field.name]
             if field.kind == "array":
                 array = np.array(value, dtype=np.float64, order="C")
@@ -86,7 +96,7 @@ def text(law: Law, rule: Rule, name: str) -> str:
     """A C file with the numbers of a primitive, as ``const noslip_primitive name``."""
     arrays, values = [], []
     given = numbers(law, rule)
-    for field in PRIMITIVE:
+    for field in _fields(law):
         value = given[field.name]
         if field.kind == "array":
             arrays.append(_array(field.name, np.asarray(value)))

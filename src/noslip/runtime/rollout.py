@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
-from typing import Any, Literal, TypeVar, get_args
+from functools import lru_cache, partial
+from typing import Any, Literal, TypeVar, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,15 +17,16 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.law.entry import GoalForm
 from noslip.law.law import Law
-from noslip.law.layout import CLOCK, FORCE, STATE, STEP, VELOCITY
+from noslip.law.layout import CLOCK, layouts
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
 from noslip.runtime.lost import require_defined
-from noslip.runtime.motion import Asked, Motion
+from noslip.runtime.motion import Asked, Motion, VectorMotion
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 from noslip.runtime.timing import require_time, timed
+from noslip.space import Space
 
 T = TypeVar("T")
 
@@ -42,6 +43,8 @@ def rollout(
     law: Law,
     rule: Rule,
     *,
+    goal: ArrayLike | None = None,
+    start: ArrayLike | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     start_position: ArrayLike | None = None,
@@ -58,8 +61,10 @@ def rollout(
     ----------
     law : Law
     rule : Rule
-    goal_position, start_position : array, shape (3,), optional
-        Meters; the demonstrated ones by default.
+    goal, start : array, shape (n,), or a pair (position, Rotation), optional
+        A point of what moves: coordinates such as joints, or a pose.
+    goal_position, start_position : array, shape (n,), optional
+        Meters, or the coordinates' own units; the demonstrated ones by default.
     goal_rotation, start_rotation : Rotation, optional
     duration : float, optional
         tau (s).  The motion keeps its shape; only its speed changes.  Soft limits on that speed
@@ -91,6 +96,8 @@ def rollout(
         message says in which it can.
     """
     options: dict[str, Any] = {
+        "goal": goal,
+        "start": start,
         "goal_position": goal_position,
         "goal_rotation": goal_rotation,
         "start_position": start_position,
@@ -137,13 +144,15 @@ def integrate(law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, 
     stepper.run(states[0], table, states[1:], outputs[1:])
     require_defined(system, times, states)
     outputs[0] = outputs[1]
-    return Motion.of_steps(
+    # Of vectors it is another class, with the same attributes but for those of rotations.
+    kind = Motion if law.space.is_pose else cast("type[Motion]", VectorMotion)
+    return kind.of_steps(
         times,
         states,
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
         tuple(system.equalities.row_names),
         tuple(system.limits.row_names),
-        Asked(state, table),
+        Asked(state, table, law.space),
     )
 
 
@@ -151,6 +160,8 @@ def initial_state(
     law: Law,
     rule: Rule,
     *,
+    goal: ArrayLike | None = None,
+    start: ArrayLike | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     start_position: ArrayLike | None = None,
@@ -175,7 +186,13 @@ def initial_state(
     tau = law.duration
     if duration is not None:
         tau = _arguments.positive("duration", duration, "seconds")
-    vector, rotation = _arguments.vector, _arguments.rotation
+    n, rotation = law.space.linear, partial(_turn, law.space)
+    vector = partial(_arguments.vector, size=n)
+    ends = {"goal": (goal, goal_position, goal_rotation)}
+    ends["start"] = start, start_position, start_rotation
+    (goal_position, goal_rotation), (start_position, start_rotation) = (
+        point_or_parts(law.space, name, *given) for name, given in ends.items()
+    )
     velocity = law.start_velocity / tau
     start_position = chosen(vector, "start_position", start_position, law.start_position)
     start_rotation = chosen(rotation, "start_rotation", start_rotation, law.start_rotation)
@@ -194,8 +211,8 @@ def initial_state(
         phase=1.0,
         position=start_position,
         rotation=start_rotation,
-        linear_velocity=velocity[FORCE["linear"]],
-        angular_velocity=velocity[FORCE["angular"]],
+        linear_velocity=velocity[:n],
+        angular_velocity=velocity[n:],
         previous_step=0.0,
         duration=tau,
         goal_position=goal_position,
@@ -205,6 +222,37 @@ def initial_state(
         pull_in=chosen(_arguments.not_negative, "pull_in", pull_in, rule.stabilization / tau),
     )
     return _admissible(rule, state, project_start) if rule.system.size else state
+
+
+def _turn(space: Space, name: str, value: Any) -> Rotation:
+    """Check a rotation of a space with one."""
+    if space.rotations == 1:
+        return _arguments.rotation(name, value)
+    fits = isinstance(value, Rotation) and not value.single and len(value) == space.rotations
+    if not fits:
+        raise InputError(
+            f"{name}: what moves has no rotation"
+            if not space.rotations
+            else f"{name} must be a SciPy Rotation of {space.rotations}"
+        )
+    return value
+
+
+def point_or_parts(
+    space: Space, name: str, point: Any, position: ArrayLike | None, rotation: Rotation | None
+) -> tuple[ArrayLike | None, Rotation | None]:
+    """Parts of a point that is given whole, or the parts as they are given."""
+    if point is None:
+        return position, rotation
+    if position is not None or rotation is not None:
+        raise InputError(f"{name} is given twice; give {name}, or its position and rotation")
+    if not space.rotations:
+        return point, None
+    if not (isinstance(point, tuple) and len(point) == 2):
+        raise InputError(
+            f"{name} of a pose is a pair (position, Rotation), got {_arguments.short(point)}"
+        )
+    return point
 
 
 def step(law: Law, rule: Rule, state: State, time_step: float) -> State:
@@ -234,6 +282,7 @@ def _stepped(law: Law, rule: Rule, state: State, time_step: float) -> State:
         phase = state.phase * law.clock.decay(time_step / state.duration)
     table = steps_ahead(law, rule, state, 1, time_step)
     stepper, rows = stepper_of(rule), rule.system.equalities.size
+    places = layouts(law.space)
     before = state.carried(rule.system)
     after, outputs = np.empty_like(before), np.empty((1, stepper.outputs.size))
     stepper.run(before, table, after[None], outputs)
@@ -244,12 +293,13 @@ def _stepped(law: Law, rule: Rule, state: State, time_step: float) -> State:
         state,
         time=state.time + time_step,
         phase=phase,
-        position=after[STATE["position"]],
-        rotation=after[STATE["quaternion"]],
-        linear_velocity=after[STATE["linear_velocity"]],
-        angular_velocity=after[STATE["angular_velocity"]],
+        position=after[places.state["position"]],
+        rotation=after[places.state["quaternion"]],
+        linear_velocity=after[places.state["linear_velocity"]],
+        angular_velocity=after[places.state["angular_velocity"]],
         previous_step=time_step,
-        acceleration=(after[VELOCITY] - before[VELOCITY]) / table[0, STEP.index("kick")],
+        acceleration=(after[places.velocity] - before[places.velocity])
+        / table[0, places.step.index("kick")],
         constraint_residuals=values[:rows],
         multipliers=found["multipliers"][:rows],
         margins=values[rows:],
@@ -264,8 +314,9 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
 
     Returns
     -------
-    array, shape (steps, 19)
-        Columns as :data:`noslip.law.layout.STEP` says.  After the end of the motion one step alone.
+    array, shape (steps, ...)
+        Columns as the step of :class:`noslip.law.layout.Layouts` says.  After the end of the
+        motion one step alone.
     """
     tau = state.duration
     # What violates a constraint from the start is pulled in; what was pushed off it, or was
@@ -285,8 +336,8 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
         # Drawn nowhere any more.
         share, _ = law.clock.slowed(fraction, time_step, tau, state.braking)
         slip_rates = AT_ONCE, AT_ONCE
-    table = np.empty((steps, STEP.size))
-    column = STEP.views(table)
+    column = layouts(law.space).step
+    table = np.empty((steps, column.size))
     for rows, k in ((slice(None), 1), (0, 0)):
         before = time_step if k else state.previous_step
         decay, gain = (share, 0.0) if over else law.attractor.factors(before / tau, time_step / tau)
@@ -301,7 +352,7 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
             decay,
             gain / tau,
         )
-    column["time"][:] = state.time + np.arange(1, steps + 1) * time_step
+    table[:, column.index("time")] = state.time + np.arange(1, steps + 1) * time_step
     targets = law.targets(
         fraction,
         steps,
@@ -313,7 +364,7 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
         state.previous_step / tau,
     )
     for name, values in targets.items():
-        column[name][:] = values
+        table[:, column[name]] = values
     return table
 
 
@@ -374,11 +425,11 @@ def _allowed_velocities(
     inverse_metric: tuple[float, ...],
     residual_rate: float,
 ) -> tuple[Floats, Floats, Floats]:
-    given = np.frombuffer(moving)
+    given, places = np.frombuffer(moving), layouts(system.space).state
     found = project_velocities(
         system,
         time,
-        *(given[STATE[name]] for name in STATE),
+        *(given[places[name]] for name in places),
         inverse_metric=inverse_metric,
         residual_rate=residual_rate,
     )

@@ -13,6 +13,7 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
+from noslip.law.points import rotation_of
 
 
 class _Turn:
@@ -30,7 +31,7 @@ class _Turn:
             raise AttributeError
         kept = state.__dict__[self._kept]
         if isinstance(kept, np.ndarray):
-            kept = state.__dict__[self._kept] = Rotation.from_quat(kept, scalar_first=True)
+            kept = state.__dict__[self._kept] = rotation_of(kept)
         return kept
 
     def __set__(self, state: Any, value: Rotation | Floats) -> None:
@@ -47,19 +48,20 @@ class State(Value):
         Since the start (s).
     phase : float
         From 1 down to ``exp(-alpha_s)`` at the end.
-    position : array, shape (3,)
-        Meters.
+    position : array, shape (n,)
+        Meters; 3 of a pose, else the coordinates in their own units.
     rotation : Rotation
-        Or a unit quaternion (qw, qx, qy, qz) where one is made; also ``goal_rotation``.
-    linear_velocity, angular_velocity : array, shape (3,)
+        Or unit quaternions (qw, qx, qy, qz), shape (4 b,), where one is made; also
+        ``goal_rotation``.  The identity where nothing turns.
+    linear_velocity, angular_velocity : array, shape (n,) and (3 b,)
         Of the step that led here (at the start: of that instant); m/s and rad/s, world frame.
     previous_step : float
         Length of that step (s); 0 at the start.
     duration : float
         tau (s).
-    goal_position : array, shape (3,)
+    goal_position : array, shape (n,)
     goal_rotation : Rotation
-    first_goal_position, first_goal_rotation : array, shape (3,), and Rotation
+    first_goal_position, first_goal_rotation : array, shape (n,), and Rotation
         From where the goal moves, see :mod:`noslip.law.entry`; the goal itself in the paper's form.
     pull_in : float
         Rate at which a violation decays (1/s).
@@ -69,9 +71,9 @@ class State(Value):
         Of the equalities.
     margins, limit_multipliers : array, shape (k,)
         Of the limits.
-    acceleration : array, shape (6,)
+    acceleration : array, shape (n + 3 b,)
         Of that step: linear (m/s^2), then angular (rad/s^2), world frame.
-    constraint_forces : array, shape (6,)
+    constraint_forces : array, shape (n + 3 b,)
         What the constraints added to it.
     done : bool
         Whether the motion has come to its end.
@@ -95,26 +97,52 @@ class State(Value):
     multipliers: Floats = field(default_factory=lambda: np.zeros(0))
     margins: Floats = field(default_factory=lambda: np.zeros(0))
     limit_multipliers: Floats = field(default_factory=lambda: np.zeros(0))
-    acceleration: Floats = field(default_factory=lambda: np.zeros(6))
-    constraint_forces: Floats = field(default_factory=lambda: np.zeros(6))
+    acceleration: Floats = None  # type: ignore[assignment]
+    constraint_forces: Floats = None  # type: ignore[assignment]
     done: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("acceleration", "constraint_forces"):
+            if getattr(self, name) is None:
+                still = np.zeros(len(self.linear_velocity) + len(self.angular_velocity))
+                object.__setattr__(self, name, still)
 
     @property
     def quaternion(self) -> Floats:
-        """Of the rotation: (qw, qx, qy, qz)."""
-        kept = self.__dict__["_rotation"]
+        """Of the rotation: (qw, qx, qy, qz), shape (4 b,)."""
+        return self._quaternions("_rotation")
+
+    @property
+    def goal_quaternion(self) -> Floats:
+        """The same of the goal."""
+        return self._quaternions("_goal_rotation")
+
+    @property
+    def first_goal_quaternion(self) -> Floats:
+        """The same of where the goal moves from."""
+        return self._quaternions("_first_goal_rotation")
+
+    def _quaternions(self, name: str) -> Floats:
+        kept = self.__dict__[name]
         if isinstance(kept, np.ndarray):
             return kept
-        return np.asarray(kept.as_quat()[[3, 0, 1, 2]])
+        if not len(self.angular_velocity):
+            return np.zeros(0)
+        return np.ravel(kept.as_quat(scalar_first=True))
+
+    @property
+    def values(self) -> Floats:
+        """The coordinates: the position under the name that joints have it by."""
+        return self.position
 
     def vector(self) -> Floats:
-        """Pose and velocities, as :data:`noslip.law.layout.STATE` says."""
+        """Point and velocity, as the state of :class:`noslip.law.layout.Layouts` says."""
         return np.concatenate(
             [self.position, self.quaternion, self.linear_velocity, self.angular_velocity]
         )
 
     def carried(self, system: ConstraintSystem) -> Floats:
-        """What a step carries, see :func:`noslip.law.layout.carried_layout`."""
+        """What a step carries, see :meth:`noslip.law.layout.Layouts.carried`."""
         parts = [self.vector()]
         for part, given in (
             (system.equalities, self.constraint_residuals),

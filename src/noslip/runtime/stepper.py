@@ -9,9 +9,9 @@ import casadi as ca
 from noslip._typing import Floats
 from noslip.codegen.library import Library, Native
 from noslip.constraints.system import ConstraintSystem
-from noslip.law.layout import carried_layout, output_layout
+from noslip.law.layout import layouts
 from noslip.law.step import step_function
-from noslip.projection.pointwise import POSITION_ONLY, Push, coupling, without_limits
+from noslip.projection.pointwise import Push, coupling, position_only, without_limits
 from noslip.rule import Rule
 
 
@@ -19,7 +19,9 @@ def stepper_of(rule: Rule) -> Stepper:
     """Return the stepper of a rule; built once for all that are alike."""
     system = rule.system
     # Nothing gives way where nothing is held.
-    alike = (rule.inverse_metric, rule.push) if system.size else (POSITION_ONLY, "force")
+    alike: tuple[tuple[float, ...], Push] = (rule.inverse_metric, rule.push)
+    if not system.size:
+        alike = (position_only(system.space), "force")
     return system.owned(("stepper", *alike), lambda: Stepper(system, *alike))
 
 
@@ -30,7 +32,7 @@ class Stepper:
     ----------
     system : ConstraintSystem
         What its steps hold; may be empty.
-    inverse_metric : tuple of 6 floats
+    inverse_metric : tuple of floats
     push : "force" or "steering"
         See :mod:`noslip.projection.pointwise`.
     """
@@ -38,15 +40,16 @@ class Stepper:
     def __init__(
         self, system: ConstraintSystem, inverse_metric: tuple[float, ...], push: Push
     ) -> None:
-        self.carried, self.outputs = carried_layout(system.size), output_layout(system.size)
+        places = layouts(system.space)
+        self.carried, self.outputs = places.carried(system.size), places.output(system.size)
         held, alone = None, None
         if system.size:
             held = coupling(system, inverse_metric=inverse_metric, push=push)
         if system.limits.size:
             alone = without_limits(system, inverse_metric=inverse_metric, push=push)
-        self.function = step_function(held, system.size, alone)
+        self.function = step_function(held, system.size, alone, system.space)
         self._accumulated = lru_cache(maxsize=8)(self._accumulate)
-        self.native = Native(lambda: Library.of(self.function, system.size))
+        self.native = Native(lambda: Library.of(self.function, system.size, system.space))
         self._runs = 0
 
     def _accumulate(self, count: int) -> ca.Function:
@@ -57,12 +60,9 @@ class Stepper:
 
         Parameters
         ----------
-        state : array, shape (13 + m,)
-        table : array, shape (count, 19)
-        states : array, shape (count, 13 + m)
-            Written to: after each step; columns as :func:`noslip.law.layout.carried_layout` says.
-        outputs : array, shape (count, ...)
-            Written to; columns as :func:`noslip.law.layout.output_layout` says.  All arrays are
+        state, table, states, outputs : array, shape (...,), (count, ...) each
+            States and outputs are written to: after each step.  Columns as
+            :class:`noslip.law.layout.Layouts` says: carried, step, carried, output.  All arrays are
             contiguous.
         """
         count = len(table)

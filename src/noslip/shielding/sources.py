@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from noslip.codegen import c99
 from noslip.control import observer
-from noslip.law.layout import FORCE, STATE, STEP, Field, Layout, carried_layout, output_layout
+from noslip.law.layout import FORCE, STATE, STEP, Field, Layout, layouts
 from noslip.rule import Rule
 from noslip.runtime.stepper import stepper_of
 from noslip.shielding.following import GIVEN, HEARD, SLOWEST, follow_function
+from noslip.space import POSE
 
 TOLERANCES = 2e-3, 0.04
 """m and rad, between command and tool, that are nobody's concern, besides lag, bias and noise."""
@@ -64,11 +65,11 @@ def sources(rule: Rule, period: float) -> dict[str, str]:
     """C of a shield under a rule, for commands that come so many seconds apart."""
     system = rule.system
     rows = system.size
-    outputs = output_layout(rows)
+    outputs = layouts(POSE).output(rows)
     wanted = outputs["multipliers"].stop
     graphs = c99.Plain({"follow": follow_function(system, period)}, *_FOLLOWING)
-    layouts = {
-        "STATE": carried_layout(rows),
+    placed = {
+        "STATE": layouts(POSE).carried(rows),
         "STEP": STEP,
         "OUTPUT": outputs,
         "HEARD": HEARD,
@@ -77,7 +78,7 @@ def sources(rule: Rule, period: float) -> dict[str, str]:
         "SHIELD": memory_layout(rows),
     }
     generated = [
-        *(c99.offsets(name, each) for name, each in layouts.items()),
+        *(c99.offsets(name, each) for name, each in placed.items()),
         f"#define OUTPUTS {wanted}",
         f"#define ALL_ROWS {rows}",
         f"#define NO_TOOL {NO_TOOL!r}",

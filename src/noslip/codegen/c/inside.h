@@ -68,13 +68,18 @@ static inline void quaternion_of(const noslip_real *vector, noslip_real *quatern
     for (i = 0; i < 3; ++i) quaternion[1 + i] = scale * vector[i];
 }
 
-/* The winding's rotation at a fraction of the motion. */
-static inline void winding_at(const noslip_primitive *p, noslip_real fraction, noslip_real *rotation) {
+/* C knows no empty arrays. */
+#define SOME_ROTATIONS (NOSLIP_ROTATIONS > 0 ? NOSLIP_ROTATIONS : 1)
+
+#if NOSLIP_ROTATIONS
+/* The winding of a rotation at a fraction of the motion. */
+static inline void winding_at(const noslip_primitive *p, int r, noslip_real fraction,
+                              noslip_real *rotation) {
     noslip_real turn[4], vector[3], within;
     const noslip_real *spline;
     int interval, i;
     if (p->knots == 1) {
-        for (i = 0; i < 4; ++i) rotation[i] = p->knot_quaternions[0][i];
+        for (i = 0; i < 4; ++i) rotation[i] = p->knot_quaternions[0][4 * r + i];
         return;
     }
     if (!(fraction > 0)) fraction = 0;
@@ -82,13 +87,24 @@ static inline void winding_at(const noslip_primitive *p, noslip_real fraction, n
     interval = (int)(fraction * (noslip_real)(p->knots - 1));
     if (interval > p->knots - 2) interval = p->knots - 2;
     within = fraction - (noslip_real)interval / (noslip_real)(p->knots - 1);
-    spline = p->knot_splines[interval];
+    spline = p->knot_splines[interval] + 12 * r;
     for (i = 0; i < 3; ++i) {
         vector[i] = ((spline[i] * within + spline[3 + i]) * within + spline[6 + i]) * within
                     + spline[9 + i];
     }
     quaternion_of(vector, turn);
-    multiply(p->knot_quaternions[interval], turn, rotation);
+    multiply(p->knot_quaternions[interval] + 4 * r, turn, rotation);
+}
+#endif
+
+/* Of all rotations. */
+static inline void windings_at(const noslip_primitive *p, noslip_real fraction, noslip_real *rotations) {
+#if NOSLIP_ROTATIONS
+    int r;
+    for (r = 0; r < NOSLIP_ROTATIONS; ++r) winding_at(p, r, fraction, rotations + 4 * r);
+#else
+    (void)p, (void)fraction, (void)rotations;
+#endif
 }
 
 /* Rotation vector that leads from one rotation to another, world frame. */

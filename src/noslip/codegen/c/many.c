@@ -20,12 +20,16 @@ void noslip_run(const double *state, const double *table, double *states, double
 
 static void sample(const noslip_state *s, double *state) {
     int i;
-    for (i = 0; i < 3; ++i) {
+    for (i = 0; i < NOSLIP_LINEAR; ++i) {
         state[STATE_POSITION + i] = s->position[i];
         state[STATE_LINEAR_VELOCITY + i] = s->linear_velocity[i];
+    }
+#if NOSLIP_ROTATIONS
+    for (i = 0; i < 4 * NOSLIP_ROTATIONS; ++i) state[STATE_QUATERNION + i] = s->quaternion[i];
+    for (i = 0; i < 3 * NOSLIP_ROTATIONS; ++i) {
         state[STATE_ANGULAR_VELOCITY + i] = s->angular_velocity[i];
     }
-    for (i = 0; i < 4; ++i) state[STATE_QUATERNION + i] = s->quaternion[i];
+#endif
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) state[STATE_VALUES + i] = s->values[i];
 }
 
@@ -39,7 +43,7 @@ void noslip_drives(const noslip_primitive *primitive, long long steps, double *d
     s.duration = 1;
     for (k = 0; k < steps; ++k) {
         stepping_drive(primitive, &s, h, drives + DRIVE_SIZE * k);
-        winding_at(primitive, s.fraction, windings + 4 * k);
+        windings_at(primitive, s.fraction, windings + 4 * NOSLIP_ROTATIONS * k);
         s.fraction += h;
         s.previous_step = h;
     }
@@ -57,18 +61,22 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *drives,
         noslip_state s;
         goal_lead lead;
         noslip_start(primitive, &s);
-        for (i = 0; i < 3; ++i) {
+        for (i = 0; i < NOSLIP_LINEAR; ++i) {
             s.position[i] = first[STATE_POSITION + i];
             s.linear_velocity[i] = first[STATE_LINEAR_VELOCITY + i];
-            s.angular_velocity[i] = first[STATE_ANGULAR_VELOCITY + i];
             s.goal_position[i] = begin[BEGINNING_GOAL_POSITION + i];
             s.first_goal_position[i] = begin[BEGINNING_FIRST_GOAL_POSITION + i];
         }
-        for (i = 0; i < 4; ++i) {
+#if NOSLIP_ROTATIONS
+        for (i = 0; i < 4 * NOSLIP_ROTATIONS; ++i) {
             s.quaternion[i] = first[STATE_QUATERNION + i];
             s.goal_quaternion[i] = begin[BEGINNING_GOAL_QUATERNION + i];
             s.first_goal_quaternion[i] = begin[BEGINNING_FIRST_GOAL_QUATERNION + i];
         }
+        for (i = 0; i < 3 * NOSLIP_ROTATIONS; ++i) {
+            s.angular_velocity[i] = first[STATE_ANGULAR_VELOCITY + i];
+        }
+#endif
         for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) {
             s.values[i] = first[STATE_VALUES + i];
         }
@@ -79,7 +87,7 @@ void noslip_rollouts(const noslip_primitive *primitive, const double *drives,
             const long long at = motion * (steps + 1) + k;
             const double h = s.duration / (double)steps;
             const int lost = advance(primitive, &s, h, drives + DRIVE_SIZE * (k - 1),
-                                     windings + 4 * (k - 1), &lead, noslip_core);
+                                     windings + 4 * NOSLIP_ROTATIONS * (k - 1), &lead, noslip_core);
             sample(&s, states + at * STATE_SIZE);
             /* The caller looks for it. */
             if (lost) states[at * STATE_SIZE] = NAN;

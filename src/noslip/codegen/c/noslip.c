@@ -35,54 +35,70 @@ static void drive_at(const noslip_primitive *p, noslip_real fraction, noslip_rea
     const noslip_real nearest = exponent_of(p, middle, phase);
     noslip_real sum = 0, psi;
     int i, j, side;
-    for (j = 0; j < 6; ++j) drive[j] = 0;
+    for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] = 0;
     for (side = 1; side >= -1; side -= 2) {
         for (i = side > 0 ? middle : middle - 1; i >= 0 && i < p->basis_functions; i += side) {
             if (!((psi = gaussian(p, i, phase, nearest)) > 0)) break;
             sum += psi;
-            for (j = 0; j < 6; ++j) drive[j] += psi * p->weights[i][j];
+            for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] += psi * p->weights[i][j];
         }
     }
-    for (j = 0; j < 6; ++j) drive[j] *= phase / sum;
+    for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] *= phase / sum;
     drive[DRIVE_DRAWN] = entered_at(fraction) + slope / p->beta + bend / (p->alpha * p->beta);
 }
 
-/* What leads the rotation to its goal, alike in all steps: from where the winding ends to the first
+/* Numbers of a velocity. */
+#define VELOCITY (NOSLIP_LINEAR + 3 * NOSLIP_ROTATIONS)
+
+/* What leads each rotation to its goal, alike in all steps: from where the winding ends to the first
  * goal, in the tool's frame; and from there to the goal, a rotation vector in the world's. */
 typedef struct goal_lead {
-    noslip_real first[4], moved[3];
+    noslip_real first[4 * SOME_ROTATIONS], moved[3 * SOME_ROTATIONS];
 } goal_lead;
 
 static void lead_to_goal(const noslip_primitive *p, const noslip_state *s, goal_lead *lead) {
-    noslip_real back[4];
-    conjugate(p->knot_quaternions[p->knots - 1], back);
-    multiply(back, s->first_goal_quaternion, lead->first);
-    turn_between(s->first_goal_quaternion, s->goal_quaternion, lead->moved);
+#if NOSLIP_ROTATIONS
+    int r;
+    for (r = 0; r < NOSLIP_ROTATIONS; ++r) {
+        const noslip_real *first = s->first_goal_quaternion + 4 * r;
+        noslip_real back[4];
+        conjugate(p->knot_quaternions[p->knots - 1] + 4 * r, back);
+        multiply(back, first, lead->first + 4 * r);
+        turn_between(first, s->goal_quaternion + 4 * r, lead->moved + 3 * r);
+    }
+#else
+    (void)p, (void)s, (void)lead;
+#endif
 }
 
-/* The rotation that plays the goal's part in the attractor, and what is added to the turn there: the
+/* The rotations that play the goal's part in the attractor, and what is added to the turns there: the
  * winding and the learned torque, led to where the goal is by now. */
-static void leading(const goal_lead *lead, const noslip_real *winding, noslip_real entered,
-                    const noslip_real *drive, noslip_real *quaternion, noslip_real *offset) {
-    noslip_real first[4], turn[4], back[4], torque[4] = {0}, turned[4], vector[3];
-    int i, moves = 0;
-    multiply(winding, lead->first, first);
-    for (i = 0; i < 3; ++i) {
-        torque[1 + i] = drive[DRIVE_ANGULAR + i];
-        vector[i] = entered * lead->moved[i];
-        moves |= vector[i] < 0 || vector[i] > 0;
-    }
-    if (moves) {
-        quaternion_of(vector, turn);
-        conjugate(turn, back);
-        multiply(turn, torque, turned);
-        multiply(turned, back, torque);
-        multiply(turn, first, quaternion);
-    } else {
-        for (i = 0; i < 4; ++i) quaternion[i] = first[i];
-    }
-    for (i = 0; i < 3; ++i) {
-        offset[i] = torque[1 + i] + (drive[DRIVE_DRAWN] - entered) * lead->moved[i];
+static void leading(const goal_lead *lead, const noslip_real *windings, noslip_real entered,
+                    const noslip_real *drive, noslip_real *quaternions, noslip_real *offsets) {
+    int i, r;
+    for (r = 0; r < NOSLIP_ROTATIONS; ++r) {
+        const noslip_real *moved = lead->moved + 3 * r;
+        noslip_real first[4], turn[4], back[4], torque[4] = {0}, turned[4], vector[3];
+        noslip_real *quaternion = quaternions + 4 * r;
+        int moves = 0;
+        multiply(windings + 4 * r, lead->first + 4 * r, first);
+        for (i = 0; i < 3; ++i) {
+            torque[1 + i] = drive[DRIVE_ANGULAR + 3 * r + i];
+            vector[i] = entered * moved[i];
+            moves |= vector[i] < 0 || vector[i] > 0;
+        }
+        if (moves) {
+            quaternion_of(vector, turn);
+            conjugate(turn, back);
+            multiply(turn, torque, turned);
+            multiply(turned, back, torque);
+            multiply(turn, first, quaternion);
+        } else {
+            for (i = 0; i < 4; ++i) quaternion[i] = first[i];
+        }
+        for (i = 0; i < 3; ++i) {
+            offsets[3 * r + i] = torque[1 + i] + (drive[DRIVE_DRAWN] - entered) * moved[i];
+        }
     }
 }
 
@@ -99,31 +115,39 @@ static const noslip_real *factors(const noslip_primitive *p, noslip_state *s, no
     return found;
 }
 
-/* What a target that stands still for a step leaves out of the winding, added to the force. */
+/* What a target that stands still for a step leaves out of the windings, added to the force. */
 static void stepping_winding(const noslip_primitive *p, noslip_state *s, noslip_real h, int known,
                              noslip_real *force) {
+#if NOSLIP_ROTATIONS
     const noslip_real *factor = factors(p, s, h);
     const int starting = !(s->previous_step > 0);
-    noslip_real earlier[4], now[4], later[4], before[3] = {0, 0, 0}, after[3];
-    int j;
+    int j, r;
     if (p->knots == 1) return;
-    if (known) {
-        for (j = 0; j < 4; ++j) now[j] = s->known_winding[j];
-        for (j = 0; j < 3; ++j) before[j] = s->known_turn[j];
-    } else {
-        winding_at(p, s->fraction, now);
-        if (!starting) {
-            winding_at(p, s->fraction - h, earlier);
-            turn_between(earlier, now, before);
+    for (r = 0; r < NOSLIP_ROTATIONS; ++r) {
+        noslip_real *winding = s->known_winding + 4 * r, *turn = s->known_turn + 3 * r;
+        noslip_real earlier[4], now[4], later[4], before[3] = {0, 0, 0}, after[3];
+        if (known) {
+            for (j = 0; j < 4; ++j) now[j] = winding[j];
+            for (j = 0; j < 3; ++j) before[j] = turn[j];
+        } else {
+            winding_at(p, r, s->fraction, now);
+            if (!starting) {
+                winding_at(p, r, s->fraction - h, earlier);
+                turn_between(earlier, now, before);
+            }
+        }
+        winding_at(p, r, s->fraction + h, later);
+        turn_between(now, later, after);
+        for (j = 0; j < 4; ++j) winding[j] = later[j];
+        for (j = 0; j < 3; ++j) {
+            turn[j] = after[j];
+            force[NOSLIP_LINEAR + 3 * r + j]
+                += factor[2] * (after[j] + before[j]) / 2 + factor[3] * (after[j] - before[j]);
         }
     }
-    winding_at(p, s->fraction + h, later);
-    turn_between(now, later, after);
-    for (j = 0; j < 4; ++j) s->known_winding[j] = later[j];
-    for (j = 0; j < 3; ++j) {
-        s->known_turn[j] = after[j];
-        force[3 + j] += factor[2] * (after[j] + before[j]) / 2 + factor[3] * (after[j] - before[j]);
-    }
+#else
+    (void)p, (void)s, (void)h, (void)known, (void)force;
+#endif
 }
 
 /* The same as a step from there wants it: what a constant target leaves out is added. */
@@ -167,22 +191,26 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
     state->duration = primitive->duration;
     state->pull_in = primitive->residual_rate / primitive->duration;
     state->braking = 0;
-    for (i = 0; i < 3; ++i) {
+    for (i = 0; i < NOSLIP_LINEAR; ++i) {
         state->position[i] = primitive->start_position[i];
         state->linear_velocity[i] = primitive->start_linear_velocity[i];
-        state->angular_velocity[i] = primitive->start_angular_velocity[i];
         state->goal_position[i] = state->first_goal_position[i] = primitive->goal_position[i];
     }
-    for (i = 0; i < 4; ++i) {
+#if NOSLIP_ROTATIONS
+    for (i = 0; i < 4 * NOSLIP_ROTATIONS; ++i) {
         state->quaternion[i] = primitive->start_quaternion[i];
         state->goal_quaternion[i] = primitive->goal_quaternion[i];
         state->first_goal_quaternion[i] = primitive->goal_quaternion[i];
+        state->known_winding[i] = 0;
     }
-    for (i = 0; i < 6; ++i) state->acceleration[i] = state->force[i] = 0;
+    for (i = 0; i < 3 * NOSLIP_ROTATIONS; ++i) {
+        state->angular_velocity[i] = primitive->start_angular_velocity[i];
+        state->known_turn[i] = 0;
+    }
+#endif
+    for (i = 0; i < VELOCITY; ++i) state->acceleration[i] = state->force[i] = 0;
     state->known_fraction = state->known_step = -1;
     for (i = 0; i < DRIVE_SIZE; ++i) state->known[0][i] = state->known[1][i] = 0;
-    for (i = 0; i < 4; ++i) state->known_winding[i] = 0;
-    for (i = 0; i < 3; ++i) state->known_turn[i] = 0;
     for (i = 0; i < 2; ++i) state->known_lengths[i] = -1;
     for (i = 0; i < 4; ++i) state->known_factors[i] = 0;
     for (i = 0; i < NOSLIP_ROWS; ++i) state->values[i] = state->multipliers[i] = 0;
@@ -202,7 +230,7 @@ static noslip_real slowed(const noslip_state *s, noslip_real time_step, noslip_r
 
 /* A step that is driven and led so; 1 and the state as it was if what comes of it is not finite. */
 static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
-                   const noslip_real *drive, const noslip_real *winding, const goal_lead *lead,
+                   const noslip_real *drive, const noslip_real *windings, const goal_lead *lead,
                    carrying *carried) {
     const noslip_real tau = state->duration, h = time_step / tau;
     const noslip_real kick = (state->previous_step + time_step) / 2;
@@ -215,10 +243,10 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 
     /* What violates a constraint from the start is pulled in; what was pushed off it, or measured to
      * be, goes on without slip at once. */
-    for (i = 0; i < 3; ++i) {
-        fast = larger(fast, fabs(state->linear_velocity[i]));
-        fast = larger(fast, fabs(state->angular_velocity[i]));
-    }
+    for (i = 0; i < NOSLIP_LINEAR; ++i) fast = larger(fast, fabs(state->linear_velocity[i]));
+#if NOSLIP_ROTATIONS
+    for (i = 0; i < 3 * NOSLIP_ROTATIONS; ++i) fast = larger(fast, fabs(state->angular_velocity[i]));
+#endif
     for (i = 0; i < NOSLIP_EQUALITIES; ++i) {
         if (!(fabs(state->values[i]) <= HELD * fast)) slip_rate = state->pull_in;
     }
@@ -229,17 +257,21 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
         gain = 0;
         slip_rate = AT_ONCE;
     }
-    leading(lead, winding, entered_at(state->fraction), drive, step + STEP_ROTATION_GOAL,
+    leading(lead, windings, entered_at(state->fraction), drive, step + STEP_ROTATION_GOAL,
             step + STEP_ROTATION_OFFSET);
-    for (i = 0; i < 3; ++i) {
+    for (i = 0; i < NOSLIP_LINEAR; ++i) {
         now[STATE_POSITION + i] = state->position[i];
         now[STATE_LINEAR_VELOCITY + i] = state->linear_velocity[i];
-        now[STATE_ANGULAR_VELOCITY + i] = state->angular_velocity[i];
         const noslip_real moved = state->goal_position[i] - state->first_goal_position[i];
         step[STEP_POSITION_TARGET + i]
             = state->goal_position[i] + moved * (drive[DRIVE_DRAWN] - 1) + drive[i];
     }
-    for (i = 0; i < 4; ++i) now[STATE_QUATERNION + i] = state->quaternion[i];
+#if NOSLIP_ROTATIONS
+    for (i = 0; i < 3 * NOSLIP_ROTATIONS; ++i) {
+        now[STATE_ANGULAR_VELOCITY + i] = state->angular_velocity[i];
+    }
+    for (i = 0; i < 4 * NOSLIP_ROTATIONS; ++i) now[STATE_QUATERNION + i] = state->quaternion[i];
+#endif
     for (i = 0; i < NOSLIP_EQUALITIES + NOSLIP_LIMITS; ++i) now[STATE_VALUES + i] = state->values[i];
     step[STEP_TIME_STEP] = time_step;
     step[STEP_KICK] = kick;
@@ -257,13 +289,17 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 
     for (i = 0; i < STATE_VALUES; ++i) sum += after[i] - after[i];
     if (!(sum >= 0)) return 1;
-    for (i = 0; i < 3; ++i) {
+    for (i = 0; i < NOSLIP_LINEAR; ++i) {
         state->position[i] = after[STATE_POSITION + i];
         state->linear_velocity[i] = after[STATE_LINEAR_VELOCITY + i];
+    }
+#if NOSLIP_ROTATIONS
+    for (i = 0; i < 4 * NOSLIP_ROTATIONS; ++i) state->quaternion[i] = after[STATE_QUATERNION + i];
+    for (i = 0; i < 3 * NOSLIP_ROTATIONS; ++i) {
         state->angular_velocity[i] = after[STATE_ANGULAR_VELOCITY + i];
     }
-    for (i = 0; i < 4; ++i) state->quaternion[i] = after[STATE_QUATERNION + i];
-    for (i = 0; i < 6; ++i) {
+#endif
+    for (i = 0; i < VELOCITY; ++i) {
         state->acceleration[i] = (after[STATE_LINEAR_VELOCITY + i] - now[STATE_LINEAR_VELOCITY + i]) / kick;
         state->force[i] = output[OUTPUT_FORCE + i];
     }
@@ -279,7 +315,7 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
 
 static int step_by(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step,
                    carrying *carried) {
-    noslip_real h = time_step / state->duration, drive[DRIVE_SIZE] = {0}, winding[4];
+    noslip_real h = time_step / state->duration, drive[DRIVE_SIZE] = {0}, windings[4 * SOME_ROTATIONS];
     goal_lead lead;
     /* Written so that NaN fails; x - x is 0 for what is finite, and NaN for what is not. */
     if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
@@ -291,9 +327,9 @@ static int step_by(const noslip_primitive *primitive, noslip_state *state, nosli
         }
         stepping_drive(primitive, state, h, drive);
     }
-    winding_at(primitive, state->fraction, winding);
+    windings_at(primitive, state->fraction, windings);
     lead_to_goal(primitive, state, &lead);
-    return advance(primitive, state, time_step, drive, winding, &lead, carried);
+    return advance(primitive, state, time_step, drive, windings, &lead, carried);
 }
 
 int noslip_step_once(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step,

@@ -16,6 +16,10 @@ extern "C" {
 #endif
 typedef NOSLIP_REAL noslip_real;
 
+/* What moves: coordinates, and rotations as unit quaternions. */
+#define NOSLIP_LINEAR @LINEAR@
+#define NOSLIP_ROTATIONS @ROTATIONS@
+
 /* Rows of equalities and of limits; the larger of their sum and 1, for arrays. */
 #define NOSLIP_EQUALITIES @EQUALITIES@
 #define NOSLIP_LIMITS @LIMITS@
@@ -25,7 +29,7 @@ typedef NOSLIP_REAL noslip_real;
 typedef char noslip_limits_need_double
     [NOSLIP_LIMITS == 0 || sizeof(noslip_real) >= sizeof(double) ? 1 : -1];
 
-/* Parameters of a primitive.  Rows of weights: x, y, z (m), then the rotation vector (rad). */
+/* Parameters of a primitive.  @WEIGHTS@ */
 typedef struct noslip_primitive {
 @PRIMITIVE@
 } noslip_primitive;

@@ -5,6 +5,9 @@
 #define EQUALITIES NOSLIP_PLAN_EQUALITIES
 #define ROWS NOSLIP_PLAN_ROWS
 #define UNKNOWNS NOSLIP_PLAN_UNKNOWNS
+#define TURNS NOSLIP_PLAN_TURNS
+#define LINEAR NOSLIP_PLAN_LINEAR
+#define ROTATIONS NOSLIP_PLAN_ROTATIONS
 #define STAGE NOSLIP_PLAN_STAGE
 #define WIDTH NOSLIP_PLAN_WIDTH
 /* Numbers of a column of the matrix: its diagonal, and what is below. */
@@ -34,6 +37,13 @@ static double *right_of(const noslip_plan *p) {
 
 static double *scale_of(const noslip_plan *p) { return right_of(p) + p->knots * STAGE + PADDING; }
 
+/* Of the knot before the one, on. */
+static const double *quaternions_at(const noslip_plan *p, int k) {
+    return p->quaternions + 4 * ROTATIONS * k;
+}
+
+static const double *positions_at(const noslip_plan *p, int k) { return p->positions + LINEAR * k; }
+
 static int is_asked(const noslip_plan *p, int k) {
     int r, any = 0;
     for (r = 0; r < ROWS; ++r) any |= p->active[k * ROWS + r];
@@ -56,7 +66,7 @@ void noslip_plan_values(const noslip_plan *p, double *values) {
     int k;
     for (k = 0; k < p->knots; ++k) {
         clock_at(p, k, at);
-        noslip_values(p->z + k * UNKNOWNS, p->quaternions + 4 * k, p->positions + 3 * k, at,
+        noslip_values(p->z + k * UNKNOWNS, quaternions_at(p, k), positions_at(p, k), at,
                       values + k * ROWS);
     }
 }
@@ -68,7 +78,7 @@ static double largest_residual(const noslip_plan *p) {
     for (k = 0; k < p->knots; ++k) {
         if (!is_asked(p, k)) continue;
         clock_at(p, k, at);
-        noslip_values(p->z + k * UNKNOWNS, p->quaternions + 4 * k, p->positions + 3 * k, at, values);
+        noslip_values(p->z + k * UNKNOWNS, quaternions_at(p, k), positions_at(p, k), at, values);
         for (r = 0; r < ROWS; ++r) {
             double missed;
             if (!p->active[k * ROWS + r]) continue;
@@ -95,7 +105,7 @@ void noslip_plan_begin(noslip_plan *p, double barrier) {
     for (k = 0; k < p->knots * ROWS; ++k) p->multipliers[k] = 0;
     for (k = 0; k < p->knots && ROWS > EQUALITIES; ++k) {
         clock_at(p, k, at);
-        noslip_values(p->z + k * UNKNOWNS, p->quaternions + 4 * k, p->positions + 3 * k, at, values);
+        noslip_values(p->z + k * UNKNOWNS, quaternions_at(p, k), positions_at(p, k), at, values);
         for (r = EQUALITIES; r < ROWS; ++r) {
             const int i = k * ROWS + r;
             if (!p->active[i]) continue;
@@ -112,10 +122,8 @@ static void cross(const double *a, const double *b, double *product) {
     product[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Change of the correction in the step at an end, that the twist asked for there leads to. */
-static void asked_change(const noslip_plan *p, int end, double *change) {
-    const double *turn = p->z + (end ? p->knots : 1) * UNKNOWNS;
-    const double *asked = p->twists[end], *own = asked + 6;
+/* Rate of a rotation vector that an angular velocity leads to, the reference having its own. */
+static void turn_rate(const double *turn, const double *asked, const double *own, double *change) {
     const double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
     const double half = angle / 2;
     const int small = angle < SMALL_TURN;
@@ -125,18 +133,29 @@ static void asked_change(const noslip_plan *p, int end, double *change) {
     double once[3], twice[3], rate[3];
     int i;
     /* R = Exp(turn) R_ref turns with Exp(turn) w_ref + J turn'; J is the left Jacobian. */
-    cross(turn, own + 3, once);
+    cross(turn, own, once);
     cross(turn, once, twice);
     for (i = 0; i < 3; ++i) {
-        rate[i] = asked[3 + i] - own[3 + i] - sine * once[i]
+        rate[i] = asked[i] - own[i] - sine * once[i]
                   - sine_of_half * sine_of_half / 2 * twice[i];
     }
     cross(turn, rate, once);
     cross(turn, once, twice);
-    for (i = 0; i < 3; ++i) change[i] = (rate[i] - once[i] / 2 + curved * twice[i]) * p->time_step;
-    for (i = 3; i < UNKNOWNS; ++i) {
-        change[i] = (asked[i - 3] - own[i - 3]) / p->length * p->time_step;
+    for (i = 0; i < 3; ++i) change[i] = rate[i] - once[i] / 2 + curved * twice[i];
+}
+
+/* Change of the correction in the step at an end, that the twist asked for there leads to. */
+static void asked_change(const noslip_plan *p, int end, double *change) {
+    const double *turns = p->z + (end ? p->knots : 1) * UNKNOWNS;
+    const double *asked = p->twists[end], *own = asked + NOSLIP_PLAN_VELOCITY;
+    int i;
+    for (i = 0; i < 3 * ROTATIONS; i += 3) {
+        turn_rate(turns + i, asked + LINEAR + i, own + LINEAR + i, change + i);
     }
+    for (i = 3 * ROTATIONS; i < UNKNOWNS; ++i) {
+        change[i] = (asked[i - 3 * ROTATIONS] - own[i - 3 * ROTATIONS]) / p->length;
+    }
+    for (i = 0; i < UNKNOWNS; ++i) change[i] *= p->time_step;
 }
 
 /* The cost's part of a knot's columns, and all else zero. */
@@ -149,10 +168,10 @@ static void add_cost(const noslip_plan *p, double asked[2][UNKNOWNS], int k, dou
     for (i = 0; i < STAGE * COLUMN; ++i) columns[i] = 0;
     for (j = 0; j < UNKNOWNS; ++j) {
         const double *z = p->z + (k + 1) * UNKNOWNS + j;
-        const double bending = p->bending[j >= 3];
-        const double weight = j < 3 ? p->turn_weights[k] : p->position_weight;
-        double before = j < 3 && k > 0 ? p->turn_slopes[k - 1] : 0;
-        double after = j < 3 && k < last ? p->turn_slopes[k] : 0;
+        const double bending = p->bending[j >= TURNS];
+        const double weight = j < TURNS ? p->turn_weights[k] : p->position_weight;
+        double before = j < TURNS && k > 0 ? p->turn_slopes[k - 1] : 0;
+        double after = j < TURNS && k < last ? p->turn_slopes[k] : 0;
         double changed = z[0] - z[-UNKNOWNS], changes = z[UNKNOWNS] - z[0], gradient = weight * z[0];
         if (p->twists[0]) {
             if (k == 0) after += 2 * bending, changes -= asked[0][j];
@@ -171,6 +190,14 @@ static void add_cost(const noslip_plan *p, double asked[2][UNKNOWNS], int k, dou
         if (k < last - 1) gradient += bending * (z[2 * UNKNOWNS] - 2 * z[UNKNOWNS] + z[0]);
         right[j] = -gradient;
     }
+    if (!p->metric) return;
+    for (j = 0; j < UNKNOWNS; ++j) {
+        const double *z = p->z + (k + 1) * UNKNOWNS;
+        const double *form = p->metric + (k * UNKNOWNS + j) * UNKNOWNS;
+        right[j] -= p->pull[k * UNKNOWNS + j];
+        for (i = 0; i < UNKNOWNS; ++i) right[j] -= form[i] * z[i];
+        for (i = j; i < UNKNOWNS; ++i) columns[j * COLUMN + i - j] += form[i];
+    }
 }
 
 /* The constraints' part: their slopes, and their curvature if need be.
@@ -178,7 +205,7 @@ static void add_cost(const noslip_plan *p, double asked[2][UNKNOWNS], int k, dou
  * Unknown are the multipliers' changes, not they themselves: these do not vanish, and neither would what
  * rounding makes of them. */
 static void add_constraints(const noslip_plan *p, int k, int curved, double *columns, double *right) {
-    const double *z = p->z + k * UNKNOWNS, *q = p->quaternions + 4 * k, *x = p->positions + 3 * k;
+    const double *z = p->z + k * UNKNOWNS, *q = quaternions_at(p, k), *x = positions_at(p, k);
     const unsigned char *active = p->active + k * ROWS;
     const int first = k == 0, last = k == p->knots - 1;
     double at[3], slopes[SOME(ROWS + SLOPES)], weights[SOME(ROWS)], curvature[SOME(CURVATURES)];

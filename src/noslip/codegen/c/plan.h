@@ -11,11 +11,17 @@
 extern "C" {
 #endif
 
-/* Rows of equalities, then of limits; unknowns of a knot: rotation vector, displacement over length. */
+/* What moves: coordinates and rotations of a knot, a pose having three and one. */
+#define NOSLIP_PLAN_LINEAR @LINEAR@
+#define NOSLIP_PLAN_ROTATIONS @ROTATIONS@
+#define NOSLIP_PLAN_VELOCITY (NOSLIP_PLAN_LINEAR + 3 * NOSLIP_PLAN_ROTATIONS)
+/* Rows of equalities, then of limits; unknowns of a knot: rotation vectors, displacements over length;
+ * the first of them cost what turns do. */
 #define NOSLIP_PLAN_EQUALITIES @EQUALITIES@
 #define NOSLIP_PLAN_LIMITS @LIMITS@
 #define NOSLIP_PLAN_ROWS (NOSLIP_PLAN_EQUALITIES + NOSLIP_PLAN_LIMITS)
 #define NOSLIP_PLAN_UNKNOWNS @UNKNOWNS@
+#define NOSLIP_PLAN_TURNS @TURNS@
 #define NOSLIP_PLAN_STAGE (NOSLIP_PLAN_UNKNOWNS + NOSLIP_PLAN_ROWS)
 /* Diagonals of the matrix below its main one. */
 #define NOSLIP_PLAN_WIDTH (2 * NOSLIP_PLAN_STAGE + @REACH@)
@@ -28,11 +34,15 @@ extern "C" {
  * knot, and end with the one after the last. */
 typedef struct noslip_plan {
     /* The reference. */
-    const double *positions;      /* [knots + 2][3] */
-    const double *quaternions;    /* [knots + 2][4], each near the next, not near its opposite */
+    const double *positions;      /* [knots + 2][LINEAR] */
+    const double *quaternions;    /* [knots + 2][ROTATIONS][4], each near the next, not near its opposite */
     /* What a turn costs, and what its change costs from each knot to the next. */
     const double *turn_weights;   /* [knots] */
     const double *turn_slopes;    /* [knots - 1] */
+    /* What a correction costs besides, as a quadratic form, and its slope where there is none; null:
+     * nothing. */
+    const double *metric;         /* [knots][UNKNOWNS][UNKNOWNS] */
+    const double *pull;           /* [knots][UNKNOWNS] */
     /* Unknowns that stay as they are, and rows that are asked for. */
     const unsigned char *fixed;   /* [knots][UNKNOWNS] */
     const unsigned char *active;  /* [knots][ROWS] */
@@ -47,7 +57,7 @@ typedef struct noslip_plan {
     double *slack;                /* [knots][ROWS]; null without limits */
     double *workspace;            /* [NOSLIP_PLAN_WORKSPACE(knots)] */
     /* Twists asked for at the start and at the end, then the reference's own there; null: none. */
-    const double *twists[2];      /* [2][6] */
+    const double *twists[2];      /* [2][VELOCITY] */
     double bending[2];            /* what bending the turn costs, and the displacement */
     double time_step, length, begin;      /* s, m, s */
     double position_weight;               /* what the displacement costs */

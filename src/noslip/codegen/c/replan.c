@@ -633,6 +633,7 @@ static void set_up(noslip_workspace *w, const room *r, double smoothing, int car
     p->quaternions = r->quaternions;
     p->turn_weights = r->turn_weights;
     p->turn_slopes = r->turn_slopes;
+    p->metric = 0;
     p->fixed = r->fixed;
     p->active = r->active;
     p->clearance = ROWS > EQUALITIES ? r->clearance : 0;
@@ -919,7 +920,7 @@ static int wind_around(noslip_workspace *w, const room *r, const double *points,
         p->knots = intervals + 1;
         for (k = 0, distance = 0; k <= steps; ++k) {
             double along[4];
-            winding_at(p, (double)k / steps, along);
+            winding_at(p, 0, (double)k / steps, along);
             distance = larger(distance, angle_between(points + 7 * k + 3, along));
         }
         if (distance <= FARTHEST_FROM_WINDING) return 1;
@@ -933,14 +934,14 @@ static void drawn(const noslip_workspace *w, const double *points, int steps, in
     const double h = 1.0 / steps;
     double now[4], earlier[4], later[4], before[3] = {0, 0, 0}, after[3], lead[2];
     int i;
-    winding_at(p, k * h, now);
+    winding_at(p, 0, k * h, now);
     turn_between(points + 7 * k + 3, now, pull + 3);
     for (i = 0; i < 3; ++i) pull[i] = points[7 * steps + i] - points[7 * k + i];
     if (p->knots == 1) return;
-    winding_at(p, (k + 1) * h, later);
+    winding_at(p, 0, (k + 1) * h, later);
     turn_between(now, later, after);
     if (k > 0) {
-        winding_at(p, (k - 1) * h, earlier);
+        winding_at(p, 0, (k - 1) * h, earlier);
         turn_between(earlier, now, before);
     }
     led_by(p, k > 0 ? h : 0, h, lead);
