@@ -303,10 +303,9 @@ class MotionDistribution(Value):
         if not parts:
             raise InputError("condition on at least one boundary or a context")
         rows, values, noises = (np.concatenate(each) for each in zip(*parts, strict=True))
-        seen = self.gaussian.seen(rows, noises)
         conditioned = self.gaussian.given(rows, values, noises)
-        distance = seen.distance(values)
-        usual = float(np.sqrt(scipy.stats.chi2.isf(UNLIKELY, len(values))))
+        distance, size = self.gaussian.surprise(rows, values, noises)
+        usual = float(np.sqrt(scipy.stats.chi2.isf(UNLIKELY, max(1, size))))
         if distance > usual:
             warn(
                 f"what is asked for lies {distance:.3g} standard deviations from what was "
