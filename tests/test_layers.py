@@ -25,7 +25,7 @@ LAYERS = [
     {"control", "exporting", "spread", "provenance", "merit"},
     {"document"},
     {"primitive"},
-    {"learning", "saving", "shielding", "interop", "result_table", "strangers"},
+    {"distribution", "learning", "saving", "shielding", "interop", "result_table", "strangers"},
     {"many"},
     {"experiments"},
     {"robots"},

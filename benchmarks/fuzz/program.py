@@ -18,7 +18,7 @@ from benchmarks.fuzz.targets import TARGETS, Damage, Read
 from noslip.errors import NoslipError, muted
 
 SLOW = 1.0
-"""Processor time of an execution (s): more is a hang."""
+"""Processor time of an execution (s): more, and again more, is a hang."""
 LARGE = 2**30
 """Bytes by which the largest memory of the process may grow."""
 MOST_FOUND = 20
@@ -59,22 +59,10 @@ def _run(damage: Damage, read: Read, seeds: Iterable[int]) -> Tally:
     for seed in seeds:
         content = damage(np.random.default_rng(seed))
         tally.executions += 1
-        started = time.process_time()
-        try:
-            with warnings.catch_warnings(), muted(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")
-                if not all(np.isfinite(values).all() for values in read(content)):
-                    tally.not_finite += 1
-                    tally.note(seed, "not finite")
-        except NoslipError as error:
-            tally.refused += 1
-            if not str(error).isprintable() or len(str(error)) > 2000:
-                tally.crashes += 1
-                tally.note(seed, f"a message that is no line: {str(error)[:200]!r}")
-        except Exception as error:
-            tally.crashes += 1
-            tally.note(seed, repr(error)[:300])
-        took = time.process_time() - started
+        took = _execute(read, content, seed, tally)
+        if took > SLOW:
+            # What else the process does, such as collecting garbage, does not come twice.
+            took = _execute(read, content, seed, Tally())
         tally.slowest = max(tally.slowest, took)
         if took > SLOW:
             tally.hangs += 1
@@ -83,6 +71,26 @@ def _run(damage: Damage, read: Read, seeds: Iterable[int]) -> Tally:
     if tally.memory > LARGE:
         tally.note(-1, f"memory grew by {tally.memory / 2**20:.0f} MiB")
     return tally
+
+
+def _execute(read: Read, content: Any, seed: int, tally: Tally) -> float:
+    """Read what is damaged, note what becomes of it, and return the processor time (s)."""
+    started = time.process_time()
+    try:
+        with warnings.catch_warnings(), muted(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            if not all(np.isfinite(values).all() for values in read(content)):
+                tally.not_finite += 1
+                tally.note(seed, "not finite")
+    except NoslipError as error:
+        tally.refused += 1
+        if not str(error).isprintable() or len(str(error)) > 2000:
+            tally.crashes += 1
+            tally.note(seed, f"a message that is no line: {str(error)[:200]!r}")
+    except Exception as error:
+        tally.crashes += 1
+        tally.note(seed, repr(error)[:300])
+    return time.process_time() - started
 
 
 def _memory() -> int:

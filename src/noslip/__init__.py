@@ -69,8 +69,16 @@ def _plot_identified(found: Any) -> Any:
     return identified_constraint(found)
 
 
+def _chain(robot: Any) -> Any:
+    """Return the joints of a robot that lead to its tool; see :func:`noslip.robots.chain`."""
+    from noslip.robots import chain
+
+    return chain(robot)
+
+
 Supplied.functions.update(
     {
+        "robots.chain": _chain,
         "PoseTrajectory.plot": _plot,
         "CheckReport.plot": _plot_report,
         "Identified.plot": _plot_identified,

@@ -92,6 +92,20 @@ def vector(name: str, value: Any, unit: str = "m", size: int = 3) -> Floats:
     return array
 
 
+def coordinates(name: str, value: Any, unit: str = "m") -> Floats:
+    """Return finite numbers, 1 or more, shape (n,)."""
+    try:
+        array = numbers(name, value)
+    except InputError:
+        array = np.empty(0)
+    if array.ndim != 1 or not len(array) or not np.all(np.abs(array) <= LARGEST):
+        raise InputError(
+            f"{name} must be 3 finite numbers up to {LARGEST:g} ({unit}), or as many as what moves "
+            f"has coordinates; got {short(value)}"
+        )
+    return array
+
+
 def rotation(name: str, value: Any) -> Rotation:
     """Return a single rotation."""
     if not isinstance(value, Rotation) or not value.single:

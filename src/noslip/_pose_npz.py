@@ -99,9 +99,7 @@ def _texts(
     return tuple(names), tuple(units)
 
 
-def _contents(
-    path: str | Path, *, values: bool
-) -> tuple[dict[str, Floats], dict[str, list[str]]]:
+def _contents(path: str | Path, *, values: bool) -> tuple[dict[str, Floats], dict[str, list[str]]]:
     """Return the arrays of a trajectory by name, in the right shapes; nothing is ever unpickled.
 
     What they are is checked before anything is decompressed.

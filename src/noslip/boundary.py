@@ -15,6 +15,7 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
+from noslip.space import POSE, Samples, Space
 from noslip.trajectory import PoseTrajectory
 
 End = Literal["free", "position", "rotation", "pose"]
@@ -31,14 +32,14 @@ class Boundary(Value):
     ----------
     at : float
         When, as a fraction of the duration: at 0 the start, at 1 the goal, between them a via.
-    position : array, shape (3,), optional
-        Meters, world frame.
+    position : array, shape (n,), optional
+        Meters, world frame; or coordinates of whatever else moves.
     rotation : Rotation, optional
-        Body to world.
-    linear_velocity : array, shape (3,), optional
-        m/s, world frame.
-    angular_velocity : array, shape (3,), optional
-        rad/s, world frame.
+        Body to world; of several bodies, as many.
+    linear_velocity : array, shape (n,), optional
+        m/s, world frame; or rates of the coordinates.
+    angular_velocity : array, shape (3 b,), optional
+        rad/s, world frame, of the b rotations.
 
     Raises
     ------
@@ -67,29 +68,35 @@ class Boundary(Value):
             value = getattr(self, name)
             if value is not None:
                 words = f"boundary {name.replace('_', ' ')}"
-                array = _arguments.vector(words, value, unit)
+                array = _arguments.coordinates(words, value, unit)
                 array.flags.writeable = False
                 object.__setattr__(self, name, array)
         if self.rotation is not None:
             # Rotations can be assigned to by index; what the caller does to theirs stays theirs.
-            held = copy.deepcopy(_arguments.rotation("boundary rotation", self.rotation))
-            object.__setattr__(self, "rotation", held)
+            given = self.rotation
+            if not isinstance(given, Rotation) or given.single:
+                _arguments.rotation("boundary rotation", given)
+            object.__setattr__(self, "rotation", copy.deepcopy(given))
 
     # ---------------------------------------------------------------- made from
 
     @classmethod
-    def keeping(cls, trajectory: PoseTrajectory, at: float, what: End) -> Boundary:
+    def keeping(cls, trajectory: Samples, at: float, what: End) -> Boundary:
         """Return what a trajectory has at a fraction of its samples.
 
         Parameters
         ----------
-        trajectory : PoseTrajectory
+        trajectory : PoseTrajectory or Trajectory
         at : float
             Of the sample nearest to that fraction.
         what : "free", "position", "rotation" or "pose"
         """
         k = sample_of(at, len(trajectory))
-        return cls(at, trajectory.positions[k], trajectory.rotations[k]).part(what)
+        if isinstance(trajectory, PoseTrajectory):
+            rotation = trajectory.rotations[k]
+        else:
+            rotation = rotations_of(trajectory.quaternions[k])
+        return cls(at, trajectory.positions[k], rotation).part(what)
 
     @classmethod
     def via(cls, given: Boundary | Sequence[Any]) -> Boundary:
@@ -115,13 +122,18 @@ class Boundary(Value):
         return given
 
     @classmethod
-    def vias(cls, given: Iterable[Boundary | Sequence[Any]]) -> tuple[Boundary, ...]:
-        """Return each of several as :meth:`via` does, in the order of their fractions."""
+    def vias(
+        cls, given: Iterable[Boundary | Sequence[Any]], space: Space = POSE
+    ) -> tuple[Boundary, ...]:
+        """Return each of several as :meth:`via` does, in order; points of a space."""
         try:
             several = list(given)
         except TypeError:
             raise InputError(_NO_VIA + _arguments.short(given)) from None
-        return tuple(sorted((cls.via(v) for v in several), key=lambda passed: passed.at))
+        vias = sorted((cls.via(v) for v in several), key=lambda passed: passed.at)
+        for passed in vias:
+            passed.require_of(space)
+        return tuple(vias)
 
     def part(self, what: End) -> Boundary:
         """Return it with only a part of its pose; its twist stays."""
@@ -151,6 +163,28 @@ class Boundary(Value):
     # ---------------------------------------------------------------- what it is
 
     @property
+    def quaternion(self) -> Floats | None:
+        """The rotation as numbers (w first), shape (4 b,)."""
+        return None if self.rotation is None else np.ravel(self.rotation.as_quat(scalar_first=True))
+
+    def require_of(self, space: Space) -> None:
+        """Refuse what is of another size than the points of a space."""
+        n, b = space.linear, space.rotations
+        for name, size in (
+            ("position", n),
+            ("linear_velocity", n),
+            ("quaternion", 4 * b),
+            ("angular_velocity", 3 * b),
+        ):
+            value = getattr(self, name)
+            if value is not None and len(value) != size:
+                words = name.replace("_", " ")
+                raise InputError(
+                    f"boundary at {self.at:g}: its {words} has {len(value)} numbers, but what "
+                    f"moves has {size or 'none'}"
+                )
+
+    @property
     def is_free(self) -> bool:
         """Whether nothing must be reached."""
         return self.position is None and self.rotation is None and not self.has_twist
@@ -159,6 +193,10 @@ class Boundary(Value):
     def is_pose(self) -> bool:
         """Whether both position and rotation must be reached."""
         return self.position is not None and self.rotation is not None
+
+    def is_whole(self, space: Space) -> bool:
+        """Whether a whole point of a space must be reached."""
+        return self.position is not None and (self.rotation is not None or not space.rotations)
 
     @property
     def moves(self) -> bool:
@@ -181,12 +219,20 @@ def sample_of(at: float, count: int) -> int:
     return round(at * (count - 1))
 
 
-def end_twist(trajectory: PoseTrajectory, at: float) -> tuple[Floats, Floats]:
+def rotations_of(quaternion: Floats) -> Rotation | None:
+    """Return rotations of quaternions (w first), shape (4 b,); None if there are none."""
+    if not len(quaternion):
+        return None
+    several = quaternion if len(quaternion) == 4 else quaternion.reshape(-1, 4)
+    return Rotation.from_quat(several, scalar_first=True)
+
+
+def end_twist(trajectory: Samples, at: float) -> tuple[Floats, Floats]:
     """Return linear (m/s) and angular velocity (rad/s) with which samples start or end.
 
     Parameters
     ----------
-    trajectory : PoseTrajectory
+    trajectory : PoseTrajectory or Trajectory
         Of equal steps.
     at : 0 or 1
     """
@@ -198,10 +244,10 @@ def end_twist(trajectory: PoseTrajectory, at: float) -> tuple[Floats, Floats]:
     return found[0], found[1]
 
 
-def kept_twist(trajectory: PoseTrajectory, at: float) -> tuple[Floats, Floats]:
+def kept_twist(trajectory: Samples, at: float) -> tuple[Floats, Floats]:
     """Return :func:`end_twist`, where what rests but for rounding is at rest."""
     linear, angular = (
-        velocity if np.linalg.norm(velocity) > _AT_REST * speeds.max() else np.zeros(3)
+        velocity if np.linalg.norm(velocity) > _AT_REST * speeds.max() else np.zeros_like(velocity)
         for velocity, speeds in zip(
             end_twist(trajectory, at),
             (np.linalg.norm(steps, axis=1) for steps in trajectory.step_velocities()),
@@ -217,27 +263,32 @@ _TO_THE_END = {1: np.ones(1), 2: np.array([3, -1]) / 2, 3: np.array([15, -10, 3]
 """Weights of the nearest steps in the velocity at an end, by how many there are."""
 
 
-def twist(name: str, value: ArrayLike) -> tuple[Floats, Floats]:
+def twist(name: str, value: ArrayLike, space: Space = POSE) -> tuple[Floats, Floats | None]:
     """Return linear (m/s) and angular velocity (rad/s) from the forms that a caller may give.
 
     Parameters
     ----------
     name : str
         Of the argument, for the error.
-    value : 0, array of shape (3,) or (6,)
+    value : 0, array of shape (n,) or (n + 3 b,)
         At rest; a linear velocity without turning; linear, then angular velocity.
+    space : Space
+        What moves.
     """
+    n, whole = space.linear, space.velocity_size
     try:
         values = np.ravel(_arguments.numbers(name, value))
     except InputError:
         values = np.empty(0)
     if values.shape == (1,) and values[0] == 0:
-        values = np.zeros(3)
-    if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
-        raise InputError(
-            f"{name} must be 0, 3 finite numbers (m/s), or 6 with the angular velocity (rad/s)"
-        )
-    return values[:3], np.zeros(3) if len(values) == 3 else values[3:]
+        values = np.zeros(n)
+    if values.shape not in ((n,), (whole,)) or not np.isfinite(values).all():
+        more = f", or {whole} with the angular velocity (rad/s)" if whole > n else ""
+        unit = f" ({space.units[0]}/s)" if len(set(space.units)) == 1 else ""
+        raise InputError(f"{name} must be 0, {n} finite numbers{unit}{more}")
+    if not space.rotations:
+        return values, None
+    return values[:n], np.zeros(space.angular) if len(values) == n else values[n:]
 
 
 def _require_between(at: float) -> None:

@@ -20,6 +20,7 @@ from noslip import _arguments
 from noslip._pose_checks import MAX_NORM_ERROR
 from noslip._typing import Expression, Floats
 from noslip.errors import InputError
+from noslip.quaternions import turns_between
 from noslip.rotations import quaternion_product
 from noslip.trajectory import PoseTrajectory
 
@@ -32,6 +33,14 @@ ROUNDING = 1e-14
 """Parts of a unit vector, or of an offset (m), that are left out of graphs: what rounding leaves
 where a model's axes are parallel to each other or meet, dozens of times what a double resolves."""
 
+REACHED, SETTLED = 1e-12, 1e-12
+"""Pose (m, rad) that inverse kinematics may leave, and the last step of a joint (rad, m): a dozen
+roundings of an arm of a meter or two."""
+MOST_STEPS, LARGEST_STEP = 100, 0.3
+"""Of inverse kinematics, and of a joint in one (rad, m): beyond, the linearization points
+elsewhere."""
+SINGULAR = 1e-6
+"""Singular values of a Jacobian over the largest below which a direction is out of reach."""
 _SAME_LENGTH = 1e-15
 """Of a square off 1: what is left when a vector was divided by its length."""
 
@@ -360,6 +369,74 @@ class Chain:
             name=self.name if name is None else name,
         )
 
+    def inverse(self, motion: PoseTrajectory, near: ArrayLike) -> Floats:
+        """Inverse kinematics: joints whose tool moves as given, to rounding.
+
+        Bounds of the joints take no part.
+
+        Parameters
+        ----------
+        motion : PoseTrajectory
+            Of the tool, in the world.
+        near : array, shape (n,) or (N, n)
+            A posture near the first sample, each sample's joints being nearest to those before; or
+            one a sample, to which they are nearest (rad, m).
+
+        Returns
+        -------
+        array, shape (N, n)
+
+        Raises
+        ------
+        InputError
+            If the search ends away from a pose; the message names the first and the distance.
+        """
+        given = self._rows("near", near)
+        count = len(motion)
+        if given.ndim == 2 and len(given) != count:
+            raise InputError(
+                f"{self.name}: near has {len(given)} rows for {count} samples of {motion.name}"
+            )
+        positions, quaternions = motion.positions, motion.quaternions
+        if given.ndim == 2:
+            found, missed = self._reached(given, positions, quaternions)
+        else:
+            found, missed = np.empty((count, self.size)), np.empty(count)
+            for k in range(count):
+                at = slice(k, k + 1)
+                before = found[k - 1 : k] if k else given[None]
+                found[at], missed[at] = self._reached(before, positions[at], quaternions[at])
+        if not np.all(missed <= REACHED):
+            k = int(np.argmax(~(missed <= REACHED)))
+            raise InputError(
+                f"{self.name}: no joints were found for the tool of {motion.name} at "
+                f"{motion.times[k]:g} s (sample {k}): {missed[k]:.3g} (m, rad) are left; give "
+                "joints nearer to it, or a motion within reach"
+            )
+        return found
+
+    def _reached(
+        self, near: Floats, positions: Floats, quaternions: Floats
+    ) -> tuple[Floats, Floats]:
+        """Joints nearest to others whose tool is at poses, (N, n), and what is left of each, (N,).
+
+        Newton's steps towards the pose, and back to what they are to be near across these.
+        """
+        q, missed = near, np.full(len(near), np.inf)
+        for _ in range(MOST_STEPS):
+            there, turned, J = self._evaluated(q)
+            error = np.hstack([positions - there, turns_between(turned, quaternions)])
+            missed = np.abs(error).max(axis=1)
+            inverse = np.linalg.pinv(J, rcond=SINGULAR)
+            back = near - q
+            across = back - np.einsum("kij,kj->ki", inverse, np.einsum("kij,kj->ki", J, back))
+            step = np.einsum("kij,kj->ki", inverse, error) + across
+            largest = np.abs(step).max(axis=1, keepdims=True)
+            if largest.max() <= SETTLED and missed.max() <= REACHED:
+                break
+            q = q + step * np.minimum(1.0, LARGEST_STEP / np.maximum(largest, LARGEST_STEP))
+        return q, missed
+
     def _rows(self, what: str, values: ArrayLike) -> Floats:
         q = _arguments.numbers(f"{self.name}: {what}", values)
         if q.ndim not in (1, 2) or q.shape[-1] != self.size or not np.all(np.isfinite(q)):
@@ -370,7 +447,7 @@ class Chain:
 
     def _evaluated(self, q: Floats) -> tuple[Floats, Floats, Floats]:
         """Positions (N, 3), quaternions (N, 4) and Jacobians (N, 6, n) at joint positions."""
-        found = [np.array(each).T for each in kinematics(self)(q.T)]
+        found = [np.ascontiguousarray(np.array(each).T) for each in kinematics(self)(q.T)]
         jacobians = found[2].reshape(len(q), self.size, 6).swapaxes(1, 2)
         return found[0], found[1], jacobians
 

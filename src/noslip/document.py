@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from noslip._files import write_beside
 from noslip._pose_checks import MAX_NORM_ERROR
 from noslip._typing import Floats
 from noslip._version import __version__
+from noslip.chain import Chain
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
@@ -28,11 +29,11 @@ from noslip.law.basis import Basis
 from noslip.law.clock import Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
-from noslip.law.layout import FORCE, POINT
 from noslip.law.points import Goal
 from noslip.law.winding import Winding
 from noslip.projection.pointwise import Push
 from noslip.rule import Rule
+from noslip.space import POSE, Carried, Placed, Space
 from noslip.spread import Spread
 
 T = TypeVar("T")
@@ -46,6 +47,8 @@ MOST_BYTES = 2**25
 """Of a JSON file: ten times what the largest primitive takes, and read in a gigabyte."""
 MOST_DEEP = 8
 """Lists in lists, of options: twice as many as any takes."""
+MOST_COORDINATES = 1000
+"""Of a space; nothing that steps in a millisecond has as many."""
 SHORTEST = 1e-9
 """Of a duration (s): below, velocities overflow."""
 
@@ -117,10 +120,33 @@ def law_to_data(law: Law) -> dict[str, Any]:
         "start": law.start.tolist(),
         "start_velocity": law.start_velocity.tolist(),
         "goal_position": law.goal.position.tolist(),
-        "winding": law.goal.winding.quaternions.tolist(),
+        **_windings_to_data(law.goal.windings),
+        **({} if law.space.is_pose else {"space": space_to_data(law.space)}),
         "duration": law.duration,
         "steps": law.steps,
         "begin": law.begin,
+    }
+
+
+def _windings_to_data(windings: Sequence[Winding]) -> dict[str, Any]:
+    several = [winding.quaternions.tolist() for winding in windings]
+    return {"winding": several[0]} if len(several) == 1 else {"windings": several}
+
+
+def space_to_data(space: Space) -> dict[str, Any]:
+    """Return plain data from which :meth:`Reader.space` makes an equal space again."""
+    bodies = []
+    for body in space.bodies:
+        if isinstance(body, Placed):
+            bodies.append({"name": body.name, "first": body.first, "turn": body.turn})
+        else:
+            assert isinstance(body, Carried) and isinstance(body.kinematics, Chain)
+            bodies.append({"name": body.name, "chain": body.kinematics.as_data()})
+    return {
+        "coordinates": list(space.coordinates),
+        "units": list(space.units),
+        "rotations": space.rotations,
+        "bodies": bodies,
     }
 
 
@@ -217,9 +243,12 @@ class Reader:
     def unit_quaternions(
         self, data: dict[str, Any], name: str, shape: tuple[int | None, ...], first: int = 0
     ) -> Floats:
-        """Read an array whose last axis holds a unit quaternion from a place on."""
+        """Read an array whose last axis holds unit quaternions from a place on."""
         value = self.array(data, name, shape)
-        norms = np.linalg.norm(value[..., first : first + 4], axis=-1)
+        parts = value[..., first:]
+        if value.size and not parts.size:
+            return value
+        norms = np.linalg.norm(parts.reshape(*parts.shape[:-1], -1, 4), axis=-1)
         if not (value.size and np.all(np.abs(norms - 1) <= MAX_NORM_ERROR)):
             farthest = norms.flat[np.argmax(np.abs(norms - 1))] if value.size else 0.0
             raise InputError(
@@ -232,48 +261,88 @@ class Reader:
         data = self.part(content, name)
         constants = self.part(data, "attractor")
         attractor = Attractor(self.number(constants, "alpha"), self.number(constants, "beta"))
-        count = self.count(data, "basis_functions")
-        basis = Basis(count, Phase(self.number(data, "alpha_s")))
+        count, space = self.count(data, "basis_functions"), self.space(data)
+        basis, n = Basis(count, Phase(self.number(data, "alpha_s"))), space.linear
+        size = space.velocity_size
         return Law(
             attractor,
-            ForcingTerm(basis, self.array(data, "weights", (count, FORCE.size))),
-            self.unit_quaternions(data, "start", (POINT.stop,), POINT.stop - 4),
-            self.array(data, "start_velocity", (FORCE.size,)),
-            Goal(
-                self.array(data, "goal_position", (3,)),
-                Winding(self.unit_quaternions(data, "winding", (None, 4))),
-            ),
+            ForcingTerm(basis, self.array(data, "weights", (count, size))),
+            self.unit_quaternions(data, "start", (space.point_size,), n),
+            self.array(data, "start_velocity", (size,)),
+            Goal(self.array(data, "goal_position", (n,)), *self._windings(data, space)),
             self.number(data, "duration", _duration),
             self.count(data, "steps"),
             float(self.array(data, "begin", ())),
+            space,
         )
 
-    def system(self, data: dict[str, Any]) -> ConstraintSystem:
+    def _windings(self, data: dict[str, Any], space: Space) -> list[Winding]:
+        if space.rotations == 1:
+            return [Winding(self.unit_quaternions(data, "winding", (None, 4)))]
+        several = self.field(data, "windings", partial(_each, lambda knots: {"winding": knots}))
+        if len(several) != space.rotations:
+            raise InputError(
+                f"{self.path}: field windings has {len(several)}, expected {space.rotations}"
+            )
+        return [Winding(self.unit_quaternions(one, "winding", (None, 4))) for one in several]
+
+    def space(self, data: dict[str, Any]) -> Space:
+        """Read what a law moves in; a pose, if nothing is said."""
+        if "space" not in data:
+            return POSE
+        part = self.part(data, "space")
+        names, units = (
+            self.field(part, name, lambda value: tuple(_each(text, value)))
+            for name in ("coordinates", "units")
+        )
+        rotations = self.field(part, "rotations", _whole)
+        bodies = tuple(self._body(body) for body in self.parts(part, "bodies"))
+        fits = all(
+            isinstance(body, Carried)
+            or (body.first + 3 <= len(names) and (body.turn is None or body.turn < rotations))
+            for body in bodies
+        )
+        carried = [body.kinematics.size for body in bodies if isinstance(body, Carried)]
+        if len(names) > MOST_COORDINATES or rotations > MOST_COORDINATES or not fits:
+            raise InputError(f"{self.path}: field space: bodies are not of its coordinates")
+        if any(size != len(names) for size in carried):
+            raise InputError(f"{self.path}: field space: a chain has other joints than coordinates")
+        return self.field(data, "space", lambda _: Space(names, units, rotations, bodies))
+
+    def _body(self, data: dict[str, Any]) -> Any:
+        name = self.field(data, "name", text)
+        if "chain" in data:
+            return Carried(self.field(data, "chain", Chain.from_data), name)
+        turn = self.field(data, "turn", lambda value: None if value is None else _whole(value))
+        return Placed(name, self.field(data, "first", _whole), turn)
+
+    def system(self, data: dict[str, Any], space: Space = POSE) -> ConstraintSystem:
         entries = self.parts(data, "constraints")
         try:
-            return ConstraintSystem(map(restore, entries))
+            return ConstraintSystem(map(restore, entries), space)
         except NoslipError as error:
             raise InputError(f"{self.path}: field constraints: {_brief(error)}") from error
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             reason = f"{type(error).__name__}: {_brief(error)}"
             raise InputError(f"{self.path}: field constraints is wrong: {reason}") from error
 
-    def rule(self, content: dict[str, Any]) -> Rule:
-        data = self.part(content, "rule")
+    def rule(self, content: dict[str, Any], space: Space = POSE) -> Rule:
+        data, size = self.part(content, "rule"), space.velocity_size
         return Rule(
-            self.system(data),
-            self.field(data, "inverse_metric", _arguments.inverse_metric),
+            self.system(data, space),
+            self.field(data, "inverse_metric", partial(_arguments.inverse_metric, size=size)),
             self.field(data, "push", partial(one_of, Push)),
             self.number(data, "stabilization", _arguments.not_negative),
             self.number(data, "barrier_rate"),
         )
 
-    def spread(self, content: dict[str, Any]) -> Spread | None:
+    def spread(self, content: dict[str, Any], space: Space = POSE) -> Spread | None:
         if self.field(content, "spread", lambda x: x) is None:
             return None
         part = self.part(content, "spread")
+        sizes = {"positions": space.linear, "rotations": space.angular}
         positions, rotations = (
-            self.array(part, name, (None, 3, 3)) for name in ("positions", "rotations")
+            self.array(part, name, (None, size, size)) for name, size in sizes.items()
         )
         # Its own errors are values that are wrong; here they get the file and the field.
         return self.field(

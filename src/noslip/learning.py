@@ -6,41 +6,47 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial, wraps
 from itertools import compress
-from typing import Literal, ParamSpec
+from pathlib import Path
+from typing import Any, Literal, ParamSpec
 
 import numpy as np
 
 from noslip import _arguments
+from noslip._supplied import Supplied
 from noslip.boundary import Boundary, End, kept_twist
+from noslip.chain import Chain
+from noslip.constraints.check import quantity_text
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.errors import CompromiseWarning, ConvergenceError, warn
+from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
 from noslip.law.fitting import (
     MOST_BASIS_FUNCTIONS,
+    Recorded,
     as_demonstrations,
     default_steps,
     evenly_sampled,
     fit,
 )
 from noslip.law.law import Law
-from noslip.law.layout import FORCE, STATE
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.feasibility import require_consistent
 from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import project_velocities
 from noslip.projection.request import LEARNING, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
+from noslip.projection.tool_first import kept_ends, projected_tool, tool_of
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
-from noslip.rule import BARRIER_RATE, STABILIZATION, Rule
+from noslip.rule import BARRIER_RATE, STABILIZATION, Rule, no_rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
 from noslip.runtime.timing import stretched, unhurried
 from noslip.scale import require_motion
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 from noslip.verification import FOLLOWED, Deviation, followed_with, verify
 
 P = ParamSpec("P")
@@ -73,9 +79,10 @@ def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]
 
 @_noted
 def learn(
-    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    demonstrations: Recorded | Iterable[Recorded],
     constraints: ConstraintSystem | Constraint | Sequence[Constraint] = (),
     *,
+    robot: Chain | str | Path | None = None,
     basis_functions: int | Literal["auto"] = "auto",
     alpha: float = 25.0,
     beta: float = 6.25,
@@ -107,11 +114,15 @@ def learn(
 
     Parameters
     ----------
-    demonstrations : PoseTrajectory or several
-        Any rate, any start time.
+    demonstrations : PoseTrajectory, Trajectory, or several of one kind
+        Any rate, any start time.  Of vectors, constraints are declared of the coordinates, or of
+        the tool that they carry as joints.
     constraints : Constraint or several
         Equalities, zero along the motion, and limits, not negative; none gives an ordinary pose
         primitive.
+    robot : Chain, name or path of a model, optional
+        That carries the tool, where demonstrations are of its joints; see
+        :func:`noslip.robots.chain`.
     basis_functions : int or "auto"
         By default 100, as in the paper, and more where the primitive else leaves its projected
         demonstration by more than a thousandth of the path.
@@ -165,10 +176,13 @@ def learn(
         If the primitive leaves its demonstration, or the projection turns the tool far.
     """
     recorded = as_demonstrations(demonstrations)
+    if robot is not None:
+        recorded = _carried_by(robot, recorded)
     for demonstration in recorded:
         require_motion(demonstration)
     require_agreement(recorded, aligned=align)
-    system = as_system(constraints)
+    space = recorded[0].space
+    system = as_system(constraints, space)
     if align:
         recorded = bring_into_step(recorded)
     fewest = _PAPERS
@@ -194,19 +208,18 @@ def learn(
     most = MOST_BASIS_FUNCTIONS if basis_functions == "auto" else fewest
     duration = float(np.mean([d.duration for d in recorded]))
     # A tool at rest does not turn.
+    still = np.zeros(space.angular) if space.rotations else None
     turning = {
-        at: None if any(np.any(kept_twist(d, at)) for d in recorded) else np.zeros(3)
+        at: None if any(np.any(np.hstack(kept_twist(d, at))) for d in recorded) else still
         for at in (0.0, 1.0)
     }
 
     def projected(
         demonstration: PoseTrajectory, shaping: ConstraintSystem, last: End
     ) -> ProjectedTrajectory:
-        ends = tuple(
-            replace(Boundary.keeping(demonstration, at, kept), angular_velocity=turning[at])
-            for at, kept in ((0.0, start), (1.0, last))
-        )
-        request = Request(demonstration, shaping, ends, weights, hold_position)
+        kept, of_tool = kept_ends(demonstration, space, start, last)
+        ends = tuple(replace(end, angular_velocity=turning[end.at]) for end in kept)
+        request = Request(demonstration, shaping, ends, weights, hold_position, tool_ends=of_tool)
         return project_heeding_what_it_can(request)
 
     def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
@@ -236,7 +249,7 @@ def learn(
         law, off = followed_with(slower, followed, fewest, most)
         if system.size and len(followed) > 1:
             # Feasible motions have a mean that is not: it is projected as they were.
-            mean = rollout(law, Rule(), time_step=law.duration / (len(followed[0]) - 1))
+            mean = rollout(law, no_rule(law.space), time_step=law.duration / (len(followed[0]) - 1))
             law = slower([nearest(mean, shaping).trajectory], law.basis.count)
         return law, off, followed, results
 
@@ -254,9 +267,15 @@ def learn(
     motion, compromise = verify(law, rule, [goal], strict=not by_choice)
     if compromise:
         warn(compromise, CompromiseWarning)
+    # Of joints that carry a tool, its path is what matters.
+    seen = [tool_of(d, space) for d in sampled]
+    seen_results = [
+        r and projected_tool(r, d, space) for d, r in zip(sampled, results, strict=True)
+    ]
+    followed_by = tool_of(motion, space)
     record = tuple(
-        LearningRecord.of(d, r, Deviation.between(motion, d))
-        for d, r in zip(sampled, results, strict=True)
+        LearningRecord.of(d, r, Deviation.between(followed_by, d))
+        for d, r in zip(seen, seen_results, strict=True)
     )
     if off > FOLLOWED:
         remedy = "give more basis functions, or none for as many as it takes"
@@ -272,21 +291,38 @@ def learn(
     return ConstrainedDMP(law, rule, demonstrated, record, Spread.about(law, followed))
 
 
+def _carried_by(
+    robot: Chain | str | Path, demonstrations: list[PoseTrajectory]
+) -> list[PoseTrajectory]:
+    """Demonstrations of joints, as those of a robot that carries a tool."""
+    chain: Chain = robot if isinstance(robot, Chain) else Supplied.functions["robots.chain"](robot)
+    found: list[Any] = []
+    for demonstration in demonstrations:
+        if not isinstance(demonstration, Trajectory):
+            raise InputError(
+                f"{demonstration.name}: robot is for demonstrations of joints, a Trajectory; this "
+                "one is of poses, which need none"
+            )
+        found.append(demonstration.on(chain))
+    return found
+
+
 def _kept_end(system: ConstraintSystem, demonstration: PoseTrajectory) -> End:
     """What of its last sample a demonstration keeps by default."""
-    poses, last = system.of_poses, demonstration[-2:]
+    poses, last, space = system.of_poses, demonstration[-2:], system.space
     if poses.equalities.size:
         return "free"
-    still = np.zeros((2, 3))
-    margins = poses.residuals(last.clock, last.positions, last.quaternions, still, still)
+    still = np.zeros((2, space.linear)), np.zeros((2, space.angular))
+    margins = poses.residuals(last.clock, last.positions, last.quaternions, *still)
     return "position" if np.all(margins[-1] > 0) else "free"
 
 
 def _in_the_way(system: ConstraintSystem, demonstration: PoseTrajectory) -> list[str]:
     """Names of the limits on poses that a demonstration does not keep."""
-    limits, still = system.of_poses.limits, np.zeros((len(demonstration), 3))
+    limits, count, space = system.of_poses.limits, len(demonstration), system.space
     poses = demonstration.clock, demonstration.positions, demonstration.quaternions
-    broken = limits.residuals(*poses, still, still).min(axis=0) < 0
+    still = np.zeros((count, space.linear)), np.zeros((count, space.angular))
+    broken = limits.residuals(*poses, *still).min(axis=0) < 0
     return list(dict.fromkeys(compress(limits.per_row(limits.names), broken)))
 
 
@@ -319,7 +355,8 @@ def _tell(
             )
     several = len(record) > 1
     far = FAR_FROM_MEAN if several else FAR_SHARE
-    lengths = [demonstration.path_length for demonstration in demonstrations]
+    tools = [tool_of(each, system.space) for each in demonstrations]
+    lengths, unit = [each.path_length for each in tools], tools[0].unit
     left = [(r, n) for r, n in zip(record, lengths, strict=True) if r.path_error > far * n]
     if left:
         worst, length = max(left, key=lambda pair: pair[0].path_error)
@@ -330,20 +367,16 @@ def _tell(
             remedy = f"{', '.join(names)} in its way: loosen that, or demonstrate the way round"
         warn(
             f"the primitive leaves {which}{worst.demonstration} by "
-            f"{worst.path_error * 1e3:.3g} mm of a path of {length * 1e3:.3g} mm; {remedy}",
+            f"{quantity_text(worst.path_error, unit)} of a path of {quantity_text(length, unit)}; "
+            f"{remedy}",
             CompromiseWarning,
         )
 
 
 def _begun_on(law: Law, system: ConstraintSystem) -> Law:
     """Return a law whose start velocity satisfies the constraints: the paper's eq. 22."""
-    start, velocity = law.start, law.start_velocity / law.duration
+    start, velocity, n = law.start, law.start_velocity / law.duration, law.space.linear
     linear, angular, _ = project_velocities(
-        system,
-        0.0,
-        start[STATE["position"]],
-        start[STATE["quaternion"]],
-        velocity[FORCE["linear"]],
-        velocity[FORCE["angular"]],
+        system, 0.0, start[:n], start[n:], velocity[:n], velocity[n:]
     )
     return replace(law, start_velocity=law.duration * np.concatenate([linear, angular]))

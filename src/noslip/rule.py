@@ -68,6 +68,11 @@ class Rule(Value):
             object.__setattr__(self, name, value)
 
 
+def no_rule(space: Space) -> Rule:
+    """Return the rule of what moves freely in a space."""
+    return Rule(ConstraintSystem((), space))
+
+
 def _usual_push(space: Space, metric: Sequence[float]) -> Push:
     # Coordinates turn a tool as well as they move it.
     turns = any(metric[space.linear :]) or not (space.rotations and space.is_placed)

@@ -26,12 +26,13 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         changed since, or lacks a field; the message names the file and the field.
     """
     content, read = read_document(path), Reader(Path(path))
+    law = read.law(content, "law")
     return ConstrainedDMP(
-        law=read.law(content, "law"),
-        rule=read.rule(content),
+        law=law,
+        rule=read.rule(content, law.space),
         demonstrated=read.law(content, "demonstrated"),
         record=tuple(read.values(LearningRecord, entry) for entry in read.parts(content, "record")),
-        spread=read.spread(content),
+        spread=read.spread(content, law.space),
         history=tuple(_origin(read, entry) for entry in read.parts(content, "history")),
     )
 

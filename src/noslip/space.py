@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
+from functools import cached_property, lru_cache
+from typing import Any, Protocol, Self
 
 import casadi as ca
 import numpy as np
@@ -50,6 +50,69 @@ class Twisted:
     angular: Expression
     linear_acceleration: Expression = 0
     angular_acceleration: Expression = 0
+
+
+class Samples(Protocol):
+    """A sampled motion in a space, of whichever kind: what projections need of one."""
+
+    @property
+    def times(self) -> Floats:
+        """Seconds."""
+
+    @property
+    def name(self) -> str:
+        """What errors call it."""
+
+    def __len__(self) -> int: ...
+
+    @property
+    def space(self) -> Space:
+        """What it moves in."""
+
+    @property
+    def points(self) -> Floats:
+        """Coordinates, then quaternions, shape (N, n + 4 b)."""
+
+    @property
+    def positions(self) -> Floats:
+        """Coordinates, shape (N, n)."""
+
+    @property
+    def quaternions(self) -> Floats:
+        """Rotations (w first), shape (N, 4 b), each near the one before, not near its opposite."""
+
+    @property
+    def clock(self) -> Floats:
+        """Times from the first sample on (s)."""
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last (s)."""
+
+    @property
+    def path_length(self) -> float:
+        """Length of the polyline through the coordinates."""
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether all samples are the same time apart."""
+
+    def step_velocities(self) -> tuple[Floats, Floats]:
+        """Rates of each step, shape (N - 1, n), and its angular velocities, (N - 1, 3 b)."""
+
+    @property
+    def linear_velocities(self) -> Floats:
+        """Rates at the samples, shape (N, n)."""
+
+    @property
+    def angular_velocities(self) -> Floats:
+        """Angular velocities at the samples, shape (N, 3 b)."""
+
+    def with_points(self, points: Floats, times: Floats | None = None) -> Self:
+        """Return it elsewhere."""
+
+    def with_velocities(self, linear: Floats, angular: Floats) -> Self:
+        """Return it with other velocities at the samples."""
 
 
 class Body(Protocol):
@@ -99,6 +162,10 @@ class Placed:
 
 class Kinematics(Protocol):
     """What carries a tool: hashable, equal if it is the same."""
+
+    @property
+    def size(self) -> int:
+        """How many joints it has."""
 
     def pose(self, q: Expression) -> Pose:
         """Return the tool's pose of joint values; continuous in them."""
@@ -176,6 +243,12 @@ class Space:
         """Whether a point is a pose, and nothing else."""
         return (self.linear, self.rotations) == (3, 1)
 
+    @property
+    def carrier(self) -> Any:
+        """What carries the tool, if joints do."""
+        bodies = (body for body in self.bodies if isinstance(body, Carried))
+        return next((body.kinematics for body in bodies), None)
+
     @cached_property
     def is_placed(self) -> bool:
         """Whether all bodies are parts of the point."""
@@ -212,6 +285,22 @@ class Space:
             at, by = slice(n + 4 * k, n + 4 * k + 4), slice(n + 3 * k, n + 3 * k + 3)
             parts.append(turned(changes[..., by], points[..., at]))
         return np.concatenate(parts, axis=-1)
+
+    def carried(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Places of bodies that joints carry, and the derivatives of these.
+
+        Parameters
+        ----------
+        positions : array, shape (N, n)
+
+        Returns
+        -------
+        places : array, shape (c, N, 3)
+        derivatives : array, shape (c, N, 3, n)
+        """
+        found = np.array([_places(body, positions) for body in self.bodies if not body.is_placed])
+        found = found.reshape(-1, len(positions), 3 * (1 + self.linear))
+        return found[..., :3], found[..., 3:].reshape(*found.shape[:2], 3, self.linear)
 
     # ---------------------------------------------------------------- expressions
 
@@ -316,6 +405,19 @@ def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pos
     middle = q + q_after
     halfway = p + time_step / 2 * linear, middle / ca.norm_2(middle)
     return halfway, (linear, turn / time_step)
+
+
+def _places(body: Any, positions: Floats) -> Floats:
+    count, size = positions.shape
+    return np.array(_place(body, size).map(count)(positions.T)).T
+
+
+@lru_cache(16)
+def _place(body: Any, size: int) -> Any:
+    x = ca.SX.sym("x", size)
+    p, _ = body.pose(x, ca.SX(0, 1))
+    slopes = ca.densify(ca.jacobian(p, x))
+    return ca.Function("place", [x], [ca.cse(ca.vertcat(p, ca.vec(slopes.T)))])
 
 
 def _carried(

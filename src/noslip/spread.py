@@ -13,7 +13,7 @@ from noslip.boundary import Boundary
 from noslip.errors import InputError
 from noslip.law.law import Law
 from noslip.projection.blend import through
-from noslip.rule import Rule
+from noslip.rule import no_rule
 from noslip.runtime.rollout import rollout
 from noslip.trajectory import PoseTrajectory
 
@@ -33,9 +33,10 @@ class Spread(Value):
     ----------
     demonstrations : int
         How many; two or more.
-    positions, rotations : array, shape (K, 3, 3)
-        Covariances of position (m^2) and of the rotation vector ``Log(R_demo R^T)`` (rad^2), world
-        frame, at fractions of the duration evenly spaced from 0 to 1; unbiased (over n - 1).
+    positions, rotations : array, shape (K, n, n) and (K, 3 b, 3 b)
+        Covariances of position (m^2, or the coordinates' units) and of the rotation vector
+        ``Log(R_demo R^T)`` (rad^2), world frame, at fractions of the duration evenly spaced from 0
+        to 1; unbiased (over n - 1).
     """
 
     demonstrations: int
@@ -47,12 +48,14 @@ class Spread(Value):
             raise InputError(f"a spread is of 2 demonstrations or more, not {self.demonstrations}")
         for name in ("positions", "rotations"):
             array = np.array(getattr(self, name), dtype=np.float64)
-            if array.ndim != 3 or array.shape[1:] != (3, 3) or not np.isfinite(array).all():
+            square = array.ndim == 3 and array.shape[1] == array.shape[2]
+            if not square or not np.isfinite(array).all():
                 raise InputError(
-                    f"spread: {name} has shape {array.shape}, expected finite (K, 3, 3)"
+                    f"spread: {name} has shape {array.shape}, expected finite (K, d, d)"
                 )
             variances = np.diagonal(array, axis1=1, axis2=2)
-            if not len(array) or variances.min() < 0 or np.any(array != array.swapaxes(1, 2)):
+            skewed = np.any(array != array.swapaxes(1, 2))
+            if not len(array) or variances.min(initial=0.0) < 0 or skewed:
                 raise InputError(f"spread: {name} must be symmetric, its variances not negative")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -67,7 +70,7 @@ class Spread(Value):
 
     @property
     def position_deviation(self) -> Floats:
-        """Standard deviation along each world axis (m), shape (K, 3)."""
+        """Standard deviation along each world axis (m), shape (K, 3); or of each coordinate."""
         return np.sqrt(np.diagonal(self.positions, axis1=1, axis2=2))
 
     @property
@@ -88,14 +91,15 @@ class Spread(Value):
         if len(demonstrations) < 2:
             return None
         fractions = np.linspace(0.0, 1.0, _SAMPLES)
-        mean = rollout(law, Rule(), duration=1.0).resampled(times=fractions)
-        moved, turned = [], []
+        space, n = law.space, law.space.linear
+        mean = rollout(law, no_rule(space), duration=1.0).resampled(times=fractions)
+        apart = []
         for demonstration in demonstrations:
             times = demonstration.times[0] + demonstration.duration * fractions
             theirs = demonstration.resampled(times=times)
             own = through(mean, [Boundary.keeping(theirs, at, "pose") for at in (0.0, 1.0)])
-            moved.append(theirs.positions - own.positions)
-            turned.append((theirs.rotations * own.rotations.inv()).as_rotvec())
+            apart.append(space.difference(theirs.points, own.points))
+        moved, turned = zip(*(np.split(each, [n], axis=1) for each in apart), strict=True)
         return cls(len(demonstrations), _covariance(moved), _covariance(turned))
 
 

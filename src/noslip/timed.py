@@ -14,6 +14,7 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import Value, html_table, shortened
 from noslip.errors import InputError
+from noslip.space import Space
 
 UNIFORM_TOLERANCE = 1e-6
 """Largest relative spread of the sampling period that still counts as uniform."""
@@ -22,13 +23,15 @@ UNIFORM_TOLERANCE = 1e-6
 class Timed(Value):
     """Base of frozen dataclasses that hold samples in time: ``times``, ``name``, and what moves.
 
-    A subclass says what its coordinates are (``positions``, shape (N, n)) and in which unit their
-    path is measured.
+    A subclass says what its coordinates (``positions``, shape (N, n)) and rotations are, in which
+    space they move, and in which unit their path is measured.
     """
 
     times: Floats
     name: str
     positions: Floats
+    rotations: Rotation
+    space: Space
     unit = "m"
     """Of :attr:`path_length`."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -125,7 +125,7 @@ class PoseTrajectory(Timed):
         return continuous_quaternions(self.rotations)
 
     @property
-    def space(self) -> Space:
+    def space(self) -> Space:  # type: ignore[override]
         """What it moves in."""
         return POSE
 
@@ -133,6 +133,11 @@ class PoseTrajectory(Timed):
     def points(self) -> Floats:
         """Positions and quaternions, shape (N, 7)."""
         return np.hstack([self.positions, self.quaternions])
+
+    @property
+    def tool(self) -> PoseTrajectory:
+        """The tool's own motion: itself."""
+        return self
 
     def with_points(self, points: Floats, times: Floats | None = None) -> PoseTrajectory:
         """Return other poses under the same name, shape (N, 7)."""
@@ -142,6 +147,10 @@ class PoseTrajectory(Timed):
             Rotation.from_quat(points[:, 3:], scalar_first=True),
             name=self.name,
         )
+
+    def with_velocities(self, linear: Floats, angular: Floats) -> PoseTrajectory:
+        """Return the poses with other velocities (m/s, rad/s), each of shape (N, 3)."""
+        return replace(self, linear_velocities=linear, angular_velocities=angular)
 
     def step_velocities(self) -> tuple[Floats, Floats]:
         """Linear and angular velocity of every step, each of shape (N - 1, 3).

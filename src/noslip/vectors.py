@@ -62,7 +62,7 @@ class Trajectory(Series):
     # ---------------------------------------------------------------- what it is
 
     @property
-    def space(self) -> Space:
+    def space(self) -> Space:  # type: ignore[override]
         """What it moves in."""
         if self.carrier is not None:
             return jointed(self.carrier, self.names, self.units)
@@ -118,6 +118,38 @@ class Trajectory(Series):
         """Rates of every step, shape (N - 1, n), and no angular ones, shape (N - 1, 0)."""
         return self._steps, np.zeros((len(self) - 1, 0))
 
+    # ---------------------------------------------------------------- new ones from it
+
+    def with_velocities(self, linear: Floats, angular: Floats) -> Trajectory:
+        """Return the values with other rates, shape (N, n); of turning, shape (N, 0), are none."""
+        return replace(self, velocities=linear)
+
     def on(self, carrier: Chain) -> Trajectory:
-        """Return it as joints of a robot, which carry a tool."""
-        return replace(self, carrier=carrier, units=tuple(carrier.units))
+        """Return it as joints of a robot, which carry a tool.
+
+        Coordinates that are named as the joints are put into their order; others are taken to be
+        in it.
+
+        Raises
+        ------
+        InputError
+            If there are more or fewer.
+        """
+        joints = carrier.joint_names
+        if set(joints) <= set(self.names):
+            order = [self.names.index(joint) for joint in joints]
+        elif len(joints) == len(self.names):
+            order = list(range(len(joints)))
+        else:
+            raise InputError(
+                f"{self.name}: has {', '.join(self.names)}, but the joints of {carrier.name} are "
+                f"{', '.join(joints)}; name them so"
+            )
+        return replace(
+            self,
+            values=self.values[:, order],
+            velocities=self.velocities[:, order],
+            names=joints,
+            units=tuple(carrier.units),
+            carrier=carrier,
+        )

@@ -20,7 +20,7 @@ from noslip.errors import CompromiseWarning, MissedError, Refusal, warn
 from noslip.law.law import Law
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import position_only
-from noslip.rule import Rule
+from noslip.rule import Rule, no_rule
 from noslip.runtime.batch import Motions
 from noslip.runtime.motion import Asked, Motion
 from noslip.runtime.rollout import rollout
@@ -107,7 +107,7 @@ def followed_with(
 
     def alone(one: PoseTrajectory, count: int) -> tuple[Law, float]:
         law = fitted([one], count)
-        motion = rollout(law, Rule(), time_step=law.duration / (len(one) - 1))
+        motion = rollout(law, no_rule(law.space), time_step=law.duration / (len(one) - 1))
         off = Deviation.between(motion, one)
         way, turning = max(one.path_length, BROKEN), max(_turning(one), 2 * np.pi)
         return law, max(off.path_error / way, off.rotation_error / turning)
@@ -287,12 +287,12 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
         off = turned = 0.0
         if boundary.position is not None:
             off = float(np.linalg.norm(position - boundary.position))
-        if boundary.rotation is not None:
+        if boundary.rotation is not None and motion.space.rotations:
             turned = float((rotation * boundary.rotation.inv()).magnitude())
         if off <= TOLD * length + BROKEN and turned <= TOLD_TURN * turns:
             continue
         share = f" ({off / length:.2g} of its path)" if length else ""
-        parts = [quantity_text(off, "m") + share] if off else []
+        parts = [quantity_text(off, motion.unit) + share] if off else []
         parts += [f"{np.degrees(turned):.2g} degrees"] if turned > TOLD_TURN * turns else []
         passes = "ends" if boundary.at == 1 else "passes"
         target = "its goal" if boundary.at == 1 else f"via {boundary.at:g}"
@@ -338,7 +338,7 @@ def _remedy(law: Law, rule: Rule, asked: Sequence[Boundary]) -> tuple[str, float
 
     system = rule.system
     if rule.inverse_metric == position_only(system.space) and system.size:
-        usual = rollout(law, Rule()).path_length / law.steps
+        usual = rollout(law, no_rule(law.space)).path_length / law.steps
         if does(replace(rule, inverse_metric=inverse_metric(system, "shared", None, usual))):
             return "metric 'shared' mends that", None
     for factor in _LONGER:

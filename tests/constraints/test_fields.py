@@ -9,6 +9,8 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import PIL.Image
+import PIL.ImageFile
 import pytest
 from hypothesis import given, settings
 from hypothesis.extra import numpy as arrays
@@ -284,9 +286,20 @@ def test_damaged_empty_and_large_images_are_refused(tmp_path):
     assert "unknown must be" in refusal(InputError, DistanceField.from_map, path, unknown="x")
     (tmp_path / "room.pgm").write_bytes(b"P5 5000 5000 255\n")
     assert "pixels, at most" in refusal(InputError, DistanceField.from_map, path)
-    (tmp_path / "room.pgm").write_bytes(b"P5 6 6 255\n12")
-    assert "cannot be read" in refusal(InputError, DistanceField.from_map, path)
     refusal(InputError, DistanceField.from_map, tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize("filled", [False, True])
+def test_images_that_end_early_are_refused_whatever_pillow_was_told(tmp_path, monkeypatch, filled):
+    # WeasyPrint tells it, when it is imported, to fill what is missing.
+    monkeypatch.setattr(PIL.ImageFile, "LOAD_TRUNCATED_IMAGES", filled)
+    path, image = write_map(tmp_path, np.eye(6), image="room.png"), tmp_path / "room.png"
+    PIL.Image.fromarray(254 * np.eye(6, dtype=np.uint8)).save(image)
+    DistanceField.from_map(path)
+    for early in (b"P5 6 6 255\n12", image.read_bytes()[:-30]):
+        image.write_bytes(early)
+        assert "cannot be read" in refusal(InputError, DistanceField.from_map, path)
+    assert PIL.ImageFile.LOAD_TRUNCATED_IMAGES is filled
 
 
 # ---------------------------------------------------------------- meshes

@@ -227,7 +227,9 @@ def test_rounding_makes_no_full_circle(amount: float, noise: float, radius: floa
             (x, y + radius * noise, heading),
             (x, y, heading + noise),
         ):
-            assert str(dubins(*goal, radius)[0]) == f"{name}, {radius * amount:.3g} m"
+            (stretch,) = dubins(*goal, radius)[0].stretches
+            assert stretch.name == name
+            assert stretch.advance == pytest.approx(radius * amount, rel=1e-9)
             (closest,) = {dubins_to_point(x, y, radius)[0].name} - {"stay"}
             assert closest == name
     # Backwards it is as well.

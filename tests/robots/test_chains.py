@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("mujoco", reason="the extra robots is not installed")
 
 import mujoco
 
+import noslip as ns
 from noslip import robots
 from noslip._typing import Floats
 from noslip.chain import Chain, Joint
@@ -152,7 +154,8 @@ def test_any_tree_of_bodies_is_as_mujoco_has_it(several: list[Any], seed: int) -
         for kind, axis, anchor, ref in held:
             count += 1
             inside += (
-                f'<joint name="j{count}" type="{kind}" axis="{listed(axis)}" '
+                # Without armature, joints along one axis are a singular matrix to MuJoCo.
+                f'<joint name="j{count}" type="{kind}" armature="1" axis="{listed(axis)}" '
                 f'pos="{listed(anchor)}" ref="{ref!r}"/>'
             )
         text = (
@@ -171,7 +174,7 @@ def arm_of(text: str) -> robots.Robot:
     return _robot("model", mujoco.MjSpec.from_string(text), "tip", None)
 
 
-def test_some_of_the_joints_move_and_the_others_stand_as_at_home(tmp_path: Path) -> None:
+def test_some_of_the_joints_move_and_the_others_stand_as_at_home() -> None:
     last = robots.chain("panda", joints=["joint6", "joint5"], held={"joint1": 0.7})
     assert last.joint_names == ("joint5", "joint6")
     q = ARM.home.copy()
@@ -181,6 +184,48 @@ def test_some_of_the_joints_move_and_the_others_stand_as_at_home(tmp_path: Path)
     assert np.abs(position - expected[0]).max() <= 1e-12
     assert np.abs(rotation.as_matrix() - expected[1]).max() <= 1e-12
     assert robots.chain(held={"joint7": 0.1}).joint_names == ARM.joint_names[:6]
+
+
+def swept(seed: int) -> tuple[ns.PoseTrajectory, Floats]:
+    """A motion of the tool through postures within the joints' ranges, and its joints."""
+    random = np.random.default_rng(seed)
+    middle, half = (ARM.upper + ARM.lower) / 2, (ARM.upper - ARM.lower) / 2
+    begin, bend = middle + 0.5 * half * random.uniform(-1, 1, (2, 7)), random.uniform(-1, 1, 7)
+    share = np.linspace(0, 1, 40)[:, None]
+    joints = begin[0] + 0.3 * share * (begin[1] - begin[0]) + 0.1 * bend * np.sin(3 * share)
+    return CHAIN.poses(share[:, 0], joints), joints
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=15)
+def test_inverse_kinematics_reach_each_pose_by_the_nearest_joints(seed: int) -> None:
+    motion, joints = swept(seed)
+    near = joints + 0.02 * np.random.default_rng(seed).uniform(-1, 1, joints.shape)
+    found = CHAIN.inverse(motion, near)
+    reached = CHAIN.poses(motion.times, found)
+    assert np.abs(reached.positions - motion.positions).max() <= 2e-12
+    assert (reached.rotations * motion.rotations.inv()).magnitude().max() <= 2e-12
+    for q, wished in zip(found, near, strict=True):
+        # Nowhere along what leaves the tool where it is does it get nearer.
+        free = np.linalg.svd(moved(ARM, q)[2])[2][6:]
+        assert np.abs(free @ (wished - q)).max() <= 1e-6
+
+
+def test_from_one_posture_joints_follow_without_a_jump() -> None:
+    motion, joints = swept(7)
+    found = CHAIN.inverse(motion, joints[0] + 1e-3)
+    reached = CHAIN.poses(motion.times, found)
+    assert np.abs(reached.positions - motion.positions).max() <= 2e-12
+    assert np.abs(np.diff(found, axis=0)).max() <= 2 * np.abs(np.diff(joints, axis=0)).max()
+
+
+def test_a_motion_out_of_reach_is_refused() -> None:
+    motion, joints = swept(1)
+    far = robots.Placement(np.array([0.0, 0.0, 3.0]), Rotation.identity()).apply(motion)
+    with pytest.raises(InputError, match=r"no joints were found .* at 0 s \(sample 0\): .* left"):
+        CHAIN.inverse(far, joints)
+    with pytest.raises(InputError, match="near has 3 rows for 40 samples"):
+        CHAIN.inverse(motion, joints[:3])
 
 
 def test_expressions_are_short() -> None:

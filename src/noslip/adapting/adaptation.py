@@ -37,9 +37,9 @@ from noslip.law.law import Law
 from noslip.law.scaling import Scaling, scaled
 from noslip.projection.blend import through
 from noslip.projection.request import ADAPTING, Request, Weights
-from noslip.rule import Rule
+from noslip.rule import Rule, no_rule
 from noslip.runtime.motion import Motion
-from noslip.runtime.rollout import initial_state, motion_from
+from noslip.runtime.rollout import initial_state, motion_from, point_or_parts
 
 _PER_GAP = 2
 """Basis functions from one place to pass to the next, which are to be told apart."""
@@ -49,6 +49,7 @@ def adapt(
     law: Law,
     rule: Rule,
     *,
+    goal: ArrayLike | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     goal_velocity: Velocity = None,
@@ -79,10 +80,12 @@ def adapt(
     ----------
     law : Law
     rule : Rule
-    goal_position, start_position : array, shape (3,), optional
-        Meters; those of the law by default.
+    goal : array, shape (n,), or a pair (position, Rotation), optional
+        A point of what moves: coordinates such as joints, or a pose.
+    goal_position, start_position : array, shape (n,), optional
+        Meters, or the coordinates' own units; those of the law by default.
     goal_rotation, start_rotation : Rotation, optional
-    goal_velocity, start_velocity : 0, array of shape (3,) or (6,), or "free", optional
+    goal_velocity, start_velocity : 0, array of shape (n,) or (n + 3 b,), or "free", optional
         At rest (0), or linear velocity (m/s), then angular (rad/s), world frame; projected onto
         the constraints.  By default that of the law, turned with the tool where constraints tie
         velocities to it: what rests at an end rests there, and a blade that ends moving forward
@@ -128,12 +131,15 @@ def adapt(
         duration = _arguments.positive("duration", duration, "seconds")
     if shape not in get_args(Shape):
         raise InputError(f"shape must be demonstrated or shortest, got {_arguments.short(shape)}")
+    goal_position, goal_rotation = point_or_parts(
+        law.space, "goal", goal, goal_position, goal_rotation
+    )
     named = {
         "start": (start_position, start_rotation, start_velocity),
         "goal": (goal_position, goal_rotation, goal_velocity),
     }
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
-    passed, kept = Boundary.vias(via), {"start": start, "goal": end}
+    passed, kept = Boundary.vias(via, rule.system.space), {"start": start, "goal": end}
     task = _Task(law, rule, named, kept, passed, weights, scaling, samples)
 
     def planned(planning: Planning) -> Adapted:
@@ -241,20 +247,24 @@ class _Task:
     def own_motion(self, tau: float) -> Motion:
         """Return the law's motion in a duration, without constraints."""
         begun = initial_state(self.free, self.rule, duration=tau)
-        return motion_from(self.free, Rule(), begun, tau / (self.count - 1))
+        alone = no_rule(self.law.space)
+        return motion_from(self.free, alone, begun, tau / (self.count - 1))
 
     def ends(self, own: Motion, rule: Rule, tau: float) -> tuple[Boundary, Boundary]:
         """Return start and goal, of which what is not named is the law's own."""
         law, system = self.law, rule.system
 
         def reached(name: Literal["start", "goal"], *of_law: Any, at: float) -> Boundary:
-            place = placed(asked(name, *self.named[name]), of_law, system, rule.inverse_metric, at)
+            wanted = asked(name, *self.named[name], space=law.space)
+            place = placed(wanted, of_law, system, rule.inverse_metric, at)
             if self.named[name][2] is not None:
                 return place.part(self.kept[name])
             return moving(place, own, rule, at, self.kept[name])
 
-        first = reached("start", law.start_position, self.free.start_rotation, at=law.begin)
-        last = reached("goal", law.goal_position, self.free.goal_rotation, at=law.begin + tau)
+        turns = (self.free.start_rotation, self.free.goal_rotation)
+        start_turn, goal_turn = turns if law.space.rotations else (None, None)
+        first = reached("start", law.start_position, start_turn, at=law.begin)
+        last = reached("goal", law.goal_position, goal_turn, at=law.begin + tau)
         require_reachable(system, first, last)
         return first, last
 
@@ -262,6 +272,8 @@ class _Task:
         """Return what leads from start to goal; None where nothing says how the tool is steered."""
         own = self.own_motion(tau)
         ends = self.ends(own, self.rule, tau)
+        if not self.law.space.is_pose:
+            return None
         return Connection.of(self.rule.system, own, *ends, vias=len(self.passed), reverse=reverse)
 
     def nearby(self, patient: bool, system: ConstraintSystem, seconds: float | None) -> Plan:
@@ -304,6 +316,7 @@ class _Task:
         is_plain = set(self.kept.values()) == {"pose"} and not self.passed
         others = (*self.named["start"], self.named["goal"][2])
         is_plain &= all(value is None for value in others)
+        is_plain &= self.law.space.is_pose
         return is_plain and compiled.is_ready(held, self.weights)
 
     def _compiled(self, held: Rule, tau: float) -> Plan | None:

@@ -13,12 +13,13 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.adapting.constants import OFF
-from noslip.boundary import Boundary, End, kept_twist, twist
+from noslip.boundary import Boundary, End, kept_twist, rotations_of, twist
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConstraintError, Refusal
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
+from noslip.space import POSE, Space
 from noslip.trajectory import PoseTrajectory
 
 Velocity = ArrayLike | Literal["free"] | None
@@ -30,13 +31,16 @@ def asked(
     position: ArrayLike | None,
     rotation: Rotation | None,
     velocity: Velocity = None,
+    space: Space = POSE,
 ) -> Boundary:
     """Return the boundary that arguments ``start_position``, ``start_rotation``, ... ask for.
 
     Parameters
     ----------
-    velocity : 0, array of shape (3,) or (6,), or "free", optional
+    velocity : 0, array of shape (n,) or (n + 3 b,), or "free", optional
         At rest; linear (m/s); linear, then angular (rad/s).
+    space : Space
+        What moves.
 
     Raises
     ------
@@ -44,18 +48,20 @@ def asked(
         Naming the argument.
     """
     if position is not None:
-        position = _arguments.vector(f"{what}_position", position)
-    if rotation is not None:
+        position = _arguments.vector(f"{what}_position", position, size=space.linear)
+    if rotation is not None and space.rotations == 1:
         rotation = _arguments.rotation(f"{what}_rotation", rotation)
     linear, angular = None, None
     if velocity is not None and not (isinstance(velocity, str) and velocity == "free"):
-        linear, angular = twist(f"{what}_velocity", velocity)
-    return Boundary(0.0 if what == "start" else 1.0, position, rotation, linear, angular)
+        linear, angular = twist(f"{what}_velocity", velocity, space)
+    found = Boundary(0.0 if what == "start" else 1.0, position, rotation, linear, angular)
+    found.require_of(space)
+    return found
 
 
 def placed(
     boundary: Boundary,
-    own: tuple[Floats, Rotation],
+    own: tuple[Floats, Rotation | None],
     system: ConstraintSystem,
     inverse_metric: Sequence[float],
     time: float,
@@ -69,7 +75,7 @@ def placed(
     ----------
     own : (position, rotation)
         The primitive's.
-    inverse_metric : 6 numbers
+    inverse_metric : n + 3 b numbers
         In which velocities are nearest.
     time : float
         Of the constraints' clock (s).
@@ -84,9 +90,12 @@ def placed(
     equalities = system.equalities
     stays = not is_start and not (boundary.position is None and boundary.rotation is None)
     if "position" in equalities.row_levels and not stays:
-        quaternion = rotation.as_quat(scalar_first=True)
-        position, quaternion = project_pose(equalities, time, position, quaternion)
-        rotation = Rotation.from_quat(quaternion, scalar_first=True)
+        quaternion = replace(boundary, rotation=rotation).quaternion
+        none = np.zeros(0)
+        position, quaternion = project_pose(
+            equalities, time, position, none if quaternion is None else quaternion
+        )
+        rotation = rotations_of(quaternion)
     found = replace(boundary, position=position, rotation=rotation)
     if not is_start:
         require_feasible(system, "goal", time, found)
@@ -97,16 +106,23 @@ def allowed(
     boundary: Boundary, system: ConstraintSystem, inverse_metric: Sequence[float], time: float
 ) -> Boundary:
     """Return a pose with a twist with the nearest twist that the constraints allow there."""
-    position, rotation = boundary.pose_or(np.zeros(3), Rotation.identity())
+    space = system.space
+    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], space.rotations)
     linear, angular, _ = project_velocities(
         system.equalities,
         time,
-        position,
-        rotation.as_quat(scalar_first=True),
-        *boundary.twist_or(np.zeros(3), np.zeros(3)),
+        np.zeros(space.linear) if boundary.position is None else boundary.position,
+        quaternion if boundary.quaternion is None else boundary.quaternion,
+        *boundary.twist_or(np.zeros(space.linear), np.zeros(space.angular)),
         inverse_metric=inverse_metric,
     )
-    return replace(boundary, linear_velocity=linear, angular_velocity=angular)
+    return _twisted(boundary, linear, angular)
+
+
+def _twisted(boundary: Boundary, linear: Floats, angular: Floats) -> Boundary:
+    """Return it with a twist; where nothing turns, with no angular one."""
+    turning = angular if len(angular) else None
+    return replace(boundary, linear_velocity=linear, angular_velocity=turning)
 
 
 def moving(boundary: Boundary, own: PoseTrajectory, rule: Rule, time: float, kept: End) -> Boundary:
@@ -123,13 +139,14 @@ def moving(boundary: Boundary, own: PoseTrajectory, rule: Rule, time: float, kep
     own : PoseTrajectory
         The motion without constraints.
     """
-    assert boundary.position is not None and boundary.rotation is not None
+    assert boundary.position is not None
     linear, angular = kept_twist(own, boundary.at)
-    if "velocity" in rule.system.equalities.row_levels:
+    if own.space.is_pose and "velocity" in rule.system.equalities.row_levels:
+        assert boundary.rotation is not None
         turn = boundary.rotation * own.rotations[0 if boundary.at == 0 else -1].inv()
         linear, angular = turn.apply(linear), turn.apply(angular)
     found = allowed(
-        replace(boundary, linear_velocity=linear, angular_velocity=angular),
+        _twisted(boundary, linear, angular),
         rule.system,
         rule.inverse_metric,
         time,
@@ -150,11 +167,15 @@ def require_feasible(system: ConstraintSystem, what: str, time: float, boundary:
     # What is open takes any value: rows that change with it are not decided.
     random = np.random.default_rng(0)
     tried = []
-    for _ in range(1 if boundary.is_pose else 2):
-        position = random.normal(size=3) if boundary.position is None else boundary.position
-        rotation = Rotation.random(rng=random) if boundary.rotation is None else boundary.rotation
-        quaternion = rotation.as_quat(scalar_first=True)
-        tried.append(system.residuals(time, position, quaternion, np.zeros(3), np.zeros(3))[0])
+    space, still = system.space, (np.zeros(system.space.linear), np.zeros(system.space.angular))
+    for _ in range(1 if boundary.is_whole(space) else 2):
+        position, quaternion = boundary.position, boundary.quaternion
+        if position is None:
+            position = random.normal(size=space.linear)
+        if quaternion is None:
+            turned = random.normal(size=(space.rotations, 4))
+            quaternion = np.ravel(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+        tried.append(system.residuals(time, position, quaternion, *still)[0])
     values, decided = tried[0], np.ptp(tried, axis=0) <= OFF
     priorities = system.per_row(c.priority for c in system.constraints)
     for name, counts, level, is_limit, unit, priority, value in zip(

@@ -106,7 +106,9 @@ def require_reachable(
 
 def _off(system: ConstraintSystem, start: Boundary, other: Boundary) -> str:
     """Say in what a pose differs from a start that no motion changes; nothing where it does not."""
-    if start.position is None or start.rotation is None or not system.constraints:
+    if not (system.space.is_pose and system.constraints):
+        return ""
+    if start.position is None or start.rotation is None:
         return ""
     ways = system.owned("ways", lambda: _ways(system, (0.0, 0.0, 0.0, 1.0)))
     if len(ways.spins) < 3:

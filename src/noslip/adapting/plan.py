@@ -28,7 +28,7 @@ from noslip.law.law import Law
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.trajectory import project_heeding_what_it_can, project_nearby
-from noslip.rule import Rule
+from noslip.rule import Rule, no_rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
 from noslip.runtime.timing import Pace, timed, unhurried
@@ -195,7 +195,7 @@ def _fastest(motion: PoseTrajectory) -> float:
 # One law is adapted to many goals.
 @lru_cache(maxsize=16)
 def _usual_speed(law: Law) -> float:
-    return _fastest(rollout(law, Rule()))
+    return _fastest(rollout(law, no_rule(law.space)))
 
 
 def projected_onto(request: Request) -> ProjectedTrajectory:
@@ -262,7 +262,7 @@ def carried_out(
         found = _fitted(projected.trajectory, law, functions, steps)
         found = replace(found, duration=duration, steps=steps, begin=request.begin)
         if exact_start and 0 in request.twists:
-            found = replace(found, start_velocity=np.concatenate(request.twists[0]) * duration)
+            found = replace(found, start_velocity=np.hstack(request.twists[0]) * duration)
         if len(asked) == 1 or (past := _aimed_past(aimed, asked, rollout(found, rule))) is None:
             break
         aimed = past

@@ -300,7 +300,8 @@ def _velocity(option: str, text: str | None) -> Floats | str | None:
     values = options.numbers(option, text, (1, 3, 6))
     if not np.isfinite(values).all():
         raise InputError(f"{option}: expected finite numbers (m/s, rad/s), got {text!r}")
-    return np.concatenate(twist(option, values))
+    linear, angular = twist(option, values)
+    return linear if angular is None else np.concatenate([linear, angular])
 
 
 def _via(text: str) -> Boundary:

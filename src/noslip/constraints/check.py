@@ -18,6 +18,7 @@ from noslip.constraints.remedy import BetterPoint, better_point
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import InputError, one_line
 from noslip.scale import require_motion
+from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
 
 Verdict = Literal["holds", "violated", "undecided"]
@@ -217,7 +218,10 @@ class CheckReport:
     def _heading(self) -> str:
         # A file's name may hold any byte.
         motion = one_line(self.motion)
-        return f"{motion}: {self.duration:.3g} s, path {self.path_length * 1e3:.4g} mm"
+        path = f"{self.path_length * 1e3:.4g} mm"
+        if self.trajectory.unit != "m":
+            path = with_unit(f"{self.path_length:.4g}", self.trajectory.unit)
+        return f"{motion}: {self.duration:.3g} s, path {path}"
 
     def _repr_html_(self) -> str:
         rows = [(check.name, check.verdict, check.finding) for check in self.constraints]
@@ -262,21 +266,21 @@ def check(
     ConstraintError
         If a constraint is undefined somewhere on the motion; the message says where, and by what.
     """
-    if not isinstance(trajectory, PoseTrajectory):
+    if not isinstance(trajectory, Timed):
         raise InputError(
-            f"check takes one PoseTrajectory, got {type(trajectory).__name__}; check several "
-            "one by one"
+            f"check takes one PoseTrajectory or Trajectory, got {type(trajectory).__name__}; check "
+            "several one by one"
         )
     require_motion(trajectory)
     tolerance = _arguments.positive("tolerance", tolerance)
     slip_share = _arguments.not_negative("slip_share", slip_share)
-    system = as_system(constraints)
+    system = as_system(constraints, trajectory.space)
     if not system.constraints:
         raise InputError("check needs at least one constraint")
     report = checked(trajectory, system, tolerance=tolerance, slip_share=slip_share)
     found = (
-        replace(each, better_point=better_point(trajectory, constraint))
-        if each.verdict == "violated"
+        replace(each, better_point=better_point(trajectory.tool, constraint))
+        if each.verdict == "violated" and not constraint.coordinates
         else each
         for each, constraint in zip(report.constraints, system.constraints, strict=True)
     )
@@ -291,7 +295,7 @@ def checked(
     slip_share: float = SLIP_SHARE,
 ) -> CheckReport:
     """Do what :func:`check` does, of any motion: also one that no recording could be."""
-    system = as_system(constraints)
+    system = as_system(constraints, trajectory.space)
     residuals = sample_residuals(trajectory, system)
     parts = np.split(residuals, np.cumsum(system.rows)[:-1], axis=1)
     results = tuple(
@@ -360,10 +364,12 @@ def _checked(
 
 def _speeds(trajectory: PoseTrajectory, constraint: Constraint) -> Floats:
     """Speed in each step of the edge over its work, or else of the tool's origin (m/s)."""
-    if constraint.edge is None:
+    if constraint.coordinates:
         velocities = trajectory.step_velocities()[0]
+    elif constraint.edge is None:
+        velocities = trajectory.tool.step_velocities()[0]
     else:
-        velocities = edge_steps(trajectory, constraint).velocities
+        velocities = edge_steps(trajectory.tool, constraint).velocities
     return np.asarray(np.linalg.norm(velocities, axis=1))
 
 
@@ -375,14 +381,14 @@ def sample_residuals(
     Of the step that ends there, as :func:`step_residuals`; at the first sample its own of what is
     declared of poses, and that of the first step of all else.
     """
-    system = as_system(constraints)
+    system = as_system(constraints, trajectory.space)
     steps = step_residuals(trajectory, system)
     found = np.concatenate([steps[:1], steps])
     poses = np.array(system.row_levels, dtype=object) == "position"
     if poses.any():
-        still = np.zeros(3)
+        still = np.zeros(system.space.linear), np.zeros(system.space.angular)
         at = trajectory.clock[:1], trajectory.positions[:1], trajectory.quaternions[:1]
-        found[0, poses] = system.of_poses.residuals(*at, still, still)[0]
+        found[0, poses] = system.of_poses.residuals(*at, *still)[0]
     return found
 
 
@@ -394,7 +400,7 @@ def step_residuals(
     Time is that of :attr:`PoseTrajectory.clock`, accelerations those of
     :func:`step_accelerations`.
     """
-    system = as_system(constraints)
+    system = as_system(constraints, trajectory.space)
     linear, angular = trajectory.step_velocities()
     accelerated = "acceleration" in system.row_levels
     return system.of_steps(
@@ -417,7 +423,7 @@ def step_accelerations(trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
     periods = np.diff(trajectory.times)
     apart = (periods[1:] + periods[:-1])[:, None] / 2
     linear, angular = (
-        np.concatenate([changes[:1], changes]) if len(changes) else np.zeros((1, 3))
+        np.concatenate([changes[:1], changes]) if len(changes) else np.zeros((1, changes.shape[1]))
         for changes in (np.diff(v, axis=0) / apart for v in trajectory.step_velocities())
     )
     return linear, angular

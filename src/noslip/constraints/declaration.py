@@ -258,7 +258,8 @@ def relative_function(constraint: Constraint) -> Any:
 
 def residual_instructions(constraint: Constraint) -> Instructions | Opaque:
     """Return a constraint's residual as data, if it is arithmetic."""
-    function = _built(constraint)
+    # Of any other, the declaration under which its function is kept holds what is returned here.
+    function = _function(constraint) if is_registered(constraint) else _built(constraint)
     try:
         return Instructions.of(function)
     except ConstraintError as error:

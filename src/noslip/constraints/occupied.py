@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -31,6 +34,7 @@ CELLS_OF_A_MESH = 40
 holds."""
 _MOST_HALVINGS = 40
 """Of an edge: from the longest that numbers hold to a cell."""
+_one_reader = Lock()
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ def _gray(path: Path, most_cells: int) -> NDArray[np.float64]:
     if not path.is_file():
         raise InputError(f"{path}: no such image; put it beside the YAML file that names it")
     try:
-        with image_module.open(path, formats=("PPM", "PNG")) as image:
+        with _whole_images(path), image_module.open(path, formats=("PPM", "PNG")) as image:
             if image.width * image.height > most_cells:
                 raise InputError(
                     f"{path}: {image.width} x {image.height} pixels, at most {most_cells:,} are "
@@ -111,6 +115,22 @@ def _gray(path: Path, most_cells: int) -> NDArray[np.float64]:
         # Whatever a damaged image leads its reader to.
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as PGM or PNG: {reason}") from error
+
+
+@contextmanager
+def _whole_images(path: Path) -> Iterator[None]:
+    """Have Pillow refuse images that end early, also where another library told it to fill them.
+
+    WeasyPrint does, of the whole process; what is missing would be read as walls.
+    """
+    image_file = need(path, "PIL.ImageFile", "maps")
+    with _one_reader:
+        told = image_file.LOAD_TRUNCATED_IMAGES
+        image_file.LOAD_TRUNCATED_IMAGES = False
+        try:
+            yield
+        finally:
+            image_file.LOAD_TRUNCATED_IMAGES = told
 
 
 def voxels(mesh: Any, cell: float | None, scale: float, most_cells: int) -> Occupied:

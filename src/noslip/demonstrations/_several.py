@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from noslip.errors import InputError
+from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
 
 
@@ -15,13 +16,13 @@ def several(
 ) -> list[PoseTrajectory]:
     """Return a list of demonstrations, checked; an error says for what they are needed."""
     # One trajectory cannot be iterated over, and what is no iterable is told as an item is.
-    one = isinstance(demonstrations, PoseTrajectory) or not isinstance(demonstrations, Iterable)
+    one = isinstance(demonstrations, Timed) or not isinstance(demonstrations, Iterable)
     given: list[PoseTrajectory] = [demonstrations] if one else list(demonstrations)  # type: ignore[list-item]
     for item in given:
-        if not isinstance(item, PoseTrajectory):
+        if not isinstance(item, Timed):
             raise InputError(
-                f"{what}: demonstrations are PoseTrajectory objects, got {type(item).__name__}; "
-                "read files with load_demonstrations"
+                f"{what}: demonstrations are PoseTrajectory or Trajectory objects, got "
+                f"{type(item).__name__}; read files with load_demonstrations"
             )
     if len(given) < fewest:
         raise InputError(f"{what} needs {fewest} demonstrations or more, got {len(given)}")

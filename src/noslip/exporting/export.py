@@ -21,6 +21,7 @@ from noslip.rule import Rule
 from noslip.runtime import numbers
 from noslip.runtime.rollout import rollout
 from noslip.runtime.stepper import stepper_of
+from noslip.space import Space
 
 _COMPARED = 100
 """Samples of the motion that the generated test compares, about."""
@@ -74,7 +75,7 @@ def export_c(
         (the loop); ``inside.h`` (what they share); ``grids.c``, where constraints look up fields
         of distances; ``NAME.h`` and ``NAME.c`` (this primitive's
         numbers); ``example.c``, ``example_replan.c``, ``example_controller.cpp``, ``test.c`` and
-        ``CMakeLists.txt``.
+        ``CMakeLists.txt``.  Of anything but a pose, planner and controller are left out.
 
     Raises
     ------
@@ -89,7 +90,9 @@ def export_c(
     rows = rule.system.equalities.size, rule.system.limits.size
     texts = named(_texts(law, rule, _PLACEHOLDER), _PLACEHOLDER, name)
     instructions = _instructions(texts, name, "example", "noslip_step")
-    planning = _instructions(texts, name, "example_replan", "noslip_replan")
+    planning = None
+    if law.space.is_pose:
+        planning = _instructions(texts, name, "example_replan", "noslip_replan")
     more = (
         ";\n * undisturbed: who pushes is found only where a limit may stop it." if rows[1] else "."
     )
@@ -100,8 +103,9 @@ def export_c(
         if instructions
         else "\n * Instructions a step were not counted (that takes a C compiler and valgrind)."
     )
-    texts["noslip.h"] = c99.header(*rows, counted)
-    texts["replan.h"] = texts["replan.h"].replace("@BOUND@", _planning_text(planning, name))
+    texts["noslip.h"] = c99.header(*rows, counted, law.space)
+    if law.space.is_pose:
+        texts["replan.h"] = texts["replan.h"].replace("@BOUND@", _planning_text(planning, name))
     texts = prefixed(texts, prefix)
     folder.mkdir(parents=True, exist_ok=True)
     written = [write_beside(folder / file, text.encode()) for file, text in texts.items()]
@@ -121,7 +125,7 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
     motion = rollout(law, rule)
     steps = len(motion) - 1
     every = max(1, steps // _COMPARED)
-    rows = np.hstack([motion.positions, motion.quaternions])[every::every]
+    rows, space = motion.points[every::every], law.space
     reach = float(np.abs(motion.positions).max()) + float(np.ptp(motion.positions, axis=0).max())
     speed = max(float(np.linalg.norm(motion.linear_velocities, axis=1).max()), 1.0)
     system = rule.system
@@ -138,23 +142,26 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         "SINGLE_RESIDUAL": repr(1e-4 * speed),
         "FUNCTIONS": str(law.basis.count),
         "FIT_STEPS": str(fewest_steps(law.basis.count)),
+        "COLUMNS": ",".join(["t", *space.coordinates, *_quaternion_names(space)]),
+        "PLANNER": " plan.c replan.c controller.c" if space.is_pose else "",
         "ASIDE": "{" + ", ".join(map(repr, aside.tolist())) + "}",
         "LENGTH": repr(motion.path_length or 1.0),
     }
     declared = f"#ifndef {name.upper()}_H\n#define {name.upper()}_H\n\n"
     declared += f'#include "noslip.h"\n\nextern const noslip_primitive {name};\n\n#endif\n'
     texts = {
-        "noslip.h": c99.header(system.equalities.size, system.limits.size),
+        "noslip.h": c99.header(system.equalities.size, system.limits.size, space=space),
         "inside.h": c99.template("inside.h"),
         # Forces and values, without each row's own part.
-        "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False),
-        **sources(rule),
-        **controller_sources(law, rule),
+        "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False, space=space),
+        **(sources(rule) | controller_sources(law, rule) if space.is_pose else {}),
         f"{name}.h": declared,
         f"{name}.c": numbers.text(law, rule, name),
     }
     values["GRIDS"] = " grids.c" if "grids.c" in texts else ""
-    examples = ("example.c", "example_replan.c", "example_controller.cpp")
+    examples = ["example.c"]
+    if space.is_pose:
+        examples += ["example_replan.c", "example_controller.cpp"]
     for file in (*examples, "test.c", "CMakeLists.txt"):
         text = c99.template(file)
         for key, value in values.items():
@@ -172,8 +179,15 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
     return texts
 
 
+def _quaternion_names(space: Space) -> list[str]:
+    parts = ("qw", "qx", "qy", "qz")
+    if space.rotations <= 1:
+        return list(parts[: 4 * space.rotations])
+    return [f"{body.name}.{part}" for body in space.bodies for part in parts]
+
+
 def _instructions(texts: dict[str, str], name: str, example: str, function: str) -> int | None:
     """Most instructions of a call of a function while an example runs."""
-    sources = ["noslip.c", "plan.c", "replan.c", f"{name}.c", f"{example}.c"]
-    sources += [file for file in texts if file == "grids.c"]
+    sources = ["noslip.c", f"{name}.c", f"{example}.c"]
+    sources += [file for file in texts if file in ("plan.c", "replan.c", "grids.c")]
     return most_instructions(texts, sources, function, _NO_PLAN)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,12 @@ from noslip.law.law import Law
 from noslip.law.points import Goal, mean
 from noslip.law.points import goal as goal_of
 from noslip.space import POSE, Space
+from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
+Recorded = PoseTrajectory | Trajectory
+"""What a law is learned from."""
 SAMPLES_PER_BASIS_FUNCTION = 4
 """A demonstration with fewer samples is splined to a multiple of its own before fitting: with fewer
 a function is not told from its neighbors, and a plan on longer steps ends more than 1e-5 of the
@@ -31,7 +36,7 @@ path."""
 
 
 def fit(
-    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    demonstrations: Recorded | Iterable[Recorded],
     *,
     basis_functions: int = 100,
     alpha: float = 25.0,
@@ -46,7 +51,7 @@ def fit(
 
     Parameters
     ----------
-    demonstrations : PoseTrajectory or several
+    demonstrations : PoseTrajectory, Trajectory, or several of one kind
         Any rate and start time; irregular ones are splined to their median rate, short ones
         to 4 samples a basis function.
     basis_functions : int
@@ -116,21 +121,27 @@ def _start_velocity(
     return attractor.demonstrated_start(pull, first, fraction)
 
 
-def as_demonstrations(
-    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
-) -> list[PoseTrajectory]:
-    """Return a list of demonstrations, checked."""
-    if isinstance(demonstrations, PoseTrajectory):
-        return [demonstrations]
-    try:
-        recorded = list(demonstrations)
-    except TypeError:
-        recorded = [demonstrations]
+def as_demonstrations(demonstrations: Recorded | Iterable[Recorded]) -> list[PoseTrajectory]:
+    """Return a list of demonstrations, checked: all of one space."""
+    if isinstance(demonstrations, Timed):
+        recorded: list[Any] = [demonstrations]
+    else:
+        try:
+            recorded = list(demonstrations)
+        except TypeError:
+            recorded = [demonstrations]
     for item in recorded:
-        if not isinstance(item, PoseTrajectory):
+        if not isinstance(item, Timed):
             raise InputError(
-                f"demonstrations are PoseTrajectory objects, got {type(item).__name__}; "
-                "read files with load_demonstrations"
+                "demonstrations are PoseTrajectory or Trajectory objects, got "
+                f"{type(item).__name__}; read files with load_demonstrations"
+            )
+        if item.space != recorded[0].space:
+            both = (", ".join(each.space.coordinates) for each in (recorded[0], item))
+            raise InputError(
+                f"{recorded[0].name} and {item.name} move in different spaces ({' and '.join(both)}"
+                f"; {recorded[0].space.rotations} and {item.space.rotations} rotations); learn one "
+                "primitive of each kind"
             )
     if not recorded:
         raise InputError("no demonstration given; at least one is needed")

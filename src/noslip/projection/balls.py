@@ -78,7 +78,7 @@ class Balls:
             self.stiffness[b] * (lengths[b] * slopes[b, :].T - square @ change)
             for b, square in enumerate(self.squares)
         ]
-        return ca.horzcat(ca.SX(6, 0), *pulls)
+        return ca.horzcat(ca.SX(change.shape[0], 0), *pulls)
 
     def stretch(
         self,

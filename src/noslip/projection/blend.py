@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.boundary import Boundary, end_twist, sample_of
-from noslip.quaternions import product, turned
+from noslip.errors import InputError
+from noslip.quaternions import inverse, product, turned, turns_between
+from noslip.space import Samples
 from noslip.trajectory import PoseTrajectory
 
+Moving = TypeVar("Moving", bound=Samples)
+_OPEN = 0.1
+"""More than that is not a hand's error, but another cut of the recording."""
 _AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -63,6 +68,35 @@ def spread(
     return np.asarray(found)
 
 
+def closed(trajectory: Moving) -> Moving:
+    """Return a period that ends where it begins; what it misses that by is spread evenly over it.
+
+    Parameters
+    ----------
+    trajectory : PoseTrajectory or Trajectory
+        One period, in space much as at its first sample again at its last.
+
+    Raises
+    ------
+    InputError
+        If it ends elsewhere, by a tenth of its extent, or turned by a tenth of a turn.
+    """
+    space, points = trajectory.space, trajectory.points
+    gap = space.difference(points[:1], points[-1:])[0]
+    away, turn = np.linalg.norm(gap[: space.linear]), np.abs(gap[space.linear :]).max(initial=0.0)
+    extent = np.linalg.norm(np.ptp(trajectory.positions, axis=0))
+    if away > _OPEN * extent or turn > _OPEN * 2 * np.pi:
+        raise InputError(
+            f"{trajectory.name}: a period ends where it begins, but this ends {away:.3g} of "
+            f"{extent:.3g} from there and turned by {np.degrees(turn):.3g} degrees; cut it where "
+            "it comes back"
+        )
+    share = (trajectory.clock / trajectory.duration)[:, None]
+    points = space.moved(points, share * gap)
+    points[-1] = points[0]
+    return trajectory.with_points(points)
+
+
 def through(free: PoseTrajectory, boundaries: Iterable[Boundary]) -> PoseTrajectory:
     """Return a motion displaced by minimum jerk such that it reaches boundaries, exactly.
 
@@ -75,36 +109,49 @@ def through(free: PoseTrajectory, boundaries: Iterable[Boundary]) -> PoseTraject
         One with a twist is an end's.
     """
     wanted = {sample_of(boundary.at, len(free)): boundary for boundary in boundaries}
-    positions, rotations, times = free.positions, free.rotations, free.times
-    rest = dict.fromkeys((float(times[0]), float(times[-1])), np.zeros(3))
-    shifts = rest | {
-        float(times[k]): b.position - positions[k]
+    points, times, n = free.points.copy(), free.times, free.space.linear
+    own = {0: end_twist(free, 0.0), len(free) - 1: end_twist(free, 1.0)}
+    asked = {k: wanted[k].twist_or(*mine) if k in wanted else mine for k, mine in own.items()}
+    ends = [float(times[k]) for k in own]
+    shifts = dict.fromkeys(ends, np.zeros(n)) | {
+        float(times[k]): b.position - points[k, :n]
         for k, b in wanted.items()
         if b.position is not None
     }
-    turns = rest | {
-        float(times[k]): (rotations[k].inv() * b.rotation).as_rotvec()
-        for k, b in wanted.items()
-        if b.rotation is not None
-    }
-    faster: list[Floats | None] = []
-    turning: list[Floats | None] = []
-    for k, at in ((0, 0.0), (len(free) - 1, 1.0)):
-        own = end_twist(free, at)
-        linear, angular = wanted[k].twist_or(*own) if k in wanted else own
-        faster.append(linear - own[0])
-        turn = turns[float(times[k])]
-        after = rotations[k] * Rotation.from_rotvec(turn)
-        # R Exp(turn) rotates at Exp(-turn) w + J turn' in its own frame, J the right Jacobian.
-        turning.append(inverse_left_jacobian(-turn, after.inv().apply(angular - own[1])))
-    positions = positions + spread(shifts, times, *faster)
+    faster = [asked[k][0] - mine[0] for k, mine in own.items()]
+    points[:, :n] += spread(shifts, times, *faster)
     for k, b in wanted.items():
         if b.position is not None:
-            positions[k] = b.position
-    turn = turned(spread(turns, times, *turning), _AS_IT_IS)
-    led = product(rotations.as_quat(scalar_first=True), turn)
-    rotations = Rotation.from_quat(led, scalar_first=True)
-    return PoseTrajectory(times, positions, rotations, name=free.name)
+            points[k, :n] = b.position
+    for part in range(free.space.rotations):
+        at, by = slice(n + 4 * part, n + 4 * part + 4), slice(3 * part, 3 * part + 3)
+        quaternions = points[:, at].copy()
+        # In the tool's frame.
+        turns = dict.fromkeys(ends, np.zeros(3)) | {
+            float(times[k]): _turn_in(quaternions[k], b.quaternion[at.start - n : at.stop - n])
+            for k, b in wanted.items()
+            if b.quaternion is not None
+        }
+        turning = []
+        for k, mine in own.items():
+            turn = turns[float(times[k])]
+            after = product(quaternions[k], turned(turn, _AS_IT_IS))
+            rate = _turned_back(after, asked[k][1][by] - mine[1][by])
+            # R Exp(turn) rotates at Exp(-turn) w + J turn' in its own frame, J the right Jacobian.
+            turning.append(inverse_left_jacobian(-turn, rate))
+        points[:, at] = product(quaternions, turned(spread(turns, times, *turning), _AS_IT_IS))
+    return free.with_points(points)
+
+
+def _turn_in(begin: Floats, end: Floats) -> Floats:
+    """Rotation vector in the tool's frame that leads from one quaternion to another."""
+    return turns_between(_AS_IT_IS, product(inverse(begin), end))
+
+
+def _turned_back(quaternion: Floats, vector: Floats) -> Floats:
+    """A vector of the world's frame in that of the tool."""
+    within = product(product(inverse(quaternion), np.append(0.0, vector)), quaternion)
+    return within[1:]
 
 
 def inverse_left_jacobian(turn: Floats, rate: Floats) -> Floats:

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
+from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
+from noslip.constraints.declaration import Constraint
 from noslip.constraints.edge_motion import edge_motion
 from noslip.constraints.system import ConstraintSystem
-from noslip.trajectory import PoseTrajectory
+from noslip.space import Placed, Samples
 
 REACH = 0.005
 """Of the path's extent: nothing nearer than that says where a tool is heading."""
@@ -23,6 +25,11 @@ PLUNGING = 0.2
 """Share of its speed in the blade's plane up to which a tool that goes backwards just plunges."""
 SIDEWAYS = 0.01
 """Share of the speed within the blade's plane below which its direction there is not trusted."""
+_ROUND, _IN_PLANE = 2.0, 0.35
+"""Turn (rad) that takes a tool round, and mean slip (rad) of one that had better stay: of a circle
+with the tool held still it is 1."""
+_ROUNDS = 3
+"""Of a period, so that the middle one feels no ends."""
 _MOST_SMOOTHED = 5_000
 """Samples smoothed one by one: where a tool rests, fourth differences of three times as many may be
 off by a percent; those of a hundred thousand lose all digits."""
@@ -36,7 +43,7 @@ class Heading:
 
     Attributes
     ----------
-    turns : array, shape (N, 3)
+    turns : array, shape (N, 3 b)
         Rotation vectors, world frame (rad): ``R_guess = Exp(turns) R``.
     backing : int
         Stretches between rests in which the demonstration itself moves backwards; there the edge
@@ -48,7 +55,7 @@ class Heading:
 
 
 def turn_edge_into_path(
-    trajectory: PoseTrajectory, system: ConstraintSystem, smoothing: float
+    trajectory: Samples, system: ConstraintSystem, smoothing: float, *, periodic: bool = False
 ) -> Heading:
     """Smallest turns that bring each sample's velocity into the blade's plane, edge leading.
 
@@ -58,13 +65,53 @@ def turn_edge_into_path(
     rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed
     with weights that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
-    Constraints that name no edge get no turn.
+    Constraints that name no edge get no turn, nor do tools that joints carry.  A period is turned
+    as in the middle of several; one that is sawn to and fro within the blade's plane stays so.
     """
-    constraint = system.edged
+    if periodic:
+        steps = len(trajectory) - 1
+        rows = np.append(np.tile(np.arange(steps), _ROUNDS), 0)
+        times = np.linspace(0.0, _ROUNDS * trajectory.duration, len(rows))
+        rounds = trajectory.with_points(trajectory.points[rows], times)
+        found = _turned(rounds, system, smoothing / _ROUNDS**4, sawing=True)
+        middle = slice(_ROUNDS // 2 * steps, (_ROUNDS // 2 + 1) * steps + 1)
+        return Heading(found.turns[middle], -(-found.backing // _ROUNDS))
+    return _turned(trajectory, system, smoothing, sawing=False)
+
+
+def _turned(
+    trajectory: Samples, system: ConstraintSystem, smoothing: float, *, sawing: bool
+) -> Heading:
+    turns, backing = np.zeros((len(trajectory), system.space.angular)), 0
+    for k, body in enumerate(system.space.bodies):
+        of_body = [not c.coordinates and system.space.body(c.body) == k for c in system.constraints]
+        constraint = system.part(of_body).edged
+        if constraint is None or not isinstance(body, Placed) or body.turn is None:
+            continue
+        found = _turned_into_path(
+            trajectory, (body.first, body.turn), constraint, smoothing, sawing=sawing
+        )
+        turns[:, 3 * body.turn : 3 * body.turn + 3] = found.turns
+        backing += found.backing
+    return Heading(turns, backing)
+
+
+def _turned_into_path(
+    trajectory: Samples,
+    place: tuple[int, int],
+    constraint: Constraint,
+    smoothing: float,
+    *,
+    sawing: bool,
+) -> Heading:
+    first, turn = place
     none = Heading(np.zeros((len(trajectory), 3)), 0)
-    if constraint is None or constraint.edge is None or constraint.edge.lateral is None:
+    if constraint.edge is None or constraint.edge.lateral is None:
         return none
-    seen = edge_motion(constraint, trajectory.clock, trajectory.positions, trajectory.rotations)
+    positions = trajectory.positions[:, first : first + 3]
+    quaternions = trajectory.quaternions[:, 4 * turn : 4 * turn + 4]
+    rotations = Rotation.from_quat(quaternions, scalar_first=True)
+    seen = edge_motion(constraint, trajectory.clock, positions, rotations)
     velocities = _travel(seen.points, trajectory.times)
     speed = np.linalg.norm(velocities, axis=1)
     if speed.max() == 0:
@@ -100,7 +147,10 @@ def turn_edge_into_path(
         angles[stretch] = angle
         # The axis is perpendicular to the lateral axis and to that direction.
         axes[stretch] = lead @ [frame[2], -frame[0]]
-    turns = trajectory.rotations.apply(axes * angles[:, None])
+    slips = np.arcsin(np.clip(np.abs(aside) / np.where(speed > 0, speed, 1.0), 0.0, 1.0))
+    if sawing and np.abs(angles).max() > _ROUND and speed @ slips < _IN_PLANE * speed.sum():
+        return Heading(none.turns, 1)
+    turns = rotations.apply(axes * angles[:, None])
     sure = np.minimum(speed, 2 * typical) ** 2
     weights = np.where(moving, sure / sure.mean(), 0.0)
     return Heading(_smoothed(turns, weights, smoothing), backing)

@@ -17,13 +17,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.projection.band import Band
+from noslip.projection.band import Band, Ring
 from noslip.projection.blend import inverse_left_jacobian
 from noslip.projection.stage import Entries, Stage, of_three
 
@@ -82,12 +83,16 @@ class Plan:
     turn_weights : array, shape (N,)
     turn_slopes : array, shape (N - 1,)
     metric : array, shape (N, n, n), or None
+    pull : array, shape (N, n), or None
     fixed : array of bool, shape (N, n)
     active : array of bool, shape (N, m)
     clearance, multipliers, slack : array, shape (N, m)
     row_scale, tolerance : array, shape (m,)
     twists : two arrays, shape (2, n + 3 b), or None
     bending : array, shape (2,)
+    is_periodic : bool
+        Whether a step leads from the last sample to the first; it is the first one's then, and
+        slopes have N.
     """
 
     stage: Stage
@@ -109,6 +114,8 @@ class Plan:
     bending: Floats
     last_barrier: float
     metric: Floats | None = None
+    pull: Floats | None = None
+    is_periodic: bool = False
     careful: bool = False
     barrier: float = 0.0
     step_size: float = np.inf
@@ -136,7 +143,8 @@ class Plan:
 
     def arguments(self) -> tuple[Floats, ...]:
         """What the stage is evaluated at."""
-        self.z[0], self.z[-1] = self.z[1], self.z[-2]
+        first, last = (-2, 1) if self.is_periodic else (1, -2)
+        self.z[0], self.z[-1] = self.z[first], self.z[last]
         return (of_three(self.z), *self._reference)
 
     def scaled(self, values: Floats) -> Floats:
@@ -145,6 +153,8 @@ class Plan:
 
     def changes(self) -> Floats:
         """What each step changes of the correction, less what twists at the ends ask for."""
+        if self.is_periodic:
+            return self.unknown - np.roll(self.unknown, 1, axis=0)
         changes = np.diff(self.unknown, axis=0)
         for end, twists in enumerate(self.twists):
             if twists is None:
@@ -158,6 +168,14 @@ class Plan:
             wanted.append((asked[:n] - own[:n]) / self.length)
             changes[-end] -= self.time_step * np.concatenate(wanted)[: changes.shape[1]]
         return changes
+
+    def beside(self, shift: int) -> tuple[Any, Any]:
+        """Samples that have one so far from them, and those ones."""
+        count = len(self.active)
+        if self.is_periodic:
+            return np.arange(count), (np.arange(count) + shift) % count
+        at = slice(max(0, -shift), count - max(0, shift))
+        return at, slice(at.start + shift, at.stop + shift)
 
     def costs(self) -> tuple[Floats, Floats, Floats]:
         """Weights (N, n) of the correction, (N - 1, n) of its changes, (n,) of its bending."""
@@ -214,12 +232,23 @@ def iterate(plan: Plan, steps: int) -> Outcome:
 def _newton_step(
     plan: Plan, value: Floats, jacobian: Entries, curvature: Entries
 ) -> tuple[Floats, Floats]:
-    """Set up the optimality conditions and solve them: steps of correction and multipliers.
+    """Solve the optimality conditions: steps of correction and multipliers.
 
     Not the multipliers themselves: they do not vanish, and neither would their rounding.
     """
+    band, right = optimality(plan, value, jacobian, curvature)
+    solution = band.solve(right.ravel()).reshape(right.shape)
+    unknowns = plan.z.shape[1]
+    return solution[:, :unknowns], solution[:, unknowns:]
+
+
+def optimality(
+    plan: Plan, value: Floats, jacobian: Entries, curvature: Entries
+) -> tuple[Band, Floats]:
+    """Optimality conditions of a step, as a matrix and a right-hand side, shape (N, n + m)."""
     count, unknowns, rows = len(value), plan.z.shape[1], plan.stage.rows
-    band = Band(count, unknowns + rows, unknowns if plan.stage.reaches_over else 0)
+    kind = Ring if plan.is_periodic else Band
+    band = kind(count, unknowns + rows, unknowns if plan.stage.reaches_over else 0)
     weights, slopes, bending = plan.costs()
     for j in range(unknowns):
         band.add_bending(j, bending[j])
@@ -237,7 +266,7 @@ def _newton_step(
         entries = np.where(plan.active[:, row], entries * plan.row_scale[row], 0.0)
         band.add(shift, unknowns + row, unknown, entries)
         band.add_transposed(shift, unknowns + row, unknown, entries)
-        at, of = _beside(shift, count)
+        at, of = plan.beside(shift)
         right[of, unknown] -= entries[at] * plan.multipliers[at, row]
     asked = plan.active.any(axis=1)
     for (row, column), entries in curvature.items():
@@ -258,8 +287,7 @@ def _newton_step(
     softness = np.where(plan.active, DUAL_REGULARIZATION * sizes, 0.0)
     for row in range(rows):
         band.add(0, unknowns + row, unknowns + row, diagonal[:, row] - softness[:, row])
-    solution = band.solve(right.ravel()).reshape(count, -1)
-    return solution[:, :unknowns], solution[:, unknowns:]
+    return band, right
 
 
 def _sizes(plan: Plan, band: Band, jacobian: Entries, diagonal: Floats) -> Floats:
@@ -268,7 +296,7 @@ def _sizes(plan: Plan, band: Band, jacobian: Entries, diagonal: Floats) -> Float
     sizes = np.zeros(plan.active.shape)
     for row, column in jacobian:
         block, unknown = divmod(column, unknowns)
-        at, of = _beside(block - 1, len(sizes))
+        at, of = plan.beside(block - 1)
         entries = band.entries(block - 1, unknowns + row, unknown)
         measure = np.abs(band.entries(0, unknown, unknown)[of])
         sizes[at, row] = np.maximum(sizes[at, row], entries**2 / measure)
@@ -277,17 +305,16 @@ def _sizes(plan: Plan, band: Band, jacobian: Entries, diagonal: Floats) -> Float
     return np.where(sizes > 0, sizes, 1.0)
 
 
-def _beside(shift: int, count: int) -> tuple[slice, slice]:
-    """Samples that have one so far from them, and those ones."""
-    at = slice(max(0, -shift), count - max(0, shift))
-    return at, slice(at.start + shift, at.stop + shift)
-
-
 def _cost_gradient(plan: Plan, weights: Floats, slopes: Floats, bending: Floats) -> Floats:
     z = plan.unknown
     gradient = weights * z
-    if plan.metric is not None:
-        gradient += (plan.metric @ z[..., None])[..., 0]
+    if plan.metric is not None and plan.pull is not None:
+        gradient += (plan.metric @ z[..., None])[..., 0] + plan.pull
+    if plan.is_periodic:
+        bend = bending * (np.roll(z, -1, axis=0) - 2 * z + np.roll(z, 1, axis=0))
+        change = slopes * plan.changes()
+        gradient += np.roll(bend, 1, axis=0) - 2 * bend + np.roll(bend, -1, axis=0)
+        return np.asarray(gradient + change - np.roll(change, -1, axis=0))
     bend = bending * (z[2:] - 2 * z[1:-1] + z[:-2])
     gradient[2:] += bend
     gradient[1:-1] -= 2 * bend

@@ -7,19 +7,19 @@ from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.boundary import Boundary, end_twist
 from noslip.constraints.declaration import UNITS
 from noslip.projection import planner
 from noslip.projection.blend import spread
+from noslip.projection.carried import ToolPaths
 from noslip.projection.newton import Plan
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
 from noslip.projection.stage import Stage
-from noslip.quaternions import turned, turns_between
-from noslip.trajectory import PoseTrajectory, continuous_quaternions
+from noslip.quaternions import turned, turns_between, without_flips
+from noslip.space import Samples
 
 _REST_WEIGHT = 1e-3
 """What a turn costs at rest, relative to its cost at mean speed: enough for a definite matrix."""
@@ -40,6 +40,9 @@ _LAST_BARRIER = 1e-11
 tolerance."""
 _LIMIT_TOLERANCE = 1e-8
 """As for equalities, of which no such precision is asked."""
+_MOST_FORMS, _SAME_FORM = 12, 1e-4
+"""How often what leads tools from their paths is taken anew, and the change (rad) for which it is
+not: a tool is then off where it is led by a hundredth of a micrometer."""
 _APPROACH = 0.05
 """Share of the samples over which a clearance grows from none, at the ends and where a pose is
 fixed."""
@@ -48,15 +51,20 @@ fixed."""
 class Problem:
     """One projection as a banded Newton iteration.
 
-    Stage k holds its unknowns z_k (rotation vector, and position displacement over L unless held)
+    Stage k holds its unknowns z_k (rotation vectors, and displacements over L unless held)
     and its multipliers lambda_k, one a row of the constraints on the step that ends in k.  At
     stage 0 only position-level rows exist.
 
     Parameters
     ----------
     request : Request
-    turns : array, shape (N, 3)
+    turns : array, shape (N, 3 b)
         First guess of the correction (rad).
+
+    Of joints that carry a tool L is 1 rad, and a turn of a joint costs what one of the tool does;
+    w_p and mu_p weigh how far the tool is led from its path, over that path's length.  So joints
+    give way first that leave the tool where it is, and what is redundant stays near the
+    demonstration.
     """
 
     def __init__(self, request: Request, turns: Floats) -> None:
@@ -67,31 +75,50 @@ class Problem:
             request.begin,
         )
         self.equalities, self.limits = system.equalities, system.limits
-        count = self.count = len(trajectory)
-        self.time_step = trajectory.duration / (count - 1)
+        self.is_periodic = request.is_periodic
+        # The first sample of a period is its last.
+        self.own = slice(int(self.is_periodic), None)
+        count = self.count = len(trajectory) - int(self.is_periodic)
+        self.time_step = request.time_step
+        self.space = space = system.space
         self.length = request.length or trajectory.path_length or 1.0
+        self.tools = ToolPaths(space, trajectory.positions[self.own])
+        self.lengths = self._lengths()
+        if self.is_carrying:
+            self.length = 1.0
         self.levels = np.array(self.equalities.row_levels + self.limits.row_levels, dtype=object)
         self.is_limit = np.arange(system.size) >= self.equalities.size
 
-        self.reference = trajectory.rotations
-        if np.linalg.norm(turns, axis=1).max() > _TURNED_REFERENCE:
-            self.reference = Rotation.from_rotvec(turns) * trajectory.rotations
-            turns = np.zeros((count, 3))
+        self.positions = trajectory.positions[self.own]
+        self.reference = trajectory.quaternions[self.own]
+        turned_on = turns[-1] - turns[0]
+        turns = turns[self.own]
+        farthest = np.linalg.norm(turns.reshape(count, -1, 3), axis=2).max(initial=0.0)
+        # Nor does a turn close that goes on and on.
+        goes_on = self.is_periodic and np.abs(turned_on).max(initial=0.0) > _TURNED_REFERENCE
+        if farthest > _TURNED_REFERENCE or goes_on:
+            led = _turned(self.reference, turns)
+            each = (led[:, k : k + 4] for k in range(0, led.shape[1], 4))
+            self.reference = np.hstack([without_flips(quaternions) for quaternions in each])
+            turns = np.zeros_like(turns)
         stage = Stage.of(system, request.hold_position)
         # With what an end lacks of a neighbor.
         z = np.zeros((count + 2, stage.unknowns))
         self.z = z[1:-1]
-        self.z[:, :3] = turns
+        self.turns, self.shifts = self.z[:, : space.angular], self.z[:, space.angular :]
+        self.turns[:] = turns
         self.fixed = self._fix(boundaries)
-        speed_scale = self.length / trajectory.duration
-        scales = {
-            "position": self.length,
-            "velocity": speed_scale,
-            "acceleration": speed_scale / trajectory.duration,
-        }
-        positions, quaternions = self._stages(trajectory.positions, self.reference)
+        scales = self.lengths / np.select(
+            [self.levels == "velocity", self.levels == "acceleration"],
+            [trajectory.duration, trajectory.duration**2],
+            1.0,
+        )
+        positions, quaternions = self._stages(self.positions, self.reference)
         turn_weights, turn_slopes = self._weigh()
-        weights, h = request.weights, 1 / (count - 1)
+        weights, h = request.weights, 1 / (len(trajectory) - 1)
+        tolerances = self._tolerances()
+        bending = np.array([weights.rotation_smoothing, weights.position_smoothing])
+        bending[0] += weights.position_smoothing * self.tools.lever
         self.plan = Plan(
             stage,
             positions,
@@ -101,25 +128,41 @@ class Problem:
             self.fixed,
             self._active(boundaries, request.hold_position),
             self._clearance(request),
-            np.array([1 / scales[level] for level in self.levels]),
-            np.where(self.is_limit, max(_LIMIT_TOLERANCE, self._tolerance), self._tolerance),
+            1 / scales,
+            np.where(self.is_limit, np.maximum(_LIMIT_TOLERANCE, tolerances), tolerances),
             self._twists(request),
             z,
             self.time_step,
             self.length,
-            self.begin,
+            self.begin + self.own.start * self.time_step,
             weights.position * h,
-            np.array([weights.rotation_smoothing, weights.position_smoothing]) / h**3,
+            bending / h**3,
             _LAST_BARRIER / count,
+            is_periodic=self.is_periodic,
         )
+        self._take_form()
 
-    def begin_at(self, trajectory: PoseTrajectory) -> None:
+    @property
+    def is_carrying(self) -> bool:
+        """Whether joints carry a tool."""
+        return len(self.tools.lengths) > 0
+
+    def _take_form(self) -> None:
+        """What it costs to lead tools from their paths, about the correction as it is."""
+        if not self.is_carrying:
+            return
+        own, size = slice(self.space.angular, None), self.z.shape[1]
+        metric, pull = self.tools.form(self.shifts)
+        self.plan.metric, self.plan.pull = np.zeros((self.count, size, size)), np.zeros_like(self.z)
+        self.plan.metric[:, own, own] = self.plan.position_weight * metric
+        self.plan.pull[:, own] = self.plan.position_weight * pull
+
+    def begin_at(self, trajectory: Samples) -> None:
         """Take a trajectory as the first guess."""
-        turns = (trajectory.rotations * self.reference.inv()).as_rotvec()
-        self.z[:, :3] += np.where(self.fixed[:, :3], 0.0, turns - self.z[:, :3])
-        if self.z.shape[1] == 6:
-            moved = (trajectory.positions - self.given.positions) / self.length
-            self.z[:, 3:] += np.where(self.fixed[:, 3:], 0.0, moved - self.z[:, 3:])
+        turns = _turns(self.reference, trajectory.quaternions[self.own])
+        moved = (trajectory.positions[self.own] - self.positions) / self.length
+        guess = np.hstack([turns, moved])[:, : self.z.shape[1]]
+        self.z += np.where(self.fixed, 0.0, guess - self.z)
 
     def keeps_limits(self) -> bool:
         """Whether the first guess keeps all limits as it is."""
@@ -130,12 +173,14 @@ class Problem:
         """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
         fixed = np.zeros_like(self.z, dtype=bool)
         turns, shifts = {}, {}
-        for k, boundary in boundaries.items():
-            if boundary.rotation is not None:
-                turns[k] = (boundary.rotation * self.reference[k].inv()).as_rotvec()
-            if boundary.position is not None and self.z.shape[1] == 6:
-                shifts[k] = (boundary.position - self.given.positions[k]) / self.length
-        for wanted_here, columns in ((turns, slice(0, 3)), (shifts, slice(3, 6))):
+        for sample, boundary in boundaries.items():
+            k = (sample - self.own.start) % self.count
+            if boundary.quaternion is not None:
+                turns[k] = _turns(self.reference[k], boundary.quaternion)
+            if boundary.position is not None and self.shifts.size:
+                shifts[k] = (boundary.position - self.positions[k]) / self.length
+        both = slice(self.space.angular), slice(self.space.angular, None)
+        for wanted_here, columns in zip((turns, shifts), both, strict=True):
             if not wanted_here:
                 continue
             changes = {k: value - self.z[k, columns] for k, value in wanted_here.items()}
@@ -148,12 +193,15 @@ class Problem:
     def _active(self, boundaries: dict[int, Boundary], hold_position: bool) -> NDArray[np.bool_]:
         """Which rows are asked for at which sample."""
         active = np.ones((self.count, len(self.levels)), dtype=bool)
+        if self.is_periodic:
+            return active
         active[0] = self.levels == "position"
         # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
         decided = np.zeros(self.count, dtype=bool)
         for k, boundary in boundaries.items():
             holds_position = boundary.position is not None or hold_position
-            decided[k] = holds_position and boundary.rotation is not None
+            holds_rotation = boundary.rotation is not None or not self.space.rotations
+            decided[k] = holds_position and holds_rotation
         done = len(list(takewhile(lambda k: decided[k], range(self.count))))
         active[:done] = False
         # An acceleration is that from the step before a sample to the step after it.
@@ -165,9 +213,10 @@ class Problem:
     def _clearance(self, request: Request) -> Floats:
         """What limits are kept away from, shape (N, m)."""
         # None at what is fixed, which may lie on a limit.
-        places = [0, self.count - 1]
+        places = [] if self.is_periodic else [0, self.count - 1]
         places += [k for k, b in request.fixed.items() if b.position is not None]
-        away = np.abs(np.arange(self.count)[:, None] - places).min(axis=1) / (
+        samples = np.arange(self.own.start, self.count + self.own.start)
+        away = np.abs(samples[:, None] - places).min(axis=1, initial=self.count) / (
             _APPROACH * self.count
         )
         units = np.array(self.equalities.row_units + self.limits.row_units, dtype=object)
@@ -176,36 +225,50 @@ class Problem:
 
     def _weigh(self) -> tuple[Floats, Floats]:
         """What a turn costs at each sample, and what its change costs in each step."""
-        h = 1 / (self.count - 1)
+        h = 1 / (len(self.given) - 1)
         velocities, _ = self.given.step_velocities()
+        if self.is_carrying:
+            places = self.tools.places
+            if self.is_periodic:
+                places = np.concatenate([places[:, -1:], places], axis=1)
+            velocities = np.hstack(list(np.diff(places, axis=1) / self.time_step))
         speed = np.linalg.norm(velocities, axis=1)
-        speed = np.concatenate([speed[:1], speed])
+        if self.is_periodic:
+            steps = slice(None)
+        else:
+            speed, steps = np.concatenate([speed[:1], speed]), slice(1, None)
         relative = speed / mean if (mean := speed.mean()) else np.ones(self.count)
-        return h * (relative + _REST_WEIGHT), _SLOPE / h / (1 + (relative[1:] / _SLOW) ** 2)
+        return h * (relative + _REST_WEIGHT), _SLOPE / h / (1 + (relative[steps] / _SLOW) ** 2)
 
     def _twists(self, request: Request) -> list[Floats | None]:
         """Twists that are asked for at the ends, and the reference's own."""
         twists: list[Floats | None] = [None, None]
-        reference = PoseTrajectory(self.given.times, self.given.positions, self.reference)
+        if not request.twists:
+            return twists
+        reference = self.given.with_points(np.hstack([self.given.positions, self.reference]))
         for k, asked in request.twists.items():
             end = min(k, 1)
             own = end_twist(reference, end)
             twists[end] = np.array([np.concatenate(asked), np.concatenate(own)])
         return twists
 
-    def _stages(self, positions: Floats, rotations: Rotation) -> tuple[Floats, Floats]:
+    def _stages(self, positions: Floats, quaternions: Floats) -> tuple[Floats, Floats]:
         """Positions and quaternions, shape (N + 2, ...), with what an end lacks of a neighbor.
 
         No step leads to the first sample; nothing is asked of one, but a rule may be undefined at
         rest: it is taken as the step after it.
         """
-        p, q = np.empty((self.count + 2, 3)), np.empty((self.count + 2, 4))
-        p[1:-1], q[1:-1] = positions, continuous_quaternions(rotations)
-        p[0], p[-1] = 2 * p[1] - p[2], 2 * p[-2] - p[-3]
-        before = rotations[0] * rotations[1].inv() * rotations[0]
-        q[0], q[-1] = before.as_quat(scalar_first=True), q[-2]
-        q[0] *= np.sign(q[0] @ q[1])
-        return p, q
+        if self.is_periodic:
+            # After an odd number of whole turns a quaternion comes back as its opposite.
+            before = _on_the_side_of(quaternions[-1], quaternions[0])
+            after = _on_the_side_of(quaternions[0], quaternions[-1])
+            p = np.vstack([positions[-1], positions, positions[0]])
+            return p, np.vstack([before, quaternions, after])
+        before = _turned(quaternions[0], -_turns(quaternions[0], quaternions[1]))
+        p = np.vstack(
+            [2 * positions[0] - positions[1], positions, 2 * positions[-1] - positions[-2]]
+        )
+        return p, np.vstack([before, quaternions, quaternions[-1]])
 
     def solve(
         self, max_iterations: int, careful: bool, barrier: float = 0.0
@@ -214,34 +277,54 @@ class Problem:
 
         With limits, ``barrier`` is the first tau over the step in time normalized.
         """
-        self.plan.careful = careful
-        converged = planner.solve(self.plan, max_iterations, barrier / self.count)
-        return self.result(converged, self.plan.iteration, self.plan.multipliers)
+        self.plan.careful, iterations = careful, 0
+        for _ in range(_MOST_FORMS if self.is_carrying else 1):
+            before = self.z.copy()
+            self._take_form()
+            converged = planner.solve(self.plan, max_iterations, barrier / self.count)
+            iterations += self.plan.iteration
+            if not converged or np.abs(self.z - before).max() < _SAME_FORM:
+                break
+        return self.result(converged, iterations, self._whole(self.plan.multipliers))
 
-    @property
-    def _tolerance(self) -> float:
-        """Residual that counts as none: at least what the rounding of the positions causes."""
-        largest = np.abs(self.given.positions).max(initial=0.0)
-        speed_scale = self.length / self.given.duration
-        rounding = 16 * np.finfo(float).eps * largest / self.time_step / speed_scale
-        return max(_RESIDUAL_TOLERANCE, float(rounding))
+    def _whole(self, rows: Floats, first: float | Floats = 0.0) -> Floats:
+        """Rows of stages as rows of samples: of a period, with those of the first."""
+        if not self.is_periodic:
+            return rows
+        return np.vstack([np.full((1, rows.shape[1]), first), rows])
+
+    def _lengths(self) -> Floats:
+        """What each row's residual is measured by: the path's length, or that of the tool's."""
+        found, own = [], self.tools.lengths
+        carried = [k for k, body in enumerate(self.space.bodies) if not body.is_placed]
+        for part in (self.equalities, self.limits):
+            for constraint, rows in zip(part.constraints, part.rows, strict=True):
+                body = -1 if constraint.coordinates else self.space.body(constraint.body)
+                length = own[carried.index(body)] if body in carried else self.length
+                found += rows * [length]
+        return np.array(found, dtype=np.float64)
+
+    def _tolerances(self) -> Floats:
+        """Residuals that count as none: at least what the rounding of the positions causes."""
+        both = (np.abs(each).max(initial=0.0) for each in (self.given.positions, self.tools.places))
+        speed_scale = self.lengths / self.given.duration
+        rounding = 16 * np.finfo(float).eps * max(both) / self.time_step / speed_scale
+        return np.asarray(np.maximum(_RESIDUAL_TOLERANCE, rounding))
 
     def result(self, converged: bool, iterations: int, multipliers: Floats) -> ProjectedTrajectory:
         """What the iterations have come to."""
-        rotations = turned(self.z[:, :3], self.plan.quaternions[1:-1])
-        positions = self.given.positions.copy()
-        if self.z.shape[1] == 6:
-            positions += self.length * self.z[:, 3:]
-        trajectory = PoseTrajectory(
-            times=self.given.times,
-            positions=positions,
-            rotations=Rotation.from_quat(rotations, scalar_first=True),
-            name=self.given.name,
-        )
+        quaternions = _turned(self.plan.quaternions[1:-1], self.turns)
+        positions = self.positions.copy()
+        if self.shifts.size:
+            positions += self.length * self.shifts
+        if self.is_periodic:
+            positions = np.vstack([positions[-1], positions])
+            quaternions = np.vstack([_on_the_side_of(quaternions[-1], quaternions[0]), quaternions])
+        trajectory = self.given.with_points(np.hstack([positions, quaternions]))
         residuals, margins = self._residuals(trajectory)
         return ProjectedTrajectory(
             trajectory=trajectory,
-            turns=turns_between(self.given.rotations.as_quat(scalar_first=True), rotations),
+            turns=_turns(self.given.quaternions, quaternions),
             converged=converged,
             iterations=iterations,
             residual=float(np.abs(residuals).max(initial=0.0)),
@@ -252,26 +335,33 @@ class Problem:
             smoothing=self.smoothing,
         )
 
-    def _residuals(self, trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
+    def _residuals(self, trajectory: Samples) -> tuple[Floats, Floats]:
         """Residuals (N, m) and margins (N, k) of a trajectory."""
-        positions, quaternions = self._stages(trajectory.positions, trajectory.rotations)
+        own = trajectory.positions[self.own], trajectory.quaternions[self.own]
+        positions, quaternions = self._stages(*own)
         as_it_is = np.zeros((self.count + 2, self.z.shape[1]))
         values = planner.values(
             replace(self.plan, positions=positions, quaternions=quaternions, z=as_it_is)
         )
         applies = np.ones_like(self.plan.active)
-        # No step leads to the first sample.
-        applies[0], applies[-1] = self.levels == "position", self.plan.active[-1]
+        if not self.is_periodic:
+            # No step leads to the first sample.
+            applies[0], applies[-1] = self.levels == "position", self.plan.active[-1]
         if self.plan.stage.system.has_angles or not np.isfinite(values[applies]).all():
             self._require_defined(trajectory)
-        values = np.where(applies, values, np.where(self.is_limit, np.inf, 0.0))
+        nothing = np.where(self.is_limit, np.inf, 0.0)
+        values = self._whole(np.where(applies, values, nothing), nothing)
         return values[:, : self.equalities.size], values[:, self.equalities.size :]
 
-    def _require_defined(self, trajectory: PoseTrajectory) -> None:
+    def _require_defined(self, trajectory: Samples) -> None:
         """Refuse constraints that are undefined along a trajectory."""
         # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
-        times: Floats = np.asarray(np.arange(self.count) * self.time_step + self.begin, np.float64)
-        linear, angular = replace(trajectory, times=times).step_velocities()
+        steps = np.arange(len(trajectory))
+        times: Floats = np.asarray(steps * self.time_step + self.begin, np.float64)
+        linear, angular = (
+            velocities * (np.diff(trajectory.times)[:, None] / self.time_step)
+            for velocities in trajectory.step_velocities()
+        )
         accelerations = [
             np.pad(np.diff(v, axis=0) / self.time_step, ((0, 1), (0, 0))) for v in (linear, angular)
         ]
@@ -280,3 +370,26 @@ class Problem:
         for part, more in ((self.equalities, ()), (self.limits, accelerations)):
             part.residuals(t, p, q, linear[:1], angular[:1])
             part.of_steps(*pose, linear, angular, *more)
+
+
+def _turned(quaternions: Floats, turns: Floats) -> Floats:
+    """Rotations, shape (..., 4 b), turned by rotation vectors, shape (..., 3 b)."""
+    found = turned(_each(turns, 3), _each(quaternions, 4))
+    return found.reshape(quaternions.shape)
+
+
+def _turns(begins: Floats, ends: Floats) -> Floats:
+    """Rotation vectors, shape (..., 3 b), that lead from rotations to others."""
+    found = turns_between(_each(begins, 4), _each(ends, 4))
+    return found.reshape(*begins.shape[:-1], -1)
+
+
+def _on_the_side_of(quaternion: Floats, near: Floats) -> Floats:
+    """The same rotations, shape (4 b,), by the quaternions near others."""
+    both = _each(quaternion, 4), _each(near, 4)
+    signs = np.where(np.sum(both[0] * both[1], axis=1, keepdims=True) < 0, -1.0, 1.0)
+    return (signs * both[0]).reshape(quaternion.shape)
+
+
+def _each(rows: Floats, width: int) -> Floats:
+    return rows.reshape(*rows.shape[:-1], rows.shape[-1] // width, width)

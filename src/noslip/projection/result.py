@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from noslip._typing import Floats
 from noslip._values import Value
-from noslip.trajectory import PoseTrajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,8 +15,9 @@ class ProjectedTrajectory(Value):
 
     Attributes
     ----------
-    trajectory : PoseTrajectory
-    turns : array, shape (N, 3)
+    trajectory : PoseTrajectory or Trajectory
+        As the reference.
+    turns : array, shape (N, 3 b)
         ``Log(R R_ref^T)``, world frame (rad).
     converged : bool
     iterations : int
@@ -36,7 +37,7 @@ class ProjectedTrajectory(Value):
         Soft limits with which it did not converge, and which it therefore does not heed.
     """
 
-    trajectory: PoseTrajectory
+    trajectory: Any
     turns: Floats
     converged: bool
     iterations: int

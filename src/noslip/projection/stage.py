@@ -48,7 +48,7 @@ class Stage:
         curvature = ca.tril(ca.hessian(ca.dot(multipliers, phi), unknown)[0])
         values, slopes = ca.densify(phi), jacobian.nonzeros()
         self.system = system
-        self.rows, self.unknowns = system.size, inputs[0].numel() // 3
+        self.rows, self.unknowns = system.size, int(inputs[0].numel()) // 3
         self.space = system.space
         # Joints turn a tool, and cost what its turns do.
         self.turns = self.unknowns if not system.space.is_placed else system.space.angular

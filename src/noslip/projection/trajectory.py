@@ -20,8 +20,9 @@ new goal or start is the case with other boundary values.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -37,7 +38,8 @@ from noslip.projection.heading import Heading, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
-from noslip.trajectory import PoseTrajectory
+from noslip.projection.tool_first import kept_ends, tool_request, with_tool_led
+from noslip.space import Samples
 
 _ATTEMPTS = (
     (1.0, False, 1), (10.0, True, 2), (100.0, True, 2), (100.0, False, 1), (500.0, False, 1),
@@ -63,7 +65,7 @@ a tool passes by.  Without it every touch is a jolt, and a blade misses its goal
 
 
 def project_trajectory(
-    trajectory: PoseTrajectory,
+    trajectory: Any,
     constraints: ConstraintSystem | Constraint | Sequence[Constraint],
     *,
     hold_position: bool = False,
@@ -75,13 +77,14 @@ def project_trajectory(
     position_smoothing: float = LEARNING.position_smoothing,
     rotation_smoothing: float = LEARNING.rotation_smoothing,
     max_iterations: int = MAX_ITERATIONS,
+    periodic: bool = False,
     on_failure: Literal["raise", "return"] = "raise",
 ) -> ProjectedTrajectory:
     """Find the nearest trajectory that satisfies constraints and limits at every step.
 
     Parameters
     ----------
-    trajectory : PoseTrajectory
+    trajectory : PoseTrajectory or Trajectory
         Uniformly sampled, 4 samples or more.
     constraints : ConstraintSystem or constraints
     hold_position : bool
@@ -99,6 +102,9 @@ def project_trajectory(
         Newton steps in the first attempt.  If they do not suffice, it tries again with more
         smoothing of the rotation, up to a thousandfold, and with steps that converge from farther;
         the result says with how much.
+    periodic : bool
+        The last sample is the first one again, of the result, too.  What does not quite end where
+        it begins is closed by :func:`noslip.projection.blend.closed` first.
     on_failure : "raise" or "return"
 
     Raises
@@ -109,18 +115,20 @@ def project_trajectory(
     ConvergenceError
         If no attempt converges (unless ``on_failure="return"``).
     """
+    given = [_given("start", start, 0.0), _given("end", end, 1.0)]
+    asked: list[End] = ["free" if isinstance(e, Boundary) else e for e in (start, end)]
+    kept, of_tool = kept_ends(trajectory, trajectory.space, *asked)
+    first, last = (g or k for g, k in zip(given, kept, strict=True))
     request = Request(
         trajectory,
-        as_system(constraints),
-        (
-            _end("start", start, 0.0, trajectory),
-            *boundaries,
-            _end("end", end, 1.0, trajectory),
-        ),
+        as_system(constraints, trajectory.space),
+        (first, *boundaries, last),
         Weights(position_weight, position_smoothing, rotation_smoothing),
         hold_position,
         _arguments.finite("begin", begin),
         max_iterations,
+        is_periodic=_arguments.flag("periodic", periodic),
+        tool_ends=of_tool,
     )
     result = project(request)
     return result if on_failure == "return" else _converged(result, request)
@@ -132,10 +140,17 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
     It begins with the edge turned into the path, or with the reference's own rotations.
 
     What the reference leads straight into it passes on one side, see :func:`detour.around`.
+    Where joints carry the tool, its own motion comes first: :mod:`noslip.projection.tool_first`.
 
     The result's trajectory has at its ends the velocities that were asked for.
     """
-    if not request.hold_position and "position" in request.system.limits.row_levels:
+    led = None
+    if (of_tool := tool_request(request)) is not None:
+        led = project(of_tool, turn=turn)
+        if led.converged:
+            with suppress(InputError):
+                request = with_tool_led(request, led.trajectory)
+    elif not request.hold_position and "position" in request.system.limits.row_levels:
         passed = around(request.reference, request.system, request.begin)
         request = replace(request, reference=passed)
     best = _attempt(replace(request, system=request.system.equalities), turn)
@@ -153,7 +168,7 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
     equalities alone leads such a reference elsewhere, and back by no step.
     """
     best: ProjectedTrajectory | None = None
-    begun = np.zeros((len(request.reference), 3))
+    begun = np.zeros((len(request.reference), request.system.space.angular))
     clearance = max(request.clearance, _CLEARANCE * request.reference.path_length)
     request = replace(request, clearance=clearance)
     limited = request.system.limits.size > 0
@@ -195,12 +210,10 @@ def project_heeding_what_it_can(request: Request) -> ProjectedTrajectory:
     return replace(_converged(project(alone), alone), left_out=system.limits.names)
 
 
-def _end(name: str, asked: End | Boundary, at: float, trajectory: PoseTrajectory) -> Boundary:
-    if isinstance(asked, Boundary):
-        if asked.at != at:
-            raise InputError(f"{name}: a boundary at {at:g} is needed, got one at {asked.at:g}")
-        return asked
-    return Boundary.keeping(trajectory, at, asked)
+def _given(name: str, asked: End | Boundary, at: float) -> Boundary | None:
+    if isinstance(asked, Boundary) and asked.at != at:
+        raise InputError(f"{name}: a boundary at {at:g} is needed, got one at {asked.at:g}")
+    return asked if isinstance(asked, Boundary) else None
 
 
 def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajectory:
@@ -209,9 +222,12 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         return result
     # What is undefined on the way lets nothing converge, and nothing that follows would help.
     for tried in (request.reference, result.trajectory):
-        times, positions, rotations = tried.step_middles()
-        pose = (times + request.begin, positions, rotations.as_quat(scalar_first=True))
-        request.system.require_slopes(*pose, *tried.step_velocities(), "step")
+        space, (linear, angular) = request.system.space, tried.step_velocities()
+        half = np.diff(tried.times)[:, None] / 2
+        middles = space.moved(tried.points[:-1], half * np.hstack([linear, angular]))
+        times = tried.clock[:-1] + half[:, 0] + request.begin
+        pose = middles[:, : space.linear], middles[:, space.linear :]
+        request.system.require_slopes(times, *pose, linear, angular, "step")
     names = ", ".join(c.name for c in request.system.constraints)
     if swing := _swing(result, request):
         raise ConvergenceError(
@@ -220,6 +236,8 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
             "from step to step; let the position give way (hold_position=False), or free it",
             iterate=result.trajectory,
         )
+    if request.is_periodic:
+        _require_closing(request, names)
     least = result.margins.min(initial=0.0)
     left = f"residual {result.residual:.2g}" + (f", margin {least:.2g}" if least < 0 else "")
     # More smoothing of the rotation is no advice: it was tried.
@@ -242,6 +260,23 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
     )
 
 
+def _require_closing(request: Request, names: str) -> None:
+    """Refuse a period that constraints let not close, and say by how much."""
+    opened = project(replace(request, is_periodic=False))
+    if not opened.converged:
+        return
+    space, points = request.system.space, opened.trajectory.points
+    gap = space.difference(points[-1:], points[:1])[0]
+    away, turn = np.linalg.norm(gap[: space.linear]), np.abs(gap[space.linear :]).max(initial=0.0)
+    raise ConvergenceError(
+        f"{request.reference.name}: no period near it found that satisfies {names}, which let it "
+        f"end {away:.3g} {request.reference.unit} from where it begins, turned by "
+        f"{np.degrees(turn):.3g} degrees; take a path that closes under them",
+        code=Refusal.NOT_FOUND,
+        iterate=opened.trajectory,
+    )
+
+
 def _swing(result: ProjectedTrajectory, request: Request) -> float:
     """Amplitude (rad) by which a kept rotation that does not fit its path swings; 0 if none does.
 
@@ -251,7 +286,7 @@ def _swing(result: ProjectedTrajectory, request: Request) -> float:
     kept = [k for k, boundary in request.fixed.items() if boundary.rotation is not None]
     if not request.hold_position or not kept:
         return 0.0
-    turns = result.trajectory.step_velocities()[1] * result.trajectory.period
+    turns = result.trajectory.step_velocities()[1] * request.time_step
     steps = np.diff(turns, axis=0)
     signs = np.resize([1.0, -1.0], len(steps))[:, None]
     largest = 0.0
@@ -263,13 +298,16 @@ def _swing(result: ProjectedTrajectory, request: Request) -> float:
     return largest if largest > _SWINGING else 0.0
 
 
-def _with_twists(trajectory: PoseTrajectory, request: Request) -> PoseTrajectory:
+def _with_twists(trajectory: Samples, request: Request) -> Samples:
     """Return a trajectory that says of its ends what was asked for."""
     velocities = trajectory.linear_velocities.copy(), trajectory.angular_velocities.copy()
+    if request.is_periodic:
+        for found, steps in zip(velocities, trajectory.step_velocities(), strict=True):
+            found[[0, -1]] = (steps[0] + steps[-1]) / 2
     for k, asked in request.twists.items():
         for found, wanted in zip(velocities, asked, strict=True):
             found[k] = wanted
-    return replace(trajectory, linear_velocities=velocities[0], angular_velocities=velocities[1])
+    return trajectory.with_velocities(*velocities)
 
 
 # ---------------------------------------------------------------- attempts
@@ -284,9 +322,10 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
         if len(request.reference) > weights.most_samples and best is not None:
             break
         smoother = replace(request, weights=weights)
-        heading = Heading(np.zeros((len(moved), 3)), 0)
+        heading = Heading(np.zeros((len(moved), request.system.space.angular)), 0)
         if turn:
-            heading = turn_edge_into_path(moved, request.system, weights.rotation_smoothing)
+            smoothing, periodic = weights.rotation_smoothing, request.is_periodic
+            heading = turn_edge_into_path(moved, request.system, smoothing, periodic=periodic)
         problem = Problem(smoother, heading.turns)
         found = problem.solve(patience * request.max_iterations, careful)
         result = replace(found, backing=heading.backing)
@@ -339,7 +378,7 @@ def _project_within(request: Request, without: ProjectedTrajectory) -> Projected
     return best
 
 
-def _moved(trajectory: PoseTrajectory, boundaries: dict[int, Boundary]) -> PoseTrajectory:
+def _moved(trajectory: Samples, boundaries: dict[int, Boundary]) -> Samples:
     """Return the trajectory with its samples moved to where boundaries want their positions."""
     shifts: dict[int, Floats] = {
         k: boundary.position - trajectory.positions[k]
@@ -349,4 +388,4 @@ def _moved(trajectory: PoseTrajectory, boundaries: dict[int, Boundary]) -> PoseT
     if not any(shift.any() for shift in shifts.values()):
         return trajectory
     positions = trajectory.positions + spread(shifts, np.arange(len(trajectory)))
-    return PoseTrajectory(trajectory.times, positions, trajectory.rotations, name=trajectory.name)
+    return trajectory.with_points(np.hstack([positions, trajectory.quaternions]))

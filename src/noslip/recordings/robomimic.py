@@ -151,7 +151,14 @@ def replace_robomimic(
             if (new := poses.get(f"{path}/{name}")) is not None:
                 held, content = _demo(f"{path}/{name}", data, name, Asked(**asked), h5py)
                 after = _inside(path, data[name], "next_obs", h5py)
-                _put(path, held, content, new, h5py, {} if after is None else _held(path, after, h5py))
+                _put(
+                    path,
+                    held,
+                    content,
+                    new,
+                    h5py,
+                    {} if after is None else _held(path, after, h5py),
+                )
         if not demos and (new := poses.get(str(path))) is not None:
             held, layout = _layout(path, file, Asked(rate=rate, **asked), h5py)
             _put(path, held, layout.content, new, h5py, {})
@@ -223,7 +230,12 @@ def _layout(path: Path, file: Any, asked: Asked, h5py: Any) -> tuple[dict[str, A
             f"{path}: no columns of numbers and no groups data/demo_0 and so on, found "
             f"{listed(file)}"
         )
-    if DROID["columns"] in available and asked.columns is None and asked.robot is None and not asked.values:
+    if (
+        DROID["columns"] in available
+        and asked.columns is None
+        and asked.robot is None
+        and not asked.values
+    ):
         known = dict(DROID)
         if asked.rate is not None or DROID["time"] not in available:
             del known["time"], known["units"]

@@ -75,7 +75,8 @@ def timed(
         )
     if off.max() <= DISCRETE:
         return moved
-    return project_trajectory(moved, system).trajectory
+    projected: PoseTrajectory = project_trajectory(moved, system).trajectory
+    return projected
 
 
 def _clock(times: Floats, duration: float, ramp: float) -> Floats:

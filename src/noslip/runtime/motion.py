@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,14 +12,15 @@ from scipy.spatial.transform import Rotation
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.constraints.check import residual_text
-from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.law.layout import STATE, layouts
-from noslip.rule import Rule
+from noslip.rule import no_rule
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 from noslip.space import POSE, Space
+from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
 _SCALAR_LAST = np.roll(np.r_[STATE["quaternion"]], -1)
 """Places of a quaternion as SciPy wants it."""
@@ -71,7 +73,7 @@ class Asked(Value):
 
     @cached_property
     def _alone(self) -> tuple[Floats, Floats]:
-        stepper, first = stepper_of(Rule(ConstraintSystem((), self.space))), self.start.vector()
+        stepper, first = stepper_of(no_rule(self.space)), self.start.vector()
         states = np.empty((len(self.steps), len(first)))
         stepper.run(first, self.steps, states, np.empty((len(self.steps), stepper.outputs.size)))
         times = np.append(self.start.time, self.steps[:, layouts(self.space).step["time"]])
@@ -106,11 +108,8 @@ class Commanded(Value):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Motion(PoseTrajectory):
-    """A rolled-out motion and what the constraints did to it.
-
-    ``linear_velocities[k]`` and ``angular_velocities[k]`` belong to the step that led to sample k,
-    so that ``positions[k+1] == positions[k] + dt * linear_velocities[k+1]``.
+class RolledOut(Timed):
+    """What the constraints did to a motion, whatever moves.
 
     Attributes
     ----------
@@ -118,14 +117,14 @@ class Motion(PoseTrajectory):
         m/s, or the constraint's own unit; one column a row of the equalities.
     multipliers : array, shape (N, m)
         Lagrange multipliers lambda of the accelerations.
-    constraint_forces : array, shape (N, 6)
+    constraint_forces : array, shape (N, n + 3 b)
         ``a - a_unconstrained``: linear (m/s^2), then angular (rad/s^2), world frame.
     constraint_names : tuple of str
         One a column.
     margins, limit_multipliers : array, shape (N, k)
         The same of the limits; a margin below zero is a violation, a multiplier above zero a push.
     limit_names : tuple of str
-    row_forces : array, shape (N, m + k, 6)
+    row_forces : array, shape (N, m + k, n + 3 b)
         The part of ``constraint_forces`` that each equality, then each limit, causes.
     asked : Asked or Commanded
         Where it should end, and what the law, or whoever commands it, wants on the way.
@@ -133,29 +132,30 @@ class Motion(PoseTrajectory):
 
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    constraint_forces: Floats = field(default_factory=lambda: np.zeros((0, 6)))
+    constraint_forces: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     constraint_names: tuple[str, ...] = ()
     margins: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     limit_multipliers: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     limit_names: tuple[str, ...] = ()
-    row_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 6)))
+    row_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
     asked: Asked | Commanded
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        super().__post_init__()  # type: ignore[misc]
         rows, limits = len(self.constraint_names), len(self.limit_names)
+        size = self.space.velocity_size
         self._freeze("constraint_residuals", self.constraint_residuals, (rows,))
         self._freeze("multipliers", self.multipliers, (rows,))
-        self._freeze("constraint_forces", self.constraint_forces, (6,))
+        self._freeze("constraint_forces", self.constraint_forces, (size,))
         if not limits and not len(self.margins):
             none = np.zeros((len(self.times), 0))
             object.__setattr__(self, "margins", none)
             object.__setattr__(self, "limit_multipliers", none)
         if not len(self.row_forces):
-            object.__setattr__(self, "row_forces", np.zeros((len(self.times), rows + limits, 6)))
+            object.__setattr__(self, "row_forces", np.zeros((len(self.times), rows + limits, size)))
         self._freeze("margins", self.margins, (limits,))
         self._freeze("limit_multipliers", self.limit_multipliers, (limits,))
-        self._freeze("row_forces", self.row_forces, (rows + limits, 6))
+        self._freeze("row_forces", self.row_forces, (rows + limits, size))
 
     @classmethod
     def of_steps(
@@ -166,7 +166,7 @@ class Motion(PoseTrajectory):
         constraint_names: tuple[str, ...],
         limit_names: tuple[str, ...],
         asked: Asked,
-    ) -> Motion:
+    ) -> Self:
         """Return what a stepper has made, whose arrays it keeps: only NaN is looked for.
 
         Parameters
@@ -186,27 +186,27 @@ class Motion(PoseTrajectory):
                 f"the motion is not finite from {times[row]:.6g} s on; start, goal or "
                 "constraints are out of what can be computed with"
             )
-        rows, values = len(constraint_names), states[:, STATE.size :]
+        space = asked.space
+        rows, values = len(constraint_names), states[:, layouts(space).state.size :]
         multipliers = outputs["multipliers"]
         motion = object.__new__(cls)
-        arrays = {
+        own, others = cls._moving(states, space)
+        arrays = own | {
             "times": times,
-            "positions": states[:, STATE["position"]],
-            "linear_velocities": states[:, STATE["linear_velocity"]],
-            "angular_velocities": states[:, STATE["angular_velocity"]],
             "constraint_residuals": values[:, :rows],
             "multipliers": multipliers[:, :rows],
             "constraint_forces": outputs["force"],
             "margins": values[:, rows:],
             "limit_multipliers": multipliers[:, rows:],
-            "row_forces": outputs["parts"].reshape(len(times), rows + len(limit_names), 6),
+            "row_forces": outputs["parts"].reshape(
+                len(times), rows + len(limit_names), space.velocity_size
+            ),
         }
         for array in arrays.values():
             array.flags.writeable = False
         motion.__dict__.update(
             arrays,
-            # Each step has normalized them; SciPy would take a fifth of the rollout's time.
-            rotations=Rotation(states[:, _SCALAR_LAST], normalize=False, copy=False),
+            **others,
             constraint_names=constraint_names,
             limit_names=limit_names,
             asked=asked,
@@ -214,9 +214,14 @@ class Motion(PoseTrajectory):
         )
         return motion
 
+    @classmethod
+    def _moving(cls, states: Floats, space: Space) -> tuple[dict[str, Floats], dict[str, Any]]:
+        """Arrays of what moves, and other fields, from states of a space."""
+        raise NotImplementedError
+
     @property
     def end_error(self) -> float:
-        """Distance from where it ends to its goal (m)."""
+        """Distance from where it ends to its goal (m, or :attr:`unit`)."""
         return float(np.linalg.norm(self.positions[-1] - self.asked.goal[0]))
 
     @property
@@ -257,7 +262,7 @@ class Motion(PoseTrajectory):
         left = dict(zip(self.limit_names, self.margins.T, strict=True))
         return (
             super()._facts()
-            | {"ends off its goal by": residual_text(self.end_error, "m")}
+            | {"ends off its goal by": residual_text(self.end_error, self.unit)}
             | {f"{name}, residual": residual_text(max(row), "1") for name, row in held.items()}
             | {
                 f"{name}, least margin": "0" if abs(min(row)) < HELD else f"{min(row):.3g}"
@@ -275,3 +280,39 @@ class Motion(PoseTrajectory):
                 share = float(np.mean(margin < -HELD))
                 found.append(GaveWay(name, float(-margin[worst]), float(self.times[worst]), share))
         return tuple(found)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Motion(RolledOut, PoseTrajectory):
+    """A rolled-out motion and what the constraints did to it.
+
+    ``linear_velocities[k]`` and ``angular_velocities[k]`` belong to the step that led to sample k,
+    so that ``positions[k+1] == positions[k] + dt * linear_velocities[k+1]``.  For what it holds
+    besides see :class:`RolledOut`.
+    """
+
+    @classmethod
+    def _moving(cls, states: Floats, space: Space) -> tuple[dict[str, Floats], dict[str, Any]]:
+        arrays = {
+            "positions": states[:, STATE["position"]],
+            "linear_velocities": states[:, STATE["linear_velocity"]],
+            "angular_velocities": states[:, STATE["angular_velocity"]],
+        }
+        # Each step has normalized them; SciPy would take a fifth of the rollout's time.
+        rotations = Rotation(states[:, _SCALAR_LAST], normalize=False, copy=False)
+        return arrays, {"rotations": rotations}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class VectorMotion(RolledOut, Trajectory):
+    """The same of coordinates: ``values[k+1] == values[k] + dt * velocities[k+1]``."""
+
+    @classmethod
+    def _moving(cls, states: Floats, space: Space) -> tuple[dict[str, Floats], dict[str, Any]]:
+        place = layouts(space).state
+        arrays = {
+            "values": states[:, place["position"]],
+            "velocities": states[:, place["linear_velocity"]],
+        }
+        named = {"names": space.coordinates, "units": space.units, "carrier": space.carrier}
+        return arrays, named

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
 from noslip.runtime.lost import require_defined
-from noslip.runtime.motion import Asked, Motion
+from noslip.runtime.motion import Asked, Motion, VectorMotion
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 from noslip.runtime.timing import require_time, timed
@@ -144,7 +144,9 @@ def integrate(law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, 
     stepper.run(states[0], table, states[1:], outputs[1:])
     require_defined(system, times, states)
     outputs[0] = outputs[1]
-    return Motion.of_steps(
+    # Of vectors it is another class, with the same attributes but for those of rotations.
+    kind = Motion if law.space.is_pose else cast("type[Motion]", VectorMotion)
+    return kind.of_steps(
         times,
         states,
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
@@ -186,9 +188,10 @@ def initial_state(
         tau = _arguments.positive("duration", duration, "seconds")
     n, rotation = law.space.linear, partial(_turn, law.space)
     vector = partial(_arguments.vector, size=n)
-    goal_position, goal_rotation = _point(law.space, "goal", goal, goal_position, goal_rotation)
-    start_position, start_rotation = _point(
-        law.space, "start", start, start_position, start_rotation
+    ends = {"goal": (goal, goal_position, goal_rotation)}
+    ends["start"] = start, start_position, start_rotation
+    (goal_position, goal_rotation), (start_position, start_rotation) = (
+        point_or_parts(law.space, name, *given) for name, given in ends.items()
     )
     velocity = law.start_velocity / tau
     start_position = chosen(vector, "start_position", start_position, law.start_position)
@@ -235,7 +238,7 @@ def _turn(space: Space, name: str, value: Any) -> Rotation:
     return value
 
 
-def _point(
+def point_or_parts(
     space: Space, name: str, point: Any, position: ArrayLike | None, rotation: Rotation | None
 ) -> tuple[ArrayLike | None, Rotation | None]:
     """Parts of a point that is given whole, or the parts as they are given."""

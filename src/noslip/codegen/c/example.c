@@ -1,4 +1,4 @@
-/* Runs the primitive once and writes t,x,y,z,qw,qx,qy,qz to standard output. */
+/* Runs the primitive once and writes @COLUMNS@ to standard output. */
 #include "@NAME@.h"
 
 #include <stdio.h>
@@ -8,8 +8,10 @@
 static void print(const noslip_state *state) {
     int i;
     printf("%.17g", (double)state->time);
-    for (i = 0; i < 3; ++i) printf(",%.17g", (double)state->position[i]);
-    for (i = 0; i < 4; ++i) printf(",%.17g", (double)state->quaternion[i]);
+    for (i = 0; i < NOSLIP_LINEAR; ++i) printf(",%.17g", (double)state->position[i]);
+#if NOSLIP_ROTATIONS
+    for (i = 0; i < 4 * NOSLIP_ROTATIONS; ++i) printf(",%.17g", (double)state->quaternion[i]);
+#endif
     printf("\n");
 }
 
@@ -17,7 +19,7 @@ int main(void) {
     noslip_state state;
     int k;
     noslip_start(&@NAME@, &state);
-    printf("t,x,y,z,qw,qx,qy,qz\n");
+    printf("@COLUMNS@\n");
     print(&state);
     for (k = 0; k < STEPS; ++k) {
         noslip_step(&@NAME@, &state, @NAME@.duration / STEPS);

@@ -194,6 +194,7 @@ static void add_cost(const noslip_plan *p, double asked[2][UNKNOWNS], int k, dou
     for (j = 0; j < UNKNOWNS; ++j) {
         const double *z = p->z + (k + 1) * UNKNOWNS;
         const double *form = p->metric + (k * UNKNOWNS + j) * UNKNOWNS;
+        right[j] -= p->pull[k * UNKNOWNS + j];
         for (i = 0; i < UNKNOWNS; ++i) right[j] -= form[i] * z[i];
         for (i = j; i < UNKNOWNS; ++i) columns[j * COLUMN + i - j] += form[i];
     }

@@ -39,8 +39,10 @@ typedef struct noslip_plan {
     /* What a turn costs, and what its change costs from each knot to the next. */
     const double *turn_weights;   /* [knots] */
     const double *turn_slopes;    /* [knots - 1] */
-    /* What a correction costs besides, as a quadratic form; null: nothing. */
+    /* What a correction costs besides, as a quadratic form, and its slope where there is none; null:
+     * nothing. */
     const double *metric;         /* [knots][UNKNOWNS][UNKNOWNS] */
+    const double *pull;           /* [knots][UNKNOWNS] */
     /* Unknowns that stay as they are, and rows that are asked for. */
     const unsigned char *fixed;   /* [knots][UNKNOWNS] */
     const unsigned char *active;  /* [knots][ROWS] */

@@ -7,8 +7,8 @@
 #define STEPS @STEPS@
 #define EVERY @EVERY@
 
-/* Position (m), quaternion. */
-static const double expected[][7] = {
+/* Coordinates, then quaternions. */
+static const double expected[][NOSLIP_LINEAR + 4 * NOSLIP_ROTATIONS] = {
 @EXPECTED@
 };
 
@@ -21,6 +21,9 @@ int main(void) {
     noslip_state state;
     double apart = 0, residual = 0;
     int k, i, failed;
+#if NOSLIP_ROTATIONS
+    int r;
+#endif
     noslip_start(&@NAME@, &state);
     for (k = 1; k <= STEPS; ++k) {
         noslip_step(&@NAME@, &state, @NAME@.duration / STEPS);
@@ -29,15 +32,21 @@ int main(void) {
         }
         if (k % EVERY == 0) {
             const double *wanted = expected[k / EVERY - 1];
-            double sign = 0;
-            for (i = 0; i < 4; ++i) sign += (double)state.quaternion[i] * wanted[3 + i];
-            sign = sign < 0 ? -1 : 1;
-            for (i = 0; i < 3; ++i) {
+            for (i = 0; i < NOSLIP_LINEAR; ++i) {
                 apart = fmax(apart, fabs((double)state.position[i] - wanted[i]));
             }
-            for (i = 0; i < 4; ++i) {
-                apart = fmax(apart, fabs(sign * (double)state.quaternion[i] - wanted[3 + i]));
+#if NOSLIP_ROTATIONS
+            for (r = 0; r < NOSLIP_ROTATIONS; ++r) {
+                const noslip_real *turned = state.quaternion + 4 * r;
+                const double *turn = wanted + NOSLIP_LINEAR + 4 * r;
+                double sign = 0;
+                for (i = 0; i < 4; ++i) sign += (double)turned[i] * turn[i];
+                sign = sign < 0 ? -1 : 1;
+                for (i = 0; i < 4; ++i) {
+                    apart = fmax(apart, fabs(sign * (double)turned[i] - turn[i]));
+                }
             }
+#endif
         }
     }
     /* Written so that NaN fails. */

@@ -1,0 +1,702 @@
+"""A distribution of motions that all keep the constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+from scipy.spatial.transform import Rotation
+
+from noslip import _arguments
+from noslip._typing import Floats
+from noslip._values import Value
+from noslip.boundary import Boundary, End, sample_of
+from noslip.constraints.system import ConstraintSystem
+from noslip.distribution.curves import FRACTIONS, Curves
+from noslip.distribution.estimation import (
+    FEWEST,
+    context_rows,
+    estimate,
+    freedom_of,
+    log_likelihood,
+)
+from noslip.distribution.gaussian import Gaussian
+from noslip.distribution.impedance import Impedance
+from noslip.distribution.retraction import Retraction
+from noslip.errors import CompromiseWarning, InputError, warn
+from noslip.law.fitting import as_demonstrations, evenly_sampled, fit
+from noslip.primitive import ConstrainedDMP
+from noslip.projection.request import ADAPTING, Request
+from noslip.projection.trajectory import project_heeding_what_it_can, project_trajectory
+from noslip.provenance import LearningRecord
+from noslip.runtime.batch import Motions
+from noslip.space import POSE
+from noslip.spread import Spread
+from noslip.trajectory import PoseTrajectory
+from noslip.verification import Deviation, verify
+
+UNLIKELY = 1e-3
+"""Share of the demonstrations' own kind that would be farther off: beyond it a condition asks for
+what they do not show."""
+KEPT = 1e-8
+"""Violation of a limit that is none, as in a trajectory projection."""
+_STARTING_CURVES = 12
+"""Weights of a curve before their number is chosen."""
+_MOVED_TOGETHER = 128
+"""Samples that are made at once: as many as are moved onto the constraints at once."""
+
+ContextValues = Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionDistribution(Value):
+    """Motions that a rule allows, and how likely each is.
+
+    A motion is a smooth curve of deviations from a reference, ``(p - p_ref, Log(R R_ref^T))`` at
+    equal fractions of the duration, whose weights are normally distributed, together with the
+    context that the motion was made in (Paraschos et al. 2013, of poses).  Demonstrations are
+    projected onto the constraints before their weights are found, and every sample is again: all
+    motions are feasible.
+
+    Attributes
+    ----------
+    primitive : ConstrainedDMP
+        Learned from the same demonstrations.
+    reference : PoseTrajectory
+        Its motion, uniformly sampled.
+    curves : Curves
+        Of the deviations.
+    gaussian : Gaussian
+        Of the weights, channel after channel (m, rad), then of the context.
+    noise : array, shape (6,)
+        Standard deviation of what curves leave of a demonstration (m, rad).
+    score : float
+        Log-likelihood of each demonstration under the others, nats a value.
+    demonstrations : int
+        How many; three or more.
+    context : tuple of str
+        Names of what the motions depend on.
+    kept : tuple of Boundary
+        What all motions pass exactly.
+    ends : pair of "free", "position", "rotation" or "pose"
+        What a sample keeps of its own first and last pose when it is projected.
+    """
+
+    primitive: ConstrainedDMP
+    reference: PoseTrajectory
+    curves: Curves
+    gaussian: Gaussian
+    noise: Floats
+    score: float
+    demonstrations: int
+    context: tuple[str, ...] = ()
+    kept: tuple[Boundary, ...] = ()
+    ends: tuple[End, End] = ("free", "position")
+
+    def __repr__(self) -> str:
+        kept = f", {len(self.kept)} kept" if self.kept else ""
+        of = f" by {', '.join(self.context)}" if self.context else ""
+        return (
+            f"{type(self).__name__}({self.demonstrations} demonstrations{of}, "
+            f"{len(self.gaussian.mean)} weights{kept})"
+        )
+
+    # ---------------------------------------------------------------- made from
+
+    @classmethod
+    def about(
+        cls,
+        primitive: ConstrainedDMP,
+        demonstrations: Sequence[PoseTrajectory],
+        context: Mapping[str, Sequence[float]] | None = None,
+        ends: tuple[End, End] = ("free", "position"),
+    ) -> MotionDistribution:
+        """Distribution of demonstrations about a primitive that was learned from them.
+
+        Parameters
+        ----------
+        primitive : ConstrainedDMP
+        demonstrations : sequence of PoseTrajectory
+            Three or more, projected onto the primitive's constraints.
+        context : mapping of name to numbers, optional
+            Of each demonstration, such as the size of its workpiece.
+        ends : pair of End
+            What samples keep of their own first and last pose.
+        """
+        if len(demonstrations) < FEWEST:
+            raise InputError(
+                f"a distribution needs {FEWEST} demonstrations or more, got {len(demonstrations)}"
+            )
+        names, numbers = _context_of(context or {}, len(demonstrations))
+        rolled = primitive.rollout()
+        # Of equal steps: times of a rollout are sums.
+        times = np.linspace(rolled.times[0], rolled.times[-1], len(rolled))
+        reference = PoseTrajectory(times, rolled.positions, rolled.rotations, name="reference")
+        values = np.array([deviations(d, reference) for d in demonstrations])
+        curves = Curves.along(reference.positions, _STARTING_CURVES)
+        tangent = _Tangent(reference, primitive.system, primitive.law.begin)
+        found = estimate(values, numbers, curves, tangent)
+        return cls(
+            primitive,
+            reference,
+            curves.of(found.shape.weights),
+            found.gaussian,
+            found.noise,
+            found.score,
+            len(demonstrations),
+            names,
+            ends=ends,
+        )
+
+    # ---------------------------------------------------------------- what it is
+
+    @property
+    def system(self) -> ConstraintSystem:
+        """The constraints that all motions keep."""
+        return self.primitive.system
+
+    @property
+    def duration(self) -> float:
+        """Of all motions (s)."""
+        return self.reference.duration
+
+    @cached_property
+    def motion(self) -> PoseTrajectory:
+        """The mean motion, projected onto the constraints; as many samples as the reference."""
+        points = self._points(self.gaussian.mean[None, : self._weights])
+        mean = self.trajectory(points[0], "mean")
+        if not self.system.size:
+            return mean
+        request = Request(
+            mean, self.system, self.boundaries(mean), ADAPTING, begin=self.primitive.law.begin
+        )
+        result = project_heeding_what_it_can(request)
+        turned = float(np.sqrt(np.mean(np.sum(result.turns**2, axis=1))))
+        spread = self._turning
+        if turned > spread:
+            warn(
+                f"the constraints turn the mean motion by {np.degrees(turned):.2g} degrees (rms), "
+                f"more than motions differ ({np.degrees(spread):.2g}): what it is conditioned on "
+                "does not go together with the demonstrated turning; condition on a rotation too, "
+                "or with noise",
+                CompromiseWarning,
+            )
+        return result.trajectory
+
+    @cached_property
+    def mean(self) -> ConstrainedDMP:
+        """A primitive of the mean motion, with this distribution's spread.
+
+        Raises
+        ------
+        MissedError
+            If its own motion misses what is kept, or breaks a hard limit.
+        """
+        law, motion = self.primitive.law, self.motion
+        constants = {"alpha": law.attractor.alpha, "beta": law.attractor.beta}
+        fitted = fit(
+            motion, basis_functions=law.basis.count, alpha_s=law.clock.alpha_s, **constants
+        )
+        fitted = replace(fitted, duration=law.duration, steps=law.steps, begin=law.begin)
+        goal = Boundary(1.0, fitted.goal_position, fitted.goal_rotation)
+        kept = [boundary for boundary in self.kept if 0 < boundary.at < 1]
+        rolled, compromise = verify(fitted, self.primitive.rule, [goal, *kept])
+        if compromise:
+            warn(compromise, CompromiseWarning)
+        record = LearningRecord.of(motion, None, Deviation.between(rolled, motion))
+        return replace(
+            self.primitive, law=fitted, demonstrated=fitted, record=(record,), spread=self.spread
+        )
+
+    @cached_property
+    def spread(self) -> Spread:
+        """Covariance of the motions along the way, as figures draw it."""
+        covariances = self._covariances()
+        return Spread(self.demonstrations, covariances[:, :3, :3], covariances[:, 3:, 3:])
+
+    @property
+    def middle(self) -> Floats:
+        """Mean deviation from the reference at even fractions, shape (101, 6): m, rad."""
+        return self.curves.values @ self.gaussian.mean[: self._weights].reshape(6, -1).T
+
+    def interval(self, level: float = 0.95) -> Floats:
+        """Half widths within which a motion stays of the mean, at each fraction and axis by itself.
+
+        By Student's distribution: the covariance is itself known from few demonstrations.
+
+        Parameters
+        ----------
+        level : float
+            Share of motions that stay, between 0 and 1.
+
+        Returns
+        -------
+        array, shape (101, 6)
+            Position (m) and rotation vector (rad), world frame, at even fractions of the duration.
+        """
+        level = _arguments.finite("level", level)
+        if not 0 < level < 1:
+            raise InputError(f"level must be between 0 and 1, got {level:g}")
+        variances = np.diagonal(self._covariances(), axis1=1, axis2=2) + self.noise**2
+        width = scipy.stats.t.ppf((1 + level) / 2, self._freedom)
+        return np.asarray(width * np.sqrt(variances))
+
+    def impedance(self, **options: Any) -> Impedance:
+        """Return the mean motion with an impedance from the spread; see :meth:`Impedance.of`."""
+        return Impedance.of(self.motion, self.spread, **options)
+
+    # ---------------------------------------------------------------- what is known of a motion
+
+    def condition(
+        self,
+        *boundaries: Boundary,
+        noise: float | Sequence[float] = 0.0,
+        context: ContextValues | None = None,
+    ) -> MotionDistribution:
+        """Return the distribution of motions that pass some poses, in some context.
+
+        Parameters
+        ----------
+        *boundaries : Boundary
+            Poses, or parts of them, at fractions of the duration; taken at the nearest sample.
+        noise : float or two
+            Standard deviation of what is asked for: of positions (m) and of rotation vectors
+            (rad).  0 has it passed exactly, by every motion.
+        context : mapping of name to number, optional
+            What the motions depend on, as named when it was learned.
+
+        Raises
+        ------
+        InputError
+            If a boundary asks for a velocity or for nothing, a name is unknown, or something is
+            asked for that is known exactly already.
+
+        Warns
+        -----
+        CompromiseWarning
+            If what is asked for lies far from all demonstrations (Mahalanobis distance): motions
+            are then extrapolated.
+        """
+        deviation = _noise_of(noise)
+        asked = [_checked(boundary, len(self.reference)) for boundary in boundaries]
+        parts = [self._seen(boundary, deviation) for boundary in asked]
+        parts += self._seen_context(context or {})
+        if not parts:
+            raise InputError("condition on at least one boundary or a context")
+        rows, values, noises = (np.concatenate(each) for each in zip(*parts, strict=True))
+        seen = self.gaussian.seen(rows, noises)
+        conditioned = self.gaussian.given(rows, values, noises)
+        distance = seen.distance(values)
+        usual = float(np.sqrt(scipy.stats.chi2.isf(UNLIKELY, len(values))))
+        if distance > usual:
+            warn(
+                f"what is asked for lies {distance:.3g} standard deviations from what was "
+                f"demonstrated; of such motions all but {UNLIKELY:.1%} lie within {usual:.2g}: it "
+                "is extrapolated, demonstrate one like it",
+                CompromiseWarning,
+            )
+        exact = [_exact(boundary, deviation) for boundary in asked]
+        kept = _merged((*self.kept, *exact), len(self.reference))
+        return replace(self, gaussian=conditioned, kept=kept)
+
+    def log_likelihood(self, trajectory: PoseTrajectory) -> float:
+        """Log-density of a motion, projected onto the constraints as demonstrations are.
+
+        Returns
+        -------
+        float
+            Nats a value: over the 101 x 6 numbers (m, rad) at even fractions of its duration.
+        """
+        functions = self.primitive.law.basis.count
+        motion = projected(trajectory, self.system, self.ends, functions)
+        values = deviations(motion, self.reference)
+        known = self.gaussian
+        own = Gaussian(
+            known.mean[: self._weights], known.covariance[: self._weights, : self._weights]
+        )
+        return log_likelihood(own, self.noise, values, self.curves, self._freedom)
+
+    # ---------------------------------------------------------------- samples
+
+    def sample(
+        self,
+        count: int,
+        *,
+        seed: int | np.random.Generator = 0,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Motions:
+        """Draw motions: all keep the constraints, and pass what is kept.
+
+        Parameters
+        ----------
+        count : int
+        seed : int or Generator
+            The first motions of a seed are alike for any count.
+        progress : callable, optional
+            Called with (motions drawn, all).
+
+        Raises
+        ------
+        ConvergenceError
+            If one cannot be projected onto the constraints.
+
+        Warns
+        -----
+        CompromiseWarning
+            If the constraints turn many of them farther than motions differ from each other.
+        """
+        count = _arguments.count("sample: count", count)
+        weights = self._draw(count, seed)
+        steps, law, system = len(self.reference), self.primitive.law, self.system
+        states = np.empty((count, steps, POSE.point_size + POSE.velocity_size))
+        residuals = np.empty((count, steps, system.equalities.size))
+        margins = np.empty((count, steps, system.limits.size))
+        far = 0
+        for first in range(0, count, _MOVED_TOGETHER):
+            part = slice(first, first + _MOVED_TOGETHER)
+            drawn = self._points(weights[part])
+            points = self._feasible(drawn)
+            far += int((_turned(drawn, points) > self._turning).sum())
+            states[part] = _with_velocities(points, self.duration / (steps - 1))
+            residuals[part] = self._retraction.residuals(points) if residuals.size else 0.0
+            margins[part] = self._margins(states[part])
+            if progress is not None:
+                progress(min(first + _MOVED_TOGETHER, count), count)
+        if far > count / 2:
+            warn(
+                f"the constraints turn {far} of {count} samples by more than motions differ from "
+                "each other; condition on less, or with noise",
+                CompromiseWarning,
+            )
+        durations = np.full(count, self.duration)
+        goals = states[:, -1, : POSE.point_size].copy()
+        return Motions(durations, law.begin, states, residuals, margins, goals)
+
+    def drawn(self, count: int, *, seed: int | np.random.Generator = 0) -> Floats:
+        """Return what :meth:`sample` draws before it is projected: points, shape (count, N, 7)."""
+        return self._points(self._draw(_arguments.count("drawn: count", count), seed))
+
+    def _draw(self, count: int, seed: int | np.random.Generator) -> Floats:
+        return self.gaussian.draw(count, np.random.default_rng(seed))[:, : self._weights]
+
+    def _feasible(self, drawn: Floats) -> Floats:
+        """Return motions on the constraints; exactly projected where it takes that."""
+        if not self.system.size:
+            return drawn
+        moved = self._retraction(drawn)
+        points, lost = moved.points, ~moved.arrived
+        if self.system.limits.size:
+            states = _with_velocities(points, self.duration / (drawn.shape[1] - 1))
+            margins = self._margins(states).min(axis=(1, 2))
+            lost |= ~(margins >= -KEPT)
+        for k in np.flatnonzero(lost):
+            trajectory = self.trajectory(drawn[k], f"sample {k}")
+            ends = self.boundaries(trajectory)
+            result = project_trajectory(
+                trajectory,
+                self.system,
+                boundaries=ends,
+                begin=self.primitive.law.begin,
+                position_weight=ADAPTING.position,
+                position_smoothing=ADAPTING.position_smoothing,
+                rotation_smoothing=ADAPTING.rotation_smoothing,
+            )
+            points[k] = _points(result.trajectory)
+        return points
+
+    @cached_property
+    def _retraction(self) -> Retraction:
+        request = Request(
+            self.motion,
+            self.system.equalities,
+            self.boundaries(self.motion),
+            ADAPTING,
+            begin=self.primitive.law.begin,
+        )
+        return Retraction(request)
+
+    def _margins(self, states: Floats) -> Floats:
+        """Margins of the limits, shape (S, N, k); infinite where they are not asked for."""
+        limits = self.system.limits
+        found = np.full((*states.shape[:2], limits.size), np.inf)
+        if not limits.size:
+            return found
+        on_poses = np.array(limits.row_levels) == "position"
+        on_steps = np.array(limits.row_levels) != "acceleration"
+        steps = states.shape[1] - 1
+        h = self.duration / steps
+        times = self.primitive.law.begin + h * np.arange(steps + 1)
+        for state, margin in zip(states, found, strict=True):
+            position, quaternion = state[:, :3], state[:, 3:7]
+            linear, angular = state[1:, 7:10], state[1:, 10:]
+            changes = [np.pad(np.diff(v, axis=0) / h, ((0, 1), (0, 0))) for v in (linear, angular)]
+            margin[1:] = limits.of_steps(times, position, quaternion, linear, angular, *changes)
+            # The last step is followed by none.
+            margin[-1, ~on_steps] = np.inf
+            first = limits.residuals(
+                times[:1], position[:1], quaternion[:1], state[:1, 7:10], state[:1, 10:]
+            )
+            margin[0, on_poses] = first[0, on_poses]
+        return found
+
+    # ---------------------------------------------------------------- inside
+
+    @property
+    def _freedom(self) -> int:
+        return freedom_of(self.demonstrations, len(self.context))
+
+    @property
+    def _weights(self) -> int:
+        return POSE.velocity_size * self.curves.count
+
+    @cached_property
+    def _basis(self) -> Floats:
+        return self.curves.at(np.linspace(0.0, 1.0, len(self.reference)))
+
+    @cached_property
+    def _turning(self) -> float:
+        """How far motions turn from each other (rad), rms along the way."""
+        return float(np.sqrt(np.mean(np.sum(self.spread.rotation_deviation**2, axis=1))))
+
+    def _points(self, weights: Floats) -> Floats:
+        """Motions of weights, shape (S, D): points of shape (S, N, 7), on what is kept exactly."""
+        shaped = weights.reshape(len(weights), POSE.velocity_size, -1)
+        changes = np.matmul(self._basis, shaped.transpose(0, 2, 1))
+        points = POSE.moved(_points(self.reference)[None], changes)
+        for boundary in self.kept:
+            k = sample_of(boundary.at, points.shape[1])
+            if boundary.position is not None:
+                points[:, k, :3] = boundary.position
+            if boundary.rotation is not None:
+                kept = boundary.rotation.as_quat(scalar_first=True)
+                points[:, k, 3:] = kept * np.where(points[:, k, 3:] @ kept < 0, -1.0, 1.0)[:, None]
+        return points
+
+    def trajectory(self, points: Floats, name: str) -> PoseTrajectory:
+        """Return points, shape (N, 7), as a trajectory."""
+        rotations = Rotation.from_quat(points[:, 3:], scalar_first=True)
+        return PoseTrajectory(self.reference.times, points[:, :3], rotations, name=name)
+
+    def boundaries(self, motion: PoseTrajectory) -> tuple[Boundary, ...]:
+        """What a motion keeps: its own ends, and what all pass."""
+        own = [
+            Boundary.keeping(motion, at, end) for at, end in zip((0.0, 1.0), self.ends, strict=True)
+        ]
+        return _merged((*own, *self.kept), len(motion))
+
+    def _covariances(self) -> Floats:
+        """Of the deviations at each of the fractions, shape (101, 6, 6)."""
+        size, values = self.curves.count, self.curves.values
+        weights = self.gaussian.covariance[: self._weights, : self._weights]
+        shaped = weights.reshape(POSE.velocity_size, size, POSE.velocity_size, size)
+        found = np.einsum("sk,ikjl,sl->sij", values, shaped, values, optimize=True)
+        found = (found + found.swapaxes(1, 2)) / 2
+        # What is known exactly has rounding for a variance.
+        diagonal = np.arange(POSE.velocity_size)
+        found[:, diagonal, diagonal] = np.maximum(found[:, diagonal, diagonal], 0.0)
+        return np.asarray(found)
+
+    def _seen(self, boundary: Boundary, noise: Floats) -> tuple[Floats, Floats, Floats]:
+        """Rows, values and noise of what a boundary says of the weights."""
+        k = sample_of(boundary.at, len(self.reference))
+        own = self.reference.positions[k], self.reference.rotations[k]
+        position, rotation = boundary.pose_or(*own)
+        values = np.concatenate([position - own[0], (rotation * own[1].inv()).as_rotvec()])
+        asked = np.repeat([boundary.position is not None, boundary.rotation is not None], 3)
+        rows = np.zeros((POSE.velocity_size, len(self.gaussian.mean)))
+        for channel in range(POSE.velocity_size):
+            first = channel * self.curves.count
+            rows[channel, first : first + self.curves.count] = self._basis[k]
+        return rows[asked], values[asked], np.repeat(noise, 3)[asked]
+
+    def _seen_context(self, context: ContextValues) -> list[tuple[Floats, Floats, Floats]]:
+        rows = context_rows(self.gaussian, len(self.context))
+        found = []
+        for name, value in context.items():
+            if name not in self.context:
+                known = f"there are {', '.join(self.context)}" if self.context else "it has none"
+                raise InputError(f"context {_arguments.short(name)} is unknown: {known}")
+            number = _arguments.finite(f"context {name}", value)
+            at = self.context.index(name)
+            found.append((rows[at : at + 1], np.array([number]), np.zeros(1)))
+        return found
+
+
+def learn_distribution(
+    primitive: ConstrainedDMP,
+    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    *,
+    context: Mapping[str, Sequence[float]] | None = None,
+    ends: tuple[End, End] = ("free", "position"),
+) -> MotionDistribution:
+    """Learn how the demonstrations of a primitive are distributed.
+
+    Parameters
+    ----------
+    primitive : ConstrainedDMP
+        Learned from them.
+    demonstrations : several PoseTrajectory
+        Three or more, of any rate; each is projected onto the primitive's constraints.
+    context : mapping of name to numbers, optional
+        What the motions depend on, a number a demonstration, such as the size of a workpiece;
+        :meth:`MotionDistribution.condition` then takes it.
+    ends : pair of "free", "position", "rotation" or "pose"
+        What a projection keeps of each demonstration's, and each sample's, first and last pose.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three, or a context does not have a number of each.
+    ConvergenceError
+        If a projection does not converge.
+    """
+    recorded = as_demonstrations(demonstrations)
+    feasible = [projected(d, primitive.system, ends, primitive.law.basis.count) for d in recorded]
+    return MotionDistribution.about(primitive, feasible, context, ends)
+
+
+def projected(
+    trajectory: PoseTrajectory, system: ConstraintSystem, ends: tuple[End, End], functions: int
+) -> PoseTrajectory:
+    """Return a demonstration on the constraints, as learning projects it."""
+    sampled = evenly_sampled(trajectory, functions)
+    if not system.size:
+        return sampled
+    kept = (Boundary.keeping(sampled, at, end) for at, end in zip((0.0, 1.0), ends, strict=True))
+    return project_heeding_what_it_can(Request(sampled, system, tuple(kept))).trajectory
+
+
+class _Tangent:
+    """Weights of curves -> those that lead along the constraints, to first order."""
+
+    def __init__(self, reference: PoseTrajectory, system: ConstraintSystem, begin: float) -> None:
+        self._points, self._kept = _points(reference), dict[int, Floats]()
+        self._retraction: Retraction | None = None
+        if system.equalities.size:
+            # What demonstrations have in common at their ends, curves along the constraints have.
+            ends = tuple(Boundary.keeping(reference, at, "position") for at in (0.0, 1.0))
+            if "position" in system.equalities.row_levels:
+                ends = ()
+            request = Request(reference, system.equalities, ends, ADAPTING, begin=begin)
+            self._retraction = Retraction(request)
+
+    def __call__(self, curves: Curves) -> Floats:
+        if curves.count not in self._kept:
+            self._kept[curves.count] = self._matrix(curves)
+        return self._kept[curves.count]
+
+    def _matrix(self, curves: Curves) -> Floats:
+        size, channels, steps = curves.count, POSE.velocity_size, len(self._points)
+        if self._retraction is None:
+            return np.eye(channels * size)
+        fractions = np.linspace(0.0, 1.0, steps)
+        changes = np.zeros((channels, size, steps, channels))
+        for channel in range(channels):
+            changes[channel, :, :, channel] = curves.at(fractions).T
+        along = self._retraction.tangent(changes.reshape(-1, steps, channels), self._points)
+        # Curves are smooth: between two steps, a chord is as good.
+        nearest = np.interp(FRACTIONS, fractions, np.arange(steps))
+        before = np.minimum(nearest.astype(int), steps - 2)
+        share = (nearest - before)[:, None]
+        seen = (1 - share) * along[:, before] + share * along[:, before + 1]
+        found = np.einsum("wsd,sk->dkw", seen, curves.values)
+        return np.asarray(found.reshape(channels * size, -1))
+
+
+def _points(trajectory: PoseTrajectory) -> Floats:
+    return np.hstack([trajectory.positions, trajectory.quaternions])
+
+
+def deviations(trajectory: PoseTrajectory, reference: PoseTrajectory) -> Floats:
+    """How a motion differs from the reference at the fractions, shape (101, 6)."""
+    there, here = (
+        _points(each.resampled(times=each.times[0] + each.duration * FRACTIONS))
+        for each in (trajectory, reference)
+    )
+    return POSE.difference(there, here)
+
+
+def _turned(before: Floats, after: Floats) -> Floats:
+    """How far each motion was turned (rad), rms along the way; by a few degrees, or more."""
+    cosines = np.abs(np.einsum("snq,snq->sn", before[:, :, 3:], after[:, :, 3:]))
+    return np.asarray(np.sqrt(np.mean(8 * np.maximum(0.0, 1 - cosines), axis=1)))
+
+
+def _with_velocities(points: Floats, time_step: float) -> Floats:
+    """Points and the velocities of the steps that lead to them, shape (S, N, 13)."""
+    velocities = POSE.difference(points[:, 1:], points[:, :-1]) / time_step
+    velocities = np.concatenate([velocities[:, :1], velocities], axis=1)
+    return np.concatenate([points, velocities], axis=2)
+
+
+def _checked(boundary: Boundary, steps: int) -> Boundary:
+    """Return a boundary that a distribution can be conditioned on, at its sample."""
+    if not isinstance(boundary, Boundary):
+        raise InputError(f"condition on Boundary objects, got {_arguments.short(boundary)}")
+    if boundary.has_twist or boundary.is_free:
+        raise InputError(
+            f"condition on a position or a rotation at {boundary.at:g}; velocities follow"
+        )
+    return replace(boundary, at=sample_of(boundary.at, steps) / (steps - 1))
+
+
+def _exact(boundary: Boundary, noise: Floats) -> Boundary:
+    """What of a boundary is asked for without noise."""
+    return replace(
+        boundary,
+        position=None if noise[0] else boundary.position,
+        rotation=None if noise[1] else boundary.rotation,
+    )
+
+
+def _merged(boundaries: Iterable[Boundary], steps: int) -> tuple[Boundary, ...]:
+    """Boundaries, one a sample; of those at the same one the last says what it names."""
+    found: dict[int, Boundary] = {}
+    for boundary in boundaries:
+        k = sample_of(boundary.at, steps)
+        if k in found:
+            position, rotation = found[k].position, found[k].rotation
+            boundary = replace(
+                boundary,
+                position=position if boundary.position is None else boundary.position,
+                rotation=rotation if boundary.rotation is None else boundary.rotation,
+            )
+        found[k] = boundary
+    return tuple(found[k] for k in sorted(found) if not found[k].is_free)
+
+
+def _noise_of(noise: float | Sequence[float]) -> Floats:
+    given = _arguments.numbers("noise", noise)
+    if given.ndim > 1 or given.size not in (1, 2) or not np.all((given >= 0) & np.isfinite(given)):
+        raise InputError(
+            "noise must be a number, 0 or more, or two: of positions (m) and of rotations (rad); "
+            f"got {_arguments.short(noise)}"
+        )
+    return np.broadcast_to(given.ravel(), 2)
+
+
+def _context_of(
+    context: Mapping[str, Sequence[float]], count: int
+) -> tuple[tuple[str, ...], Floats]:
+    """Names and numbers, shape (count, c), of what demonstrations were made in."""
+    columns = []
+    for name, values in context.items():
+        column = _arguments.numbers(f"context {name}", values)
+        if column.shape != (count,) or not np.isfinite(column).all():
+            raise InputError(
+                f"context {name} must be {count} finite numbers, one a demonstration; got shape "
+                f"{column.shape}"
+            )
+        if not np.ptp(column) > 0:
+            raise InputError(f"context {name} is the same in all demonstrations: leave it out")
+        columns.append(column)
+    if count < FEWEST + len(columns):
+        raise InputError(
+            f"{len(columns)} numbers of context need {FEWEST + len(columns)} demonstrations or "
+            f"more, got {count}"
+        )
+    return tuple(context), np.array(columns).T.reshape(count, len(columns))
