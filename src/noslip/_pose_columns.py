@@ -6,7 +6,7 @@ One mapping for every table, of text or not: what the names say, and what the us
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -453,8 +453,8 @@ def pose_of(
         if turn is None and group is None and asked.columns is None:
             if values := position_alone(where, available, asked.stated_units()):
                 return values
-            if alone := rotation_alone(available):
-                return _turning(alone)
+            if turn_alone := rotation_alone(available):
+                return _turning(turn_alone)
         found = _named_pose(where, available, names, poses, group, turn, timed=timed)
     stated = {name.place: name.unit for name in names}
     units = {stated.get(place, "") for place in found.position} & set(METERS)

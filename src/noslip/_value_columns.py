@@ -11,7 +11,6 @@ import numpy as np
 from noslip._pose_checks import Source
 from noslip._pose_names import (
     METERS,
-    POSITION,
     UNITS,
     Column,
     Name,
@@ -25,7 +24,6 @@ from noslip._pose_names import (
 from noslip._samples import Named
 from noslip._typing import Floats
 from noslip.errors import RecordingError
-from noslip.named_columns import plural
 
 _OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")
 """A comma that separates columns, not places in one."""

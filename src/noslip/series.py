@@ -140,7 +140,8 @@ class Series(Timed):
     def with_points(self, points: Floats, times: Floats | None = None) -> Self:
         """Return other values under the same names."""
         own = self.times if times is None else times
-        return replace(self, times=own, values=points, velocities=None)  # type: ignore[type-var]
+        rates: Any = None  # estimated anew
+        return replace(self, times=own, values=points, velocities=rates)
 
     def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Self:
         """Return it at other instants, by cubic splines.
@@ -155,7 +156,7 @@ class Series(Timed):
         instants = self._instants(rate, times)
         inside = np.clip(instants, self.times[0], self.times[-1])
         values, rates = self._spline(inside), self._spline(inside, 1)
-        return replace(self, times=instants, values=values, velocities=rates)  # type: ignore[type-var]
+        return replace(self, times=instants, values=values, velocities=rates)
 
     def between(self, times: Floats, onto: Floats | None = None) -> Self:
         """Return it at other instants along straight lines, so that jumps do not ring.
