@@ -128,6 +128,7 @@ def apply_tool_frame(trajectory: PoseTrajectory, tool_frame: ArrayLike) -> PoseT
         ),
         angular_velocities=trajectory.angular_velocities,
         name=trajectory.name,
+        channels=trajectory.channels,
     )
 
 
@@ -290,6 +291,7 @@ def lowpass(
         positions=smooth(trajectory.positions),
         rotations=_smooth_rotations(trajectory.rotations, smooth),
         name=name,
+        channels=trajectory.channels,
     )
 
 
@@ -315,6 +317,7 @@ def relative_to_start(trajectory: PoseTrajectory) -> PoseTrajectory:
         linear_velocities=trajectory.linear_velocities,
         angular_velocities=trajectory.angular_velocities,
         name=trajectory.name,
+        channels=trajectory.channels,
     )
 
 

@@ -24,7 +24,9 @@ are met where they are to an eighth of what the functions resolve."""
 
 @dataclass(frozen=True, eq=False)
 class Channels(Value):
-    """Numbers that depend on the phase alone: ``c(u) = a + b u + sum psi_i(s) s theta_i / sum psi``.
+    """Numbers that depend on the phase alone.
+
+    ``c(u) = a + b u + sum psi_i(s) s theta_i / sum psi_i(s)``
 
     u is the fraction of the motion that is done, s its phase, psi are the law's own basis
     functions (the paper's eq. 3).  They do not move the tool, and no goal moves them.
