@@ -378,15 +378,13 @@ class Reader:
         )
         count, k = self.count(part, "basis_functions"), len(names)
         basis = Basis(count, Phase(self.number(part, "alpha_s")))
-        arrays = (
-            self.array(part, name, shape)
-            for name, shape in {
-                "trend": (2, k), "weights": (count, k), "least": (k,), "most": (k,)
-            }.items()
-        )  # fmt: skip
+        trend, weights = self.array(part, "trend", (2, k)), self.array(part, "weights", (count, k))
+        least, most = (self.array(part, name, (k,)) for name in ("least", "most"))
         begin = self.number(part, "begin", _arguments.not_negative)
         return self.field(
-            content, "channels", lambda _: Channels(basis, *arrays, names, units, begin)
+            content,
+            "channels",
+            lambda _: Channels(basis, trend, weights, least, most, names, units, begin),
         )
 
 

@@ -113,11 +113,11 @@ class Channels(Value):
             [c.between(c.times[0] + c.duration * fractions).values for c in recorded], axis=0
         )
         line = np.column_stack([np.ones_like(fractions), fractions])
-        trend = np.linalg.lstsq(line, mean)[0]
+        trend = np.asarray(np.linalg.lstsq(line, mean)[0], dtype=np.float64)
         psi = basis.activations(basis.phase.at(fractions))
         normal = psi.T @ psi
         normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
-        weights = cho_solve(cho_factor(normal), psi.T @ (mean - line @ trend))
+        weights: Floats = cho_solve(cho_factor(normal), psi.T @ (mean - line @ trend))
         return cls(
             basis,
             trend,
@@ -134,7 +134,7 @@ class Channels(Value):
         u = self.begin + (1 - self.begin) * own
         found = self.trend[0] + u[:, None] * self.trend[1]
         found += self.basis.activations(self.basis.phase.at(u)) @ self.weights
-        return np.clip(found, self.least, self.most)
+        return np.asarray(np.clip(found, self.least, self.most))
 
     def along(self, motion: Timed) -> Series:
         """Return the channels at the times of a whole motion."""

@@ -29,8 +29,8 @@ from noslip.recordings.transforms import (
     merged,
     resolve,
 )
-from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
 Integrate = Literal["body", "world"]
 """In which frame the velocities of a topic of twists are."""
@@ -544,7 +544,7 @@ def _one(
     )
 
 
-def _written(trajectory: PoseTrajectory | Series) -> dict[str, Any]:
+def _written(trajectory: PoseTrajectory | Trajectory) -> dict[str, Any]:
     """Return a trajectory as arguments of :func:`write_bag`: vectors are joints."""
     if isinstance(trajectory, PoseTrajectory):
         return {"poses": trajectory}
@@ -568,7 +568,7 @@ BAG = Format(
         "integrate",
         "values",
         "columns",
-    ),  # fmt: skip
+    ),
     suffixes=(".bag", ".mcap", ".db3"),
     named_only=(".active", ".zstd"),
     folders="ROS 2 bags",
