@@ -251,7 +251,8 @@ def of_joints(available: Mapping[str, Column]) -> str:
     if not any(_JOINT.search(name.lower()) for name in names):
         return ""
     return (
-        "; it holds joints: from them the pose comes through a robot's model, robot=... (--robot)"
+        "; it holds joints: from them the pose comes through a robot's model, robot=... (--robot); "
+        "load_trajectory reads them as they are"
     )
 
 

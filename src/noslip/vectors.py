@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
@@ -120,6 +121,23 @@ class Trajectory(Series):
 
     # ---------------------------------------------------------------- new ones from it
 
+    def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Trajectory:
+        """Return it at other instants, by cubic splines; see :meth:`Series.resampled`."""
+        # Of a rollout too the values alone: what constraints did to it is of its own steps.
+        alone = replace(self.with_points(self.values), velocities=self.velocities)
+        return super(Trajectory, alone).resampled(rate=rate, times=times)
+
+    def with_points(self, points: Floats, times: Floats | None = None) -> Trajectory:
+        """Return other values of the same coordinates."""
+        return Trajectory(
+            self.times if times is None else times,
+            points,
+            self.names,
+            units=self.units,
+            carrier=self.carrier,
+            name=self.name,
+        )
+
     def with_velocities(self, linear: Floats, angular: Floats) -> Trajectory:
         """Return the values with other rates, shape (N, n); of turning, shape (N, 0), are none."""
         return replace(self, velocities=linear)
@@ -145,11 +163,7 @@ class Trajectory(Series):
                 f"{self.name}: has {', '.join(self.names)}, but the joints of {carrier.name} are "
                 f"{', '.join(joints)}; name them so"
             )
-        return replace(
-            self,
-            values=self.values[:, order],
-            velocities=self.velocities[:, order],
-            names=joints,
-            units=tuple(carrier.units),
-            carrier=carrier,
+        moved = self.values[:, order], self.velocities[:, order]
+        return Trajectory(
+            self.times, moved[0], joints, moved[1], tuple(carrier.units), self.name, carrier
         )

@@ -137,10 +137,11 @@ class Motions(Value):
         if not self.space.rotations:
             place, space = layouts(self.space).state, self.space
             values, rates = states[:, place["position"]], states[:, place["linear_velocity"]]
+            name = f"rollout {index}"
             found = Trajectory(
-                times, values, space.coordinates, rates, space.units, carrier=space.carrier
+                times, values, space.coordinates, rates, space.units, name, space.carrier
             )
-            return cast("PoseTrajectory", replace(found, name=f"rollout {index}"))
+            return cast("PoseTrajectory", found)
         return PoseTrajectory(
             times,
             states[:, STATE["position"]],
