@@ -53,7 +53,7 @@ def plot_values(trajectory: Series, *, title: str | None = None) -> Figure:
         largest = max(float(np.abs(values).max()) for values in curves.values())
         style.span_at_least(ax, list(curves.values()), style.LEAST_SHARE * largest)
         label = ", ".join(curves) if len(curves) == 1 else ""
-        style.dress(ax, TIME, f"{label} ({unit})".strip())
+        style.dress(ax, TIME, f"{label or 'values'} ({unit})")
         ax.set_xlim(times[0], times[-1])
         if len(curves) > 1:
             # Beside the panel, where it hides no line.
