@@ -24,7 +24,7 @@ NAMES = st.text(
     min_size=1,
     max_size=12,
 ).map(lambda text: f"n{text.strip()}")
-UNITS = st.sampled_from(["1", "N", "N m", "N/m", "rad", "m", "m/s", "A"])
+UNITS = st.sampled_from(["1", "N", "N m", "N/m", "rad", "m/s", "A"])
 
 
 @st.composite
@@ -141,10 +141,11 @@ def test_channels_go_with_their_poses() -> None:
     moved = ns.prepare(pose, tool_frame=[0, 0, 0.1], lowpass=5.0, relative=True)
     assert moved.channels == pose.channels
     slower = pose.channels.resampled(rate=20)
-    assert "channels.between(poses.times)" in refusal(
-        InputError, lambda: pose.with_channels(slower)
-    )
-    assert "channels must be a Trajectory" in refusal(InputError, lambda: pose.with_channels(pose))
+    for told, other in (
+        ("channels.between(poses.times)", slower),
+        ("channels must be a Trajectory", pose),
+    ):
+        assert told in refusal(InputError, pose.with_channels, other)
     named = ns.Trajectory(pose.times, np.zeros((len(pose), 1)), names=["qw"])
     assert "qw, as the pose is" in refusal(InputError, lambda: pose.with_channels(named))
 
