@@ -426,7 +426,10 @@ def pose_of(
     Where a time is needed too, a message that columns are missing names it.
     """
     if asked.values:
-        return values_of(where, available, asked.columns, asked.stated_units())
+        # Only where all columns are asked for are those of time left out.
+        whole = asked.columns is None and all(c.width == 1 for c in available.values())
+        clock = clock_of(where, available, asked, known).columns if whole else ()
+        return values_of(where, available, asked.columns, asked.stated_units(), clock)
     if asked.robot is not None:
         return _joints(where, available, asked.columns, asked.robot)
     names = list(names_of(available))
