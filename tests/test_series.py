@@ -168,6 +168,22 @@ def test_channels_are_written_and_read_beside_poses(tmp_path: Path) -> None:
     assert ns.load_demonstrations(tmp_path / "a.csv")[0].channels is None
 
 
+def test_vectors_are_prepared_as_poses_are() -> None:
+    """Against the positions of poses that go the same way."""
+    rng = np.random.default_rng(5)
+    t, path = np.arange(200) / 100, np.cumsum(rng.normal(size=(200, 3)), axis=0) / 1000
+    still = Rotation.identity(len(t))
+    steps = {"trim_time": (0.3, 1.7), "rate": 60.0, "lowpass": 5.0, "relative": True}
+    vectors = ns.prepare(ns.Trajectory(t, path, names=["x", "y", "z"]), **steps)
+    poses = ns.prepare(ns.PoseTrajectory(t, path, still), **steps)
+    np.testing.assert_allclose(vectors.values, poses.positions, atol=1e-15)
+    np.testing.assert_array_equal(vectors.times, poses.times)
+    assert vectors.names == ("x", "y", "z")
+    assert "no tool_frame" in refusal(
+        InputError, ns.prepare, ns.Trajectory(t, path), tool_frame=[0, 0, 1]
+    )
+
+
 def test_each_kind_of_file_names_the_other_s_reader(tmp_path: Path) -> None:
     pose = with_channels()
     vectors = ns.Trajectory(pose.times, pose.positions)

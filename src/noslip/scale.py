@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
 from noslip._pose_names import SECONDS, SPARSEST
@@ -12,6 +14,7 @@ from noslip.vectors import Trajectory
 
 Recording = PoseTrajectory | Trajectory
 """Of a tool, or of other coordinates."""
+T = TypeVar("T", PoseTrajectory, Trajectory)
 
 LATEST = 1e11
 """Stamps beyond this (s) lie 3000 years ahead; those since 1970 in milliseconds are beyond it."""
@@ -53,7 +56,7 @@ def ask_after_units(recording: Recording, *, clock_said: bool | None = None) -> 
             warn(f"{recording.name}: {doubt}", RecordingWarning)
 
 
-def as_asked(recording: PoseTrajectory) -> PoseTrajectory:
+def as_asked(recording: T) -> T:
     """Return a recording made from one whose units were asked after: they are the same."""
     object.__setattr__(recording, "_asked", True)
     return recording
