@@ -29,6 +29,7 @@ from noslip.recordings.tables import TABLE
 from noslip.recordings.text import TEXT
 from noslip.recordings.twists import Twist
 from noslip.scale import ask_after_units
+from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
 from noslip.vectors import Trajectory
 
@@ -37,7 +38,7 @@ NPZ = Format(
     read=lambda path, values=None: [read_npz(path, values=bool(values))],
     options=("values",),
     suffixes=(".npz",),
-    write=PoseTrajectory.to_npz,
+    write=lambda trajectory, path: trajectory.to_npz(path),
     written=(".npz",),
 )
 """Of arrays."""
@@ -296,7 +297,7 @@ def read_samples(
     formats = {file: format_of(file) for file in files.values()}
     _refuse_ignored(options, formats)
     for file, each in formats.items():
-        yield from each.read(file, **{name: options[name] for name in each.options})
+        yield from each.read(file, **{name: options.get(name) for name in each.options})
 
 
 def expand(path: str | Path) -> list[Path]:
@@ -351,7 +352,7 @@ def _refuse_ignored(options: dict[str, Any], formats: dict[Path, Format]) -> Non
 
 
 def write_recording(
-    trajectory: PoseTrajectory,
+    trajectory: PoseTrajectory | Series,
     path: str | Path,
     *,
     frame: str = "world",
@@ -360,11 +361,15 @@ def write_recording(
     planar: bool = False,
     wheels: Mapping[str, float] | None = None,
 ) -> Path:
-    """Write a trajectory's poses in the format that the suffix names; return the path.
+    """Write a trajectory in the format that the suffix names; return the path.
+
+    Channels beside the poses are written where the format has a place for them: as columns, as
+    arrays, as topics of a bag (see :func:`write_bag`).
 
     Parameters
     ----------
-    trajectory : PoseTrajectory
+    trajectory : PoseTrajectory or Trajectory
+        Vectors go into ``.csv``, ``.npz``, ``.parquet``, ``.feather`` and bags.
     path : path
         ``.csv``, ``.npz`` (with velocities), ``.tum``, ``.parquet``, ``.feather``, ``.mcap``, or
         without suffix for the folder of a ROS 2 bag (SQLite).
@@ -395,6 +400,8 @@ def write_recording(
         raise InputError(
             f"{target}: cannot write {target.suffix}; known are {listed_suffixes(WRITTEN)}"
         )
+    if isinstance(trajectory, Series) and target.suffix.lower() == ".tum":
+        raise InputError(f"{target}: TUM's format holds poses alone; write a CSV")
     options = {
         "frame": frame,
         "topic": topic,
@@ -403,6 +410,8 @@ def write_recording(
         "wheels": wheels,
     }
     for name in VELOCITIES:
+        if options[name] and isinstance(trajectory, Series):
+            raise InputError(f"{target}: {name} is of poses, and these are none; leave it out")
         if options[name] and name not in chosen.write_options:
             raise InputError(f"{target}: {chosen.name} has no place for {name}; write a CSV")
     return chosen.write(
