@@ -33,7 +33,7 @@ def carrier_of(space: Space) -> Chain | None:
     return None
 
 
-def tool_of(trajectory: Samples, space: Space) -> Samples:
+def tool_of(trajectory: Any, space: Space) -> Any:
     """Return the motion of the tool that joints carry; where none do, the trajectory itself."""
     carrier = carrier_of(space)
     if carrier is None:

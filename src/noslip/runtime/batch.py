@@ -137,8 +137,11 @@ class Motions(Value):
         if not self.space.rotations:
             place, space = layouts(self.space).state, self.space
             values, rates = states[:, place["position"]], states[:, place["linear_velocity"]]
-            found = Trajectory(times, values, space.coordinates, rates, space.units, space.carrier)
-            return cast("PoseTrajectory", replace(found, name=f"rollout {index}"))
+            name = f"rollout {index}"
+            found = Trajectory(
+                times, values, space.coordinates, rates, space.units, name, space.carrier
+            )
+            return cast("PoseTrajectory", found)
         return PoseTrajectory(
             times,
             states[:, STATE["position"]],
