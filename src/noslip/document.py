@@ -26,7 +26,8 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
-from noslip.law.clock import Phase
+from noslip.law.channels import Channels
+from noslip.law.clock import Cycle, Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.points import Goal
@@ -114,7 +115,7 @@ def law_to_data(law: Law) -> dict[str, Any]:
     """Return plain data from which :meth:`Reader.law` makes the same law again."""
     return {
         "attractor": asdict(law.attractor),
-        "alpha_s": law.clock.alpha_s,
+        **({"cyclic": True} if law.clock.returns else {"alpha_s": law.clock.alpha_s}),
         "basis_functions": law.basis.count,
         "weights": law.forcing.weights.tolist(),
         "start": law.start.tolist(),
@@ -158,6 +159,21 @@ def rule_to_data(rule: Rule) -> dict[str, Any]:
         "push": rule.push,
         "stabilization": rule.stabilization,
         "barrier_rate": rule.barrier_rate,
+    }
+
+
+def channels_to_data(channels: Channels) -> dict[str, Any]:
+    """Return plain data from which :meth:`Reader.channels` makes the same channels again."""
+    return {
+        "alpha_s": channels.basis.phase.alpha_s,
+        "basis_functions": channels.basis.count,
+        "trend": channels.trend.tolist(),
+        "weights": channels.weights.tolist(),
+        "least": channels.least.tolist(),
+        "most": channels.most.tolist(),
+        "names": list(channels.names),
+        "units": list(channels.units),
+        "begin": channels.begin,
     }
 
 
@@ -262,29 +278,31 @@ class Reader:
         constants = self.part(data, "attractor")
         attractor = Attractor(self.number(constants, "alpha"), self.number(constants, "beta"))
         count, space = self.count(data, "basis_functions"), self.space(data)
-        basis, n = Basis(count, Phase(self.number(data, "alpha_s"))), space.linear
+        n, cyclic = space.linear, data.get("cyclic") is True
+        basis = Basis(count, Cycle() if cyclic else Phase(self.number(data, "alpha_s")))
         size = space.velocity_size
         return Law(
             attractor,
             ForcingTerm(basis, self.array(data, "weights", (count, size))),
             self.unit_quaternions(data, "start", (space.point_size,), n),
             self.array(data, "start_velocity", (size,)),
-            Goal(self.array(data, "goal_position", (n,)), *self._windings(data, space)),
+            Goal(self.array(data, "goal_position", (n,)), *self._windings(data, space, cyclic)),
             self.number(data, "duration", _duration),
             self.count(data, "steps"),
             float(self.array(data, "begin", ())),
             space,
         )
 
-    def _windings(self, data: dict[str, Any], space: Space) -> list[Winding]:
+    def _windings(self, data: dict[str, Any], space: Space, cyclic: bool) -> list[Winding]:
         if space.rotations == 1:
-            return [Winding(self.unit_quaternions(data, "winding", (None, 4)))]
+            return [Winding(self.unit_quaternions(data, "winding", (None, 4)), cyclic)]
         several = self.field(data, "windings", partial(_each, lambda knots: {"winding": knots}))
         if len(several) != space.rotations:
             raise InputError(
                 f"{self.path}: field windings has {len(several)}, expected {space.rotations}"
             )
-        return [Winding(self.unit_quaternions(one, "winding", (None, 4))) for one in several]
+        knots = (self.unit_quaternions(one, "winding", (None, 4)) for one in several)
+        return [Winding(each, cyclic) for each in knots]
 
     def space(self, data: dict[str, Any]) -> Space:
         """Read what a law moves in; a pose, if nothing is said."""
@@ -349,6 +367,26 @@ class Reader:
             content,
             "spread",
             lambda _: Spread(self.count(part, "demonstrations"), positions, rotations),
+        )
+
+    def channels(self, content: dict[str, Any]) -> Channels | None:
+        """Read what follows the phase; None if nothing does."""
+        if "channels" not in content:
+            return None
+        part = self.part(content, "channels")
+        names, units = (
+            self.field(part, name, lambda value: tuple(_each(text, value)))
+            for name in ("names", "units")
+        )
+        count, k = self.count(part, "basis_functions"), len(names)
+        basis = Basis(count, Phase(self.number(part, "alpha_s")))
+        trend, weights = self.array(part, "trend", (2, k)), self.array(part, "weights", (count, k))
+        least, most = (self.array(part, name, (k,)) for name in ("least", "most"))
+        begin = self.number(part, "begin", _arguments.not_negative)
+        return self.field(
+            content,
+            "channels",
+            lambda _: Channels(basis, trend, weights, least, most, names, units, begin),
         )
 
 
