@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from noslip import robots as robots
     from noslip._face import *  # noqa: F403
     from noslip.constraints.check import CheckReport
+    from noslip.series import Series
     from noslip.trajectory import PoseTrajectory
 else:
 
@@ -57,6 +58,23 @@ def _plot(motion: PoseTrajectory, constraints: Any = ()) -> Any:
     return compare_motions(motion, constraints)
 
 
+def _plot_values(values: Series, *, title: str | None = None) -> Any:
+    """Draw the values over time; return the figure.
+
+    Parameters
+    ----------
+    title : str, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        :func:`noslip.figures.save_figure` writes it.
+    """
+    from noslip.figures import plot_values
+
+    return plot_values(values, title=title)
+
+
 def _plot_report(report: CheckReport) -> Any:
     """Draw what was checked, with residuals and margins over time; return the figure."""
     return _plot(report.trajectory, report.system)
@@ -80,6 +98,7 @@ Supplied.functions.update(
     {
         "robots.chain": _chain,
         "PoseTrajectory.plot": _plot,
+        "Series.plot": _plot_values,
         "CheckReport.plot": _plot_report,
         "Identified.plot": _plot_identified,
     }

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, wraps
+from inspect import signature
 from itertools import compress
 from pathlib import Path
-from typing import Any, Literal, ParamSpec
+from typing import Any, Literal, ParamSpec, cast
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.demonstrations.cycles import closed
+from noslip.distribution import learn_distribution
 from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
+from noslip.law.channels import Channels
 from noslip.law.fitting import (
     MOST_BASIS_FUNCTIONS,
     Recorded,
@@ -45,6 +48,7 @@ from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
 from noslip.runtime.timing import stretched, unhurried
 from noslip.scale import require_motion
+from noslip.series import Series
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 from noslip.vectors import Trajectory
@@ -72,8 +76,18 @@ def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]
 
     @wraps(learning)
     def noted(*args: P.args, **options: P.kwargs) -> ConstrainedDMP:
+        call = signature(learning).bind(*args, **options).arguments
+        distribution, context = call.get("distribution", False), call.get("context")
+        if call.get("rhythmic") and distribution:
+            raise InputError("distribution=True is of motions that end; leave out rhythmic")
+        if context is not None and not distribution:
+            raise InputError("context is what a distribution depends on; give distribution=True")
         learned = learning(*args, **options)
-        return replace(learned, history=(Origin.of("learn", learning, *args, **options),))
+        learned = replace(learned, history=(Origin.of("learn", learning, *args, **options),))
+        if not distribution:
+            return learned
+        found = learn_distribution(learned, call["demonstrations"], context=context)
+        return cast("ConstrainedDMP", found)
 
     return noted
 
@@ -101,6 +115,8 @@ def learn(
     barrier_rate: float = BARRIER_RATE,
     align: bool = False,
     rhythmic: bool = False,
+    distribution: bool = False,
+    context: Mapping[str, Sequence[float]] | None = None,
     project_start: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> ConstrainedDMP:
@@ -156,6 +172,12 @@ def learn(
     rhythmic : bool
         Each demonstration is one period of a cycle, whose last sample is the first again: the
         primitive goes round for ever.  It is projected as a cycle, which closes.
+    distribution : bool
+        Return a :class:`noslip.distribution.MotionDistribution` of three demonstrations or more,
+        to condition and to sample; its ``mean`` is a primitive.
+    context : mapping of name to numbers, optional
+        What the motions of a distribution depend on, a number a demonstration, such as the size of
+        a workpiece.
     project_start : bool
         Begin with the demonstrated velocity projected onto the constraints at the start (the
         paper's eq. 22), as a rollout does by itself; the unconstrained law then does too.
@@ -192,6 +214,9 @@ def learn(
     system = as_system(constraints, space)
     if align:
         recorded = bring_into_step(recorded)
+    beside = _channels_of(recorded)
+    if beside:
+        recorded = [d.with_channels(None) for d in recorded]
     fewest = _PAPERS
     if basis_functions != "auto":
         fewest = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
@@ -307,7 +332,21 @@ def learn(
         )
     _tell(record, sampled, system, rotation_smoothing)
     demonstrated = fitted(sampled, count, pace.factor) if system.size else law
-    return ConstrainedDMP(law, rule, demonstrated, record, Spread.about(law, followed))
+    channels = Channels.fit(law.basis, beside, ridge=ridge) if beside else None
+    spread = Spread.about(law, followed)
+    return ConstrainedDMP(law, rule, demonstrated, record, spread, channels=channels)
+
+
+def _channels_of(demonstrations: Sequence[PoseTrajectory]) -> list[Series]:
+    """What demonstrations recorded beside their poses; empty if none did."""
+    found = [d.channels for d in demonstrations if isinstance(d, PoseTrajectory) and d.channels]
+    if found and len(found) < len(demonstrations):
+        without = next(d for d in demonstrations if getattr(d, "channels", None) is None)
+        raise InputError(
+            f"{without.name}: has no channels, but {found[0].name} has; read the same of all "
+            "demonstrations"
+        )
+    return found
 
 
 def _carried_by(

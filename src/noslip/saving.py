@@ -35,6 +35,7 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         record=tuple(read.values(LearningRecord, entry) for entry in read.parts(content, "record")),
         spread=read.spread(content, law.space),
         history=tuple(_origin(read, entry) for entry in read.parts(content, "history")),
+        channels=read.channels(content),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -146,9 +147,11 @@ def _warped(motion: PoseTrajectory, warp: Floats) -> PoseTrajectory:
     share = scipy.interpolate.PchipInterpolator(np.linspace(0.0, 1.0, SAMPLES), warp)(fractions)
     share = np.clip(share, 0.0, 1.0)
     moved = motion.resampled(times=motion.times[0] + motion.duration * share)
+    times = motion.times[0] + motion.duration * fractions
     return PoseTrajectory(
-        times=motion.times[0] + motion.duration * fractions,
+        times=times,
         positions=moved.positions,
         rotations=moved.rotations,
         name=motion.name,
+        channels=moved.channels and replace(moved.channels, times=times),
     )

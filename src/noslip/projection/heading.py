@@ -54,6 +54,10 @@ class Heading:
     backing: int
 
 
+NO_TURN = Heading(np.zeros((1, 1)), 0)
+"""Of any motion: as it is."""
+
+
 def turn_edge_into_path(
     trajectory: Samples, system: ConstraintSystem, smoothing: float, *, periodic: bool = False
 ) -> Heading:
@@ -82,37 +86,32 @@ def turn_edge_into_path(
 def _turned(
     trajectory: Samples, system: ConstraintSystem, smoothing: float, *, sawing: bool
 ) -> Heading:
-    turns, backing = np.zeros((len(trajectory), system.space.angular)), 0
-    for k, body in enumerate(system.space.bodies):
-        of_body = [not c.coordinates and system.space.body(c.body) == k for c in system.constraints]
+    space, points = system.space, trajectory.points
+    turns, backing = np.zeros((len(trajectory), space.angular)), 0
+    for k, body in enumerate(space.bodies):
+        of_body = [not c.coordinates and space.body(c.body) == k for c in system.constraints]
         constraint = system.part(of_body).edged
         if constraint is None or not isinstance(body, Placed) or body.turn is None:
             continue
-        found = _turned_into_path(
-            trajectory, (body.first, body.turn), constraint, smoothing, sawing=sawing
+        own = space.linear + 4 * body.turn
+        poses = np.hstack([points[:, body.first : body.first + 3], points[:, own : own + 4]])
+        turns[:, 3 * body.turn : 3 * body.turn + 3], backed = _turned_into_path(
+            trajectory.clock, poses, constraint, smoothing, sawing=sawing
         )
-        turns[:, 3 * body.turn : 3 * body.turn + 3] = found.turns
-        backing += found.backing
+        backing += backed
     return Heading(turns, backing)
 
 
 def _turned_into_path(
-    trajectory: Samples,
-    place: tuple[int, int],
-    constraint: Constraint,
-    smoothing: float,
-    *,
-    sawing: bool,
-) -> Heading:
-    first, turn = place
-    none = Heading(np.zeros((len(trajectory), 3)), 0)
+    clock: Floats, poses: Floats, constraint: Constraint, smoothing: float, *, sawing: bool
+) -> tuple[Floats, int]:
+    none = np.zeros((len(poses), 3)), 0
     if constraint.edge is None or constraint.edge.lateral is None:
         return none
-    positions = trajectory.positions[:, first : first + 3]
-    quaternions = trajectory.quaternions[:, 4 * turn : 4 * turn + 4]
-    rotations = Rotation.from_quat(quaternions, scalar_first=True)
-    seen = edge_motion(constraint, trajectory.clock, positions, rotations)
-    velocities = _travel(seen.points, trajectory.times)
+    positions = poses[:, :3]
+    rotations = Rotation.from_quat(poses[:, 3:], scalar_first=True)
+    seen = edge_motion(constraint, clock, positions, rotations)
+    velocities = _travel(seen.points, clock)
     speed = np.linalg.norm(velocities, axis=1)
     if speed.max() == 0:
         return none
@@ -149,11 +148,11 @@ def _turned_into_path(
         axes[stretch] = lead @ [frame[2], -frame[0]]
     slips = np.arcsin(np.clip(np.abs(aside) / np.where(speed > 0, speed, 1.0), 0.0, 1.0))
     if sawing and np.abs(angles).max() > _ROUND and speed @ slips < _IN_PLANE * speed.sum():
-        return Heading(none.turns, 1)
+        return none[0], 1
     turns = rotations.apply(axes * angles[:, None])
     sure = np.minimum(speed, 2 * typical) ** 2
     weights = np.where(moving, sure / sure.mean(), 0.0)
-    return Heading(_smoothed(turns, weights, smoothing), backing)
+    return _smoothed(turns, weights, smoothing), int(backing)
 
 
 def _travel(positions: Floats, times: Floats) -> Floats:
