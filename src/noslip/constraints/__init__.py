@@ -20,6 +20,7 @@ from noslip.constraints.instant import Instant
 from noslip.constraints.keep_out import KeepOut, KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
+from noslip.constraints.of_body import HoldTogether, OfBody, of, relative_to
 from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
 from noslip.constraints.remote_center import RemoteCenter
@@ -42,12 +43,14 @@ __all__ = [
     "FixedPoint",
     "ForwardOnly",
     "HalfSpace",
+    "HoldTogether",
     "InMovingFrame",
     "Instant",
     "KeepOut",
     "KeepOutCapsule",
     "KeepOutSphere",
     "Needle",
+    "OfBody",
     "PlaneContact",
     "RemoteCenter",
     "RollingDisc",
@@ -59,7 +62,9 @@ __all__ = [
     "TurningRadius",
     "Wheel",
     "keep_nonnegative",
+    "of",
     "position_constraint",
+    "relative_to",
     "velocity_constraint",
 ]
 

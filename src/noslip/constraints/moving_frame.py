@@ -21,7 +21,7 @@ from noslip.errors import ConstraintError
 from noslip.rotations import quaternion_exp, rotation_matrix
 
 NAME = "in-moving-frame"
-_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority", "radii")
+_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority", "radii", "body")
 _LISTS = (list, tuple, np.ndarray)
 
 

@@ -344,7 +344,7 @@ def _residual(system: ConstraintSystem) -> ca.Function:
     given = ca.SX.sym("given", 2 + 2 * width)
     time, h, before, after = ca.vertsplit(given, [0, 1, 2, 2 + width, 2 + 2 * width])
     ends = [ca.vertsplit(point, [0, space.linear, width]) for point in (before, after)]
-    bodies = [[body.pose(*end) for end in ends] for body in space.bodies]
+    bodies = [[body.pose(*end) for end in ends] for body in space.seen]
     rates = (ends[1][0] - ends[0][0]) / h
     middles, lasts = [], []
     for poses in bodies:

@@ -13,7 +13,8 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.edge_motion import edge_motion
 from noslip.constraints.system import ConstraintSystem
-from noslip.space import Placed, Samples
+from noslip.quaternions import inverse, product
+from noslip.space import Placed, Samples, Seen
 
 REACH = 0.005
 """Of the path's extent: nothing nearer than that says where a tool is heading."""
@@ -58,28 +59,49 @@ def turn_edge_into_path(trajectory: Samples, system: ConstraintSystem, smoothing
     rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed
     with weights that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
-    Constraints that name no edge get no turn, nor do tools that joints carry.
+    Constraints that name no edge get no turn, nor do tools that joints carry.  A tool under a rule
+    about its motion as another body sees it is turned into its path there.
     """
     turns, backing = np.zeros((len(trajectory), system.space.angular)), 0
-    for k, body in enumerate(system.space.bodies):
+    for k, body in enumerate(system.space.seen):
         of_body = [not c.coordinates and system.space.body(c.body) == k for c in system.constraints]
         constraint = system.part(of_body).edged
-        if constraint is None or not isinstance(body, Placed) or body.turn is None:
+        tool = body.body if isinstance(body, Seen) else body
+        if constraint is None or not isinstance(tool, Placed) or tool.turn is None:
             continue
-        found = _turned_into_path(trajectory, body.first, body.turn, constraint, smoothing)
-        turns[:, 3 * body.turn : 3 * body.turn + 3] = found.turns
+        positions, quaternions = _moving(trajectory, tool)
+        work = None
+        if isinstance(body, Seen):
+            places, work_quaternions = _moving(trajectory, body.work)
+            work = Rotation.from_quat(work_quaternions, scalar_first=True)
+            positions = work.inv().apply(positions - places)
+            quaternions = product(inverse(work_quaternions), quaternions)
+        found = _turned_into_path(trajectory, positions, quaternions, constraint, smoothing)
+        turns[:, 3 * tool.turn : 3 * tool.turn + 3] = (
+            found.turns if work is None else work.apply(found.turns)
+        )
         backing += found.backing
     return Heading(turns, backing)
 
 
+def _moving(trajectory: Samples, body: Placed) -> tuple[Floats, Floats]:
+    """Positions and quaternions of a body, shape (N, 3) and (N, 4)."""
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (len(trajectory), 1))
+    turn = body.turn
+    turning = still if turn is None else trajectory.quaternions[:, 4 * turn : 4 * turn + 4]
+    return trajectory.positions[:, body.first : body.first + 3], turning
+
+
 def _turned_into_path(
-    trajectory: Samples, first: int, turn: int, constraint: Constraint, smoothing: float
+    trajectory: Samples,
+    positions: Floats,
+    quaternions: Floats,
+    constraint: Constraint,
+    smoothing: float,
 ) -> Heading:
     none = Heading(np.zeros((len(trajectory), 3)), 0)
     if constraint.edge is None or constraint.edge.lateral is None:
         return none
-    positions = trajectory.positions[:, first : first + 3]
-    quaternions = trajectory.quaternions[:, 4 * turn : 4 * turn + 4]
     rotations = Rotation.from_quat(quaternions, scalar_first=True)
     seen = edge_motion(constraint, trajectory.clock, positions, rotations)
     velocities = _travel(seen.points, trajectory.times)
