@@ -369,7 +369,7 @@ class Space:
                 moving = body.twist(linear, angular)
                 pushed = body.twist(acceleration, angular_acceleration)
             else:
-                moving, pushed = self._carried(body, position, quaternion, *rates)
+                moving, pushed = _carried(self, body, position, quaternion, *rates)
             found.append(Twisted(*body.pose(position, quaternion), *moving, *pushed))
         return found
 
@@ -400,7 +400,7 @@ class Space:
             if isinstance(body, Placed):
                 pushed = body.twist(acceleration, angular_acceleration)
             else:
-                _, pushed = self._carried(body, *middle, *rates)
+                _, pushed = _carried(self, body, *middle, *rates)
             middles.append(Twisted(*there, *moving, *pushed))
             ends.append(Twisted(*over, *moving, *pushed))
         return middles, ends
@@ -433,35 +433,6 @@ class Space:
                 found.append((there, over, moving))
         return found
 
-    def _carried(
-        self,
-        body: Body,
-        position: Expression,
-        quaternion: Expression,
-        linear: Expression,
-        angular: Expression,
-        acceleration: Expression,
-        angular_acceleration: Expression,
-    ) -> tuple[Pose, Pose]:
-        """Twist and acceleration of a body that is not placed, at a point that moves."""
-        given = position, quaternion, linear, angular, acceleration, angular_acceleration
-        sizes = self.linear, 4 * self.rotations, *(2 * (self.linear, self.angular))
-        symbols = [ca.SX.sym(name, size) for name, size in zip("xqvwab", sizes, strict=True)]
-        x, q, v, w, a, b = symbols
-        turning = self.each(lambda w, q: quaternion_product(ca.vertcat(0, w), q) / 2, w, q)
-        place, turn = body.pose(x, q)
-        point, rates = ca.vertcat(x, q), ca.vertcat(v, turning)
-        moving = ca.jtimes(place, point, rates)
-        rate = ca.jtimes(turn, point, rates)
-        spin = 2 * quaternion_product(rate, quaternion_conjugate(turn))[1:]
-        both, along = ca.vertcat(point, v, w), ca.vertcat(rates, a, b)
-        found = [moving, spin, ca.jtimes(moving, both, along), ca.jtimes(spin, both, along)]
-        # Zeros that are left out would not fit.
-        filled = [ca.densify(ca.SX(each)) for each in given]
-        moving, spin, pushed, spun = ca.substitute(found, symbols, filled)
-        return (moving, spin), (pushed, spun)
-
-
 def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pose]:
     """Pose halfway between two, and the twist that leads from one to the other.
 
@@ -486,6 +457,32 @@ def _place(body: Any, size: int) -> Any:
     p, _ = body.pose(x, ca.SX(0, 1))
     slopes = ca.densify(ca.jacobian(p, x))
     return ca.Function("place", [x], [ca.cse(ca.vertcat(p, ca.vec(slopes.T)))])
+
+
+def _carried(space: Space, body: Body, *moving: Expression) -> tuple[Pose, Pose]:
+    """Twist and acceleration of a body that is not placed, at a point that moves."""
+    # Zeros that are left out would not fit.
+    v, w, a, alpha = _carrying(space, body)(*(ca.densify(ca.SX(part)) for part in moving))
+    return (v, w), (a, alpha)
+
+
+@lru_cache(16)
+def _carrying(space: Space, body: Body) -> Any:
+    sizes = space.linear, 4 * space.rotations, *(2 * (space.linear, space.angular))
+    given = [ca.SX.sym(name, size) for name, size in zip("xqvwab", sizes, strict=True)]
+    x, q, v, w, a, alpha = given
+
+    def rate(w: Expression, q: Expression) -> Expression:
+        return quaternion_product(ca.vertcat(0, w), q) / 2
+
+    place, turn = body.pose(x, q)
+    point, rates = ca.vertcat(x, q), ca.vertcat(v, space.each(rate, w, q))
+    linear = ca.jtimes(place, point, rates)
+    turning = quaternion_product(ca.jtimes(turn, point, rates), quaternion_conjugate(turn))
+    angular = 2 * turning[1:]
+    both, along = ca.vertcat(point, v, w), ca.vertcat(rates, a, alpha)
+    found = linear, angular, ca.jtimes(linear, both, along), ca.jtimes(angular, both, along)
+    return ca.Function("carrying", given, [*map(ca.densify, found)])
 
 
 def _part(rows: Expression, index: int, width: int) -> Expression:
