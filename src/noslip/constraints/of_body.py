@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -11,6 +11,8 @@ import numpy as np
 from noslip import _arguments
 from noslip._typing import Expression
 from noslip.bodies import Bodies
+from noslip.constraints.blade import Blade
+from noslip.constraints.catalog import resolved
 from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import ORIGIN, Triple, point, settle
 from noslip.constraints.instant import Instant
@@ -29,42 +31,46 @@ class OfBody(Constraint):
 
     Parameters
     ----------
-    constraint : Constraint
-        Of the pose and motion of one body.
+    constraint : Constraint or str
+        Of the pose and motion of one body; or its name and arguments as on the command line.
     body : str
-        Its name, ``"knife"``; or, as the moving frame of another one sees it,
+        Its name, ``"knife"``; the first one by default; or, as the moving frame of another one sees it,
         ``"knife in tissue"``: what the constraint calls world is then that frame, and a step's
         twist leads from the relative pose before it to the one after it.
     """
 
-    constraint: Constraint
-    body: str
+    constraint: Constraint | str = field(default_factory=Blade)
+    body: str = ""
 
     name = "of-body"
 
     def __post_init__(self) -> None:
-        inner = self.constraint
-        if not isinstance(inner, Constraint):
-            hint = f"; call it: {inner.__name__}()" if isinstance(inner, type) else ""
-            raise ConstraintError(f"of-body: expected a constraint, got {inner!r}{hint}")
-        if not (isinstance(self.body, str) and self.body):
+        inner = resolved("of-body", self.constraint)
+        if not isinstance(self.body, str):
             raise ConstraintError(f"of-body: body is a name, got {self.body!r}")
         if inner.coordinates or inner.body:
             what = f"body {inner.body!r}" if inner.body else "coordinates"
             raise ConstraintError(
                 f"of-body: constraint {inner.name!r} is of {what} already; give it as it was before"
             )
-        object.__setattr__(self, "name", f"{inner.name} of {self.body}")
+        object.__setattr__(self, "constraint", inner)
+        object.__setattr__(self, "name", f"{inner.name} of {self.body or 'the first body'}")
         for attribute in _INHERITED:
             object.__setattr__(self, attribute, getattr(inner, attribute))
 
+    @property
+    def inner(self) -> Constraint:
+        """What holds of the body."""
+        assert isinstance(self.constraint, Constraint)
+        return self.constraint
+
     def residual(self, motion: Instant) -> Expression:
         """The constraint's own, in its unit."""
-        return self.constraint.residual(motion)
+        return self.inner.residual(motion)
 
     def relative(self, motion: Instant) -> Instant:
         """Motion relative to what moves under the body, as the constraint says."""
-        return self.constraint.relative(motion)
+        return self.inner.relative(motion)
 
 
 def of(constraint: Constraint, body: str) -> OfBody:
@@ -80,7 +86,6 @@ def relative_to(constraint: Constraint, body: str, work: str) -> OfBody:
     return OfBody(constraint, f"{body}{IN}{work}")
 
 
-@register
 @dataclass(frozen=True)
 class HoldTogether(Constraint):
     """Two bodies keep their relative pose: ``p - p_0 = 0``, ``vee(R_0^T R - R^T R_0) / 2 = 0``.
@@ -104,16 +109,16 @@ class HoldTogether(Constraint):
     position: Triple = ORIGIN
     quaternion: tuple[float, ...] = _UNTURNED
 
-    name = "hold-together"
     level = "position"
     unit = "m, rad"
 
     def __post_init__(self) -> None:
-        settle(self, self.name, position=point, quaternion=_unit_quaternion)
+        settle(self, "hold-together", position=point, quaternion=_unit_quaternion)
         for what in ("first", "second"):
             if not (isinstance(name := getattr(self, what), str) and name):
                 raise ConstraintError(f"hold-together: {what} is a body's name, got {name!r}")
         object.__setattr__(self, "body", f"{self.first}{IN}{self.second}")
+        object.__setattr__(self, "name", f"{self.first} held to {self.second}")
 
     @classmethod
     def as_recorded(cls, bodies: Bodies, first: str, second: str) -> HoldTogether:
