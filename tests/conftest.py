@@ -25,6 +25,10 @@ settings.load_profile("ci")
 
 # Random constraints would each be compiled; tests of what is compiled allow it.
 os.environ["NOSLIP_COMPILE"] = "0"
+# NumPy, not loaded yet, heeds these.  Its matrices are small here: threads that wait for each other
+# take half as much time of the processor again.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="session")
@@ -83,6 +87,11 @@ def compiling(monkeypatch: pytest.MonkeyPatch, run_folder: Path) -> Path:
     monkeypatch.setenv("NOSLIP_COMPILE", "1")
     monkeypatch.setenv("NOSLIP_CACHE", str(folder))
     monkeypatch.delenv("CC", raising=False)
+    # The same to the bit; better code takes longer to make than it then saves here.
+    from noslip.codegen import library
+
+    quick = tuple(flag.replace("-O2", "-O1") for flag in library.FLAGS)
+    monkeypatch.setattr(library, "FLAGS", quick)
     return folder
 
 

@@ -25,7 +25,7 @@ from noslip.learning import learn
 from noslip.many import learn_each
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.trajectory import project_trajectory
-from noslip.recordings import load_demonstrations
+from noslip.recordings import load_demonstrations, load_trajectory
 from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
 from noslip.saving import load_primitive
@@ -63,6 +63,7 @@ __all__ = [
     "learn_each",
     "load_demonstrations",
     "load_primitive",
+    "load_trajectory",
     "position_constraint",
     "prepare",
     "project_trajectory",

@@ -115,20 +115,25 @@ class Source:
         self,
         times: Floats,
         positions: Floats,
-        rotations: Floats | Rotation,
-        velocities: Mapping[str, Floats] | None = None,
+        quaternions: Floats,
+        beside: Mapping[str, Floats] | None = None,
     ) -> dict[str, Any]:
-        """Return the fields of a trajectory, those samples that repeat the one before left out.
+        """Return what a trajectory is made of, without samples that repeat the one before.
 
         Parameters
         ----------
         times : array, shape (N,)
             Seconds.
-        positions : array, shape (N, 3)
-        rotations : Rotation, or array, shape (N, 4)
-            Quaternions scalar first.
-        velocities : mapping, optional
-            ``linear_velocities`` and ``angular_velocities``, shape (N, 3), finite.
+        positions : array, shape (N, n)
+        quaternions : array, shape (N, 4) or (N, 0)
+            Scalar first; none where nothing turns.
+        beside : mapping, optional
+            Further arrays, shape (N, k): velocities, which are not compared, and ``channels``.
+
+        Returns
+        -------
+        dict
+            ``times``, ``positions``, ``rotations`` (None where nothing turns), and what is beside.
 
         Raises
         ------
@@ -136,35 +141,42 @@ class Source:
             Of what :func:`noslip.load_demonstrations` refuses, at the first sample of its kind.
         """
         require_few(self.path, len(times))
-        if not isinstance(rotations, Rotation):
-            parts = {self.times: times, "position": positions, self.quaternions: rotations}
-            self.check_finite(parts)
-            rotations = self.rotations(rotations)
+        named = {self.times: times, "position": positions, self.quaternions: quaternions}
+        self.check_finite({name: values for name, values in named.items() if values.size})
+        self.check_finite(beside or {})
+        rotations = self.rotations(quaternions) if quaternions.size else None
+        numbers = positions
+        if beside and "channels" in beside:
+            numbers = np.hstack([positions, beside["channels"]])
         with np.errstate(over="ignore"):
-            kept = self.distinct(times, positions, rotations)
+            kept = self.distinct(times, numbers, rotations)
         if len(kept) < MINIMUM_SAMPLES:
             raise RecordingError(
                 f"{self.path}: {len(kept)} distinct samples, at least {MINIMUM_SAMPLES} are "
                 "needed; record more"
             )
         self.check_gaps(times, kept)
-        arrays = {"times": times, "positions": positions, **(velocities or {})}
+        arrays: dict[str, Any] = {"times": times, "positions": positions, **(beside or {})}
         if len(kept) < len(times):
             arrays = {name: values[kept] for name, values in arrays.items()}
-            rotations = rotations[kept]
+            rotations = None if rotations is None else rotations[kept]
         return {**arrays, "rotations": rotations}
 
-    def distinct(self, times: Floats, positions: Floats, rotations: Rotation) -> NDArray[np.intp]:
-        """Return the samples to keep: all but equal poses repeated at the same time."""
+    def distinct(
+        self, times: Floats, numbers: Floats, rotations: Rotation | None
+    ) -> NDArray[np.intp]:
+        """Return the samples to keep: all but equal ones repeated at the same time."""
         periods = np.diff(times)
-        # Poses are compared where time stands still alone: of a million samples that is nowhere.
+        # Samples are compared where time stands still alone: of a million that is nowhere.
         still = np.flatnonzero(periods <= 0)
-        begins, ends = (rotations[still + k].as_quat() for k in (0, 1))
-        turns = np.minimum(
-            np.abs(ends - begins).max(axis=1, initial=0),
-            np.abs(ends + begins).max(axis=1, initial=0),
-        )
-        moves = np.abs(positions[still + 1] - positions[still]).max(axis=1, initial=0)
+        turns = np.zeros(len(still))
+        if rotations is not None:
+            begins, ends = (rotations[still + k].as_quat() for k in (0, 1))
+            turns = np.minimum(
+                np.abs(ends - begins).max(axis=1, initial=0),
+                np.abs(ends + begins).max(axis=1, initial=0),
+            )
+        moves = np.abs(numbers[still + 1] - numbers[still]).max(axis=1, initial=0)
         wrong = np.flatnonzero((periods[still] < 0) | (moves > SAME_POSE) | (turns > SAME_POSE))
         if len(wrong):
             move, before = moves[wrong[0]], int(still[wrong[0]])
@@ -175,11 +187,14 @@ class Source:
                     f"{times[index]} s; unsorted='sort' or 'split' (--unsorted) goes on"
                 )
             else:
-                turned = (rotations[index] * rotations[before].inv()).magnitude()
+                if rotations is None:
+                    other = f"with other values ({move:.2g} away)"
+                else:
+                    turned = (rotations[index] * rotations[before].inv()).magnitude()
+                    other = f"at another pose ({move:.2g} m and {turned:.2g} rad away)"
                 problem = (
-                    f"{times[index]} s is also the time of {self.sample(before)}, at another pose "
-                    f"({move:.2g} m and {turned:.2g} rad away); duplicates='first' or 'last' "
-                    "(--duplicates) keeps one"
+                    f"{times[index]} s is also the time of {self.sample(before)}, {other}; "
+                    "duplicates='first' or 'last' (--duplicates) keeps one"
                 )
             raise self.error(index, self.times, problem)
         return np.flatnonzero(np.concatenate([[True], periods > 0])[: len(times)])

@@ -6,10 +6,10 @@ One mapping for every table, of text or not: what the names say, and what the us
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,11 +38,19 @@ from noslip._pose_names import (
 from noslip._samples import Samples
 from noslip._turns import KINDS, Turn, parse_turn
 from noslip._typing import Floats
+from noslip._value_columns import (
+    ValueColumns,
+    listed_places,
+    not_a_pose,
+    of_joints,
+    position_alone,
+    require_once,
+    rotation_alone,
+    stacked,
+    values_of,
+)
 from noslip.errors import RecordingError
 from noslip.named_columns import listed, plural, shown
-
-_OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")
-"""A comma that separates columns, not places in one."""
 
 
 class Kinematics(Protocol):
@@ -63,6 +71,8 @@ class Kinematics(Protocol):
 class Asked:
     """What the user says of a table; see :func:`noslip.load_demonstrations`."""
 
+    values: bool = False
+    channels: str | None = None
     columns: str | None = None
     time: str | None = None
     units: str | Iterable[str] | None = None
@@ -72,19 +82,23 @@ class Asked:
 
     def unit(self, known: Mapping[str, float]) -> str | None:
         """Return the unit that the user states, of those known."""
+        return next((unit for unit in self.stated_units() if unit in known), None)
+
+    def stated_units(self) -> list[str]:
+        """Return the units that the user states, as ``UNITS`` has them."""
         given = self.units
         if given is None:
-            return None
+            return []
         if isinstance(given, Mapping):
             given = given.values()
         words = given.split(",") if isinstance(given, str) else given
-        units = [UNITS.get(str(word).strip().lower()) for word in words]
-        if None in units:
+        units = [UNITS.get(str(word).strip().lower(), "") for word in words]
+        if "" in units:
             raise RecordingError(
                 f"units {self.units!r} are not known; times are in {', '.join(SECONDS)}, lengths "
                 f"in {', '.join(METERS)}, angles in deg or rad"
             )
-        return next((unit for unit in units if unit in known), None)
+        return units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +135,8 @@ class Known:
 
 NOTHING = Known()
 """Is known of most tables."""
+BY_COUNT = {7: Turn("quaternion", "wxyz"), 12: Turn("matrix"), 16: Turn("matrix")}
+"""How the rotation is written of a pose of so many numbers, where nobody says it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,10 +211,11 @@ def layout_of(
         If a column is missing or there twice, or could be several, or the rate is needed and not
         there; the message names the option that tells.
     """
-    pose = pose_of(where, available, asked, known, timed=asked.time is None and asked.rate is None)
+    timed = asked.time is None and asked.rate is None
+    content = content_of(where, available, asked, known, timed=timed)
     return Layout(
-        clock=clock_of(where, available, asked, known, pose.group),
-        pose=pose,
+        clock=clock_of(where, available, asked, known, content.pose.group),
+        content=content,
         exporter=known.exporter,
         note=known.note,
     )
@@ -226,11 +243,13 @@ class PoseColumns:
 
     def poses(self, source: Source, of: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Return positions (m), (N, 3), and quaternions, (N, 4), from columns, (N, width)."""
-        turn, numbers = self.turn, _stacked(self.rotation, of)
+        turn, numbers = self.turn, stacked(self.rotation, of)
         if len(self.rotation) >= 12:
             turn, numbers, positions = _of_matrix(str(source.path), turn, numbers)
         else:
-            positions = _stacked(self.position, of)
+            # An orientation without a position turns about the origin.
+            origin = np.zeros((len(numbers), 3))
+            positions = stacked(self.position, of) if self.position else origin
         if turn.kind == "planar":
             positions = np.column_stack([positions, np.zeros(len(positions))])
             _check_planar_turns(source, self.rotation[0][0], turn, numbers[:, 0])
@@ -248,8 +267,10 @@ class PoseColumns:
                 "replaced; choose columns of positions and rotations (--columns)"
             )
         columns = {name: of[name].copy() for name, _ in self.places}
+        if not self.position:
+            positions = positions[:, :0]
         lengths = positions[:, : len(self.position)] * METERS[self.length_unit]
-        numbers = self.turn.numbers(quaternions, _stacked(self.rotation, of))
+        numbers = self.turn.numbers(quaternions, stacked(self.rotation, of))
         for (name, place), values in zip(self.places, np.hstack([lengths, numbers]).T, strict=True):
             columns[name][:, place] = values
         return columns
@@ -258,9 +279,10 @@ class PoseColumns:
         """Return what its columns were taken for."""
         lines: dict[str, str] = {}
         whole = f"; position, {self.length_unit}" if len(self.rotation) >= 12 else ""
+        alone = "" if self.position else "; no position: at the origin"
         for part, places in (
             (f"position, {self.length_unit}", self.position),
-            (f"{self.turn}{whole}", self.rotation),
+            (f"{self.turn}{whole or alone}", self.rotation),
         ):
             for name in dict.fromkeys(name for name, _ in places):
                 inside = [place for key, place in places if key == name]
@@ -286,7 +308,7 @@ class JointColumns:
 
     def poses(self, source: Source, of: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Return positions (m), (N, 3), and quaternions, (N, 4), from columns, (N, width)."""
-        joints = _stacked(self.rotation, of)
+        joints = stacked(self.rotation, of)
         whole = np.isfinite(joints).all(axis=1)
         positions, quaternions = (np.full((len(joints), count), np.nan) for count in (3, 4))
         if whole.any():
@@ -307,6 +329,66 @@ class JointColumns:
         return dict.fromkeys(columns, f"joints of {self.robot.name}, rad")
 
 
+Columns = PoseColumns | JointColumns | ValueColumns
+"""Where a recording's motion is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Content:
+    """Where a recording's motion is, and the channels that go with it."""
+
+    pose: Columns
+    channels: ValueColumns | None = None
+
+    @property
+    def places(self) -> list[Place]:
+        """All of them."""
+        return self.pose.places + ([] if self.channels is None else self.channels.places)
+
+    def samples(self, source: Source, of: Mapping[str, Floats]) -> dict[str, Any]:
+        """Return those fields of :class:`Samples` that columns, (N, width), hold."""
+        positions, quaternions = self.pose.poses(source, of)
+        found = {
+            "positions": positions,
+            "quaternions": quaternions,
+            "planar": self.pose.planar,
+            "channels": None if self.channels is None else self.channels.named(of),
+        }
+        if isinstance(self.pose, ValueColumns):
+            found |= {"names": self.pose.names, "units": self.pose.units}
+        return found
+
+    def understood(self, available: Mapping[str, Column]) -> dict[str, str]:
+        """Return what its columns were taken for."""
+        found = self.pose.understood(available)
+        if self.channels is not None:
+            for name, told in self.channels.understood(available).items():
+                told = told.replace("values", "channels", 1)
+                found[name] = f"{found[name]}; {told}" if name in found else told
+        return found
+
+
+def content_of(
+    where: str | object,
+    available: Mapping[str, Column],
+    asked: Asked,
+    known: Known = NOTHING,
+    *,
+    timed: bool = False,
+) -> Content:
+    """Return which columns hold the motion and its channels; see :func:`layout_of`."""
+    pose = pose_of(where, available, asked, known, timed=timed)
+    if asked.channels is None:
+        return Content(pose=pose)
+    if isinstance(pose, ValueColumns):
+        raise RecordingError(
+            f"{where}: {', '.join(pose.names)} are no pose, which channels go with; name all of "
+            "them with columns"
+        )
+    channels = values_of(where, available, asked.channels)
+    return Content(pose=pose, channels=channels)
+
+
 def _joints(
     where: str | object, available: Mapping[str, Column], columns: str | None, robot: Kinematics
 ) -> JointColumns:
@@ -316,8 +398,7 @@ def _joints(
     wide = [name for name, column in available.items() if column.width == robot.size]
     measured = [name for name in wide if "action" not in name]
     if columns is not None:
-        entries = [entry.strip() for entry in _OUTSIDE_BRACKETS.split(columns)]
-        chosen = [place for entry in entries for place in _places(where, entry, available)]
+        chosen = list(listed_places(where, columns, available))
     elif all(name in available for name in named):
         chosen = [(name, 0) for name in named]
     elif all(name in available for name in numbered):
@@ -339,11 +420,13 @@ def pose_of(
     known: Known = NOTHING,
     *,
     timed: bool = False,
-) -> PoseColumns | JointColumns:
-    """Return which columns hold the pose; see :func:`layout_of`.
+) -> Columns:
+    """Return which columns hold the pose, or what is read instead; see :func:`layout_of`.
 
     Where a time is needed too, a message that columns are missing names it.
     """
+    if asked.values:
+        return values_of(where, available, asked.columns, asked.stated_units())
     if asked.robot is not None:
         return _joints(where, available, asked.columns, asked.robot)
     names = list(names_of(available))
@@ -351,6 +434,13 @@ def pose_of(
     poses = poses_of(names)
     group = _chosen_group(asked.columns, available, poses)
     if asked.columns is not None and group is None:
+        if asked.rotation is None:
+            chosen = list(listed_places(where, asked.columns, available))
+            alone = not_a_pose(chosen, names, BY_COUNT)
+            if alone is True:
+                return values_of(where, available, asked.columns, asked.stated_units())
+            if alone:
+                return _turning(alone)
         found = _listed_pose(where, asked.columns, available, names, turn)
     elif known.turn is not None:
         found = PoseColumns(
@@ -360,6 +450,11 @@ def pose_of(
             length_unit="",
         )
     else:
+        if turn is None and group is None and asked.columns is None:
+            if values := position_alone(where, available, asked.stated_units()):
+                return values
+            if alone := rotation_alone(available):
+                return _turning(alone)
         found = _named_pose(where, available, names, poses, group, turn, timed=timed)
     stated = {name.place: name.unit for name in names}
     units = {stated.get(place, "") for place in found.position} & set(METERS)
@@ -368,6 +463,12 @@ def pose_of(
     if angle and found.turn.angular and found.turn.degrees is None:
         found = replace(found, turn=replace(found.turn, degrees=angle == "deg"))
     return replace(found, length_unit=unit)
+
+
+def _turning(rotation: list[Place]) -> PoseColumns:
+    """Return an orientation without a position."""
+    turn = Turn("quaternion", "wxyz")
+    return PoseColumns(position=[], rotation=rotation, turn=turn, length_unit="m")
 
 
 def _chosen_group(
@@ -388,11 +489,9 @@ def _listed_pose(
     turn: Turn | None,
 ) -> PoseColumns:
     """Return the pose in the columns that the user lists, position first."""
-    entries = [entry.strip() for entry in _OUTSIDE_BRACKETS.split(columns)]
-    chosen = [place for entry in entries for place in _places(where, entry, available)]
+    chosen = list(listed_places(where, columns, available))
     if turn is None:
-        by_count = {7: Turn("quaternion", "wxyz"), 12: Turn("matrix"), 16: Turn("matrix")}
-        turn = by_count.get(len(chosen))
+        turn = BY_COUNT.get(len(chosen))
     ahead = 2 if turn is not None and turn.kind == "planar" else 3
     wanted = () if turn is None else {(ahead if n < 12 else 0) + n for n in turn.counts}
     if turn is None or len(chosen) not in wanted:
@@ -459,7 +558,7 @@ def _named_pose(
     assert found is not None
     assert position is not None
     kind, parts = found
-    _require_once(where, available, [name.place[0] for name in (*position, *parts)])
+    require_once(where, available, [name.place[0] for name in (*position, *parts)])
     return PoseColumns(
         position=[name.place for name in position],
         rotation=[name.place for name in parts],
@@ -540,32 +639,8 @@ def _no_pose(
         f"{listed(found, str)}; needed are t "
         "(or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta (radians) or "
         'x,y,theta_deg; or say which they are with columns="..." (--columns) and rotation="..." '
-        f"(--rotation){_of_joints(available)}"
+        f"(--rotation){of_joints(available)}"
     )
-
-
-def _of_joints(available: Mapping[str, Column]) -> str:
-    """Return what to do with joints, where there are some."""
-    names = [part for name, column in available.items() for part in (name, *column.names)]
-    if not any(_JOINT.search(name.lower()) for name in names):
-        return ""
-    return (
-        "; it holds joints: from them the pose comes through a robot's model, robot=... (--robot)"
-    )
-
-
-_JOINT = re.compile(r"joint|qpos|shoulder|elbow|wrist")
-"""What names of joints hold."""
-
-
-def _require_once(
-    where: str | object, available: Mapping[str, Column], used: Iterable[str]
-) -> None:
-    """Refuse a name that stands for several columns; such tables name those by ``name#2``."""
-    for name in used:
-        if f"{name}#2" in available:
-            count = sum(other.startswith(f"{name}#") for other in available) + 1
-            raise RecordingError(f"{where}: column {name} appears {count} times; keep one")
 
 
 # ---------------------------------------------------------------------- time
@@ -593,7 +668,7 @@ def clock_of(
             raise RecordingError(f"{where}: time is one column, or seconds and nanoseconds")
         if told[0] in counts or (asked.rate is not None and len(told) == 1):
             counts, told = told, []
-    _require_once(where, available, [name.place[0] for name in told or counts[:1]])
+    require_once(where, available, [name.place[0] for name in told or counts[:1]])
     if told:
         columns = tuple(name.place[0] for name in told)
         if available[columns[0]].is_text:
@@ -665,10 +740,10 @@ def check_rate(where: str | object, column: str, rate: float | None) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """Which columns hold the time and the pose, and what a user should know of them."""
+    """Which columns hold the time and the motion, and what a user should know of them."""
 
     clock: Clock
-    pose: PoseColumns | JointColumns
+    content: Content
     exporter: str = ""
     note: str = ""
 
@@ -681,12 +756,12 @@ class Layout:
     def numbers(self) -> tuple[str, ...]:
         """Columns that are read as numbers, each once."""
         times = () if self.texts else self.clock.columns
-        return tuple(dict.fromkeys([*times, *(name for name, _ in self.pose.places)]))
+        return tuple(dict.fromkeys([*times, *(name for name, _ in self.content.places)]))
 
     def understood(self, available: Mapping[str, Column]) -> list[str]:
         """Return what each column was taken for, a line each."""
         lines = dict.fromkeys(available, "not used")
-        lines |= self.clock.understood() | self.pose.understood(available)
+        lines |= self.clock.understood() | self.content.understood(available)
         told = [f"as {self.exporter} writes it"] if self.exporter else []
         told += [f"{name}: {what}" for name, what in lines.items()]
         return told + [self.note] * bool(self.note)
@@ -711,7 +786,7 @@ class Layout:
         lines : sequence of int, optional
             Of the samples.
         """
-        rotation = dict.fromkeys(name for name, _ in self.pose.rotation)
+        rotation = dict.fromkeys(name for name, _ in self.content.pose.rotation)
         source = Source(
             path,
             f"column {', '.join(self.clock.columns) or 't'}",
@@ -719,25 +794,18 @@ class Layout:
             lines,
         )
         columns = {key: v if v.ndim == 2 else v[:, None] for key, v in of.items()}
-        positions, quaternions = self.pose.poses(source, columns)
         return Samples(
             name=str(path),
             source=source,
             times=self.clock.seconds(source, columns, texts),
-            positions=positions,
-            quaternions=quaternions,
+            **self.content.samples(source, columns),
             columns={
                 f"column {key}": values[:, 0] if values.shape[1] == 1 else values
                 for key, values in columns.items()
             },
             understood=self.understood(available),
-            planar=self.pose.planar,
             clock_said=self.clock.said,
         )
-
-
-def _stacked(places: Sequence[Place], columns: Mapping[str, Floats]) -> Floats:
-    return np.column_stack([columns[name][:, place] for name, place in places])
 
 
 def dates(source: Source, column: str, texts: Sequence[str]) -> Floats:
@@ -830,39 +898,3 @@ def _check_planar_turns(source: Source, column: str, turn: Turn, angles: Floats)
             f"turns by {jumps.max():.3g} rad since the sample before, more than half a turn; are "
             "these degrees (name the column theta_deg), or is the rate too low?",
         )
-
-
-# ---------------------------------------------------------------------- places
-
-
-def _places(where: str | object, entry: str, available: Mapping[str, Column]) -> Iterator[Place]:
-    entry = entry.lower()
-    name, bracket, inside = entry, "", ""
-    if entry not in available and entry.endswith("]"):
-        name, bracket, inside = entry[:-1].partition("[")
-    if name not in available:
-        raise RecordingError(f"{where}: no column {name or entry}; found {described(available)}")
-    column = available[name]
-    for part in map(str.strip, inside.split(",") if bracket else [":"]):
-        places = _inside(part, column)
-        if not places:
-            raise RecordingError(
-                f"{where}: column {name} has nothing at [{part}]; it is "
-                f"{column.described(name)}, places count from 0"
-            )
-        yield from ((name, place) for place in places)
-
-
-def _inside(part: str, column: Column) -> range:
-    """Return the places that a name, a number or a slice means."""
-    names = [name.lower() for name in column.names]
-    if part in names:
-        place = names.index(part)
-        return range(place, place + 1)
-    first, colon, last = part.partition(":")
-    try:
-        start = int(first or 0)
-        stop = int(last or column.width) if colon else start + 1
-    except ValueError:
-        return range(0)
-    return range(start, stop) if 0 <= start < stop <= column.width else range(0)

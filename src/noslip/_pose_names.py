@@ -94,12 +94,15 @@ class Column:
         As the table states it, one of ``UNITS``; empty if it does not.
     is_text : bool
         Whether it holds text, such as a date.
+    raw : str
+        Its name as the table writes it, where that is known.
     """
 
     width: int = 1
     names: tuple[str, ...] = ()
     unit: str = ""
     is_text: bool = False
+    raw: str = ""
 
     def described(self, name: str) -> str:
         """Return what to call it in a message."""

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from noslip._dialect import Dialect
 from noslip._exporters import recognized
 from noslip._pose_checks import Source
 from noslip._pose_columns import Asked, Known, clock_of, layout_of
-from noslip._pose_names import POSE, UNITS, Column, clock_name
+from noslip._pose_names import UNITS, Column
 from noslip._samples import Samples
 from noslip._typing import Floats
 from noslip.errors import RecordingError
-from noslip.named_columns import NamedColumns, number, numbers_text
+from noslip.named_columns import NamedColumns, number
 
 
 def read_text_table(path: str | Path, asked: Asked) -> Samples:
@@ -48,7 +46,11 @@ def opened(path: str | Path) -> tuple[NamedColumns, dict[str, Column], Known]:
     suffix = Path(path).suffix.lower()
     names, known = recognized(table.names, table.dialect, first, suffix)
     table = replace(table, names=_unique(names))
-    return table, _columns(table.names, table.dialect, first), known
+    header = table.dialect.header or ()
+    # Only where names are those of the header is a header's cell what a column is called.
+    raw = {cell.lower(): cell for cell in (" ".join(cell.split()) for cell in header)}
+    columns = _columns(table.names, table.dialect, first)
+    return table, {k: replace(c, raw=raw.get(k, "")) for k, c in columns.items()}, known
 
 
 def read_text_column(path: str | Path, column: str, asked: Asked) -> tuple[Source, Floats, Floats]:
@@ -67,12 +69,6 @@ def read_text_column(path: str | Path, column: str, asked: Asked) -> tuple[Sourc
     source.check_finite({f"column {each}": values for each, values in of.items()})
     columns = {each: values[:, None] for each, values in of.items()}
     return source, clock.seconds(source, columns, words), of[name]
-
-
-def csv_text(times: Floats, positions: Floats, quaternions: Floats) -> str:
-    """Return poses as the text of a CSV."""
-    table = np.column_stack([times, positions, quaternions])
-    return numbers_text((clock_name(times), *POSE), table)
 
 
 def _unique(names: Sequence[str]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
@@ -64,8 +64,24 @@ class Mending:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Named:
+    """Columns of numbers beside a pose.
+
+    Attributes
+    ----------
+    values : array, shape (N, k)
+    names, units : tuple of str
+        One a column.
+    """
+
+    values: Floats
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Samples:
-    """Timed poses as a file holds them; anything may be wrong with them.
+    """Timed poses, or vectors, as a file holds them; anything may be wrong with them.
 
     Attributes
     ----------
@@ -76,11 +92,16 @@ class Samples:
     times : array, shape (N,)
         Seconds.
     positions : array, shape (N, 3)
-        Meters.
+        Meters; of vectors their values, shape (N, n).
     quaternions : array, shape (N, 4)
-        Scalar first.
+        Scalar first; of vectors none, shape (N, 0).
     velocities : mapping
-        ``linear_velocities`` and ``angular_velocities``, shape (N, 3), if the file has them.
+        ``linear_velocities`` and ``angular_velocities``, shape (N, 3), if the file has them; of
+        vectors ``velocities``, shape (N, n).
+    names, units : tuple of str
+        Of vectors, one a value; empty of poses.
+    channels : Named or None
+        What the file holds beside the poses, where that was asked for.
     columns : mapping
         What the file calls its columns, and what they hold: where one is not finite, it is named.
     understood : sequence of str
@@ -98,6 +119,9 @@ class Samples:
     positions: Floats
     quaternions: Floats
     velocities: Mapping[str, Floats] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    channels: Named | None = None
     columns: Mapping[str, Floats] = field(default_factory=dict)
     understood: Sequence[str] = ()
     planar: bool = False
@@ -107,7 +131,7 @@ class Samples:
         return len(self.times)
 
     def checked(self) -> dict[str, Any]:
-        """Return the fields of a trajectory.
+        """Return the fields of a trajectory; of channels, if there are some, those of a series.
 
         Raises
         ------
@@ -116,7 +140,21 @@ class Samples:
         """
         source = replace(self.source, advice="lost='drop' (--lost drop) leaves such samples out")
         source.check_finite(self.columns)
-        return source.fields(self.times, self.positions, self.quaternions, self.velocities)
+        beside = dict(self.velocities)
+        if self.channels is not None:
+            beside["channels"] = self.channels.values
+        fields = source.fields(self.times, self.positions, self.quaternions, beside)
+        if self.names:
+            del fields["rotations"]
+            fields["values"] = fields.pop("positions")
+            return fields | {"names": self.names, "units": self.units}
+        if self.channels is not None:
+            fields["channels"] = {
+                "values": fields["channels"],
+                "names": self.channels.names,
+                "units": self.channels.units,
+            }
+        return fields
 
     def mended(self, mending: Mending) -> list[Samples]:
         """Return the pieces that are left when faults are treated as asked; unchecked.
@@ -163,7 +201,12 @@ class Samples:
             quaternions=self.quaternions[kept],
             velocities={name: values[kept] for name, values in self.velocities.items()},
             columns={name: values[kept] for name, values in self.columns.items()},
+            channels=self._channels(lambda values: values[kept]),
         )
+
+    def _channels(self, change: Callable[[Floats], Floats]) -> Named | None:
+        beside = self.channels
+        return beside and replace(beside, values=change(beside.values))
 
     def _say(self, what: str) -> None:
         warn(f"{self.name}: {what}", RecordingWarning)
@@ -176,10 +219,11 @@ class Samples:
         return self[np.flatnonzero(~gone)]
 
     def _lost(self) -> NDArray[np.bool_]:
+        beside = [] if self.channels is None else [self.channels.values]
         numbers = np.column_stack(
-            [self.times, self.positions, self.quaternions, *self.velocities.values()]
+            [self.times, self.positions, self.quaternions, *self.velocities.values(), *beside]
         )
-        no_pose = ~self.quaternions.any(axis=1, keepdims=True)
+        no_pose = ~self.quaternions.any(axis=1, keepdims=True) & (not self.names)
         lost = np.column_stack([~np.isfinite(numbers), no_pose])
         return np.asarray(lost.any(axis=1))
 
@@ -243,7 +287,6 @@ class Samples:
         require_few(self.name, int(min(len(self) + counts.sum(), 1e15)))
         if self._lost().any():
             return self  # refused later, at the sample
-        turns = self.source.rotations(self.quaternions)
         at, places = [np.arange(len(self), dtype=np.float64)], []
         for before, count in zip(gaps, counts.astype(int), strict=True):
             parts = before + np.arange(1, count + 1) / (count + 1)
@@ -261,15 +304,19 @@ class Samples:
             f"{len(where) - len(self)} samples filled in across {len(gaps)} gaps, the first "
             f"{places[0]} (gaps=interpolate)"
         )
-        rotated = Slerp(np.arange(len(self)), turns)(where)
+        quaternions = self.quaternions[low]
+        if quaternions.size:
+            turns = self.source.rotations(self.quaternions)
+            quaternions = Slerp(np.arange(len(self)), turns)(where).as_quat(scalar_first=True)
         return replace(
             self,
             source=self.source.picked(low),
             times=between(self.times[:, None])[:, 0],
             positions=between(self.positions),
-            quaternions=rotated.as_quat(scalar_first=True),
+            quaternions=quaternions,
             velocities={name: between(values) for name, values in self.velocities.items()},
             columns={},
+            channels=self._channels(between),
         )
 
     def _around(self, start: float | None, end: float | None) -> Samples:

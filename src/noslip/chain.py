@@ -447,7 +447,7 @@ class Chain:
 
     def _evaluated(self, q: Floats) -> tuple[Floats, Floats, Floats]:
         """Positions (N, 3), quaternions (N, 4) and Jacobians (N, 6, n) at joint positions."""
-        found = [np.array(each).T for each in kinematics(self)(q.T)]
+        found = [np.ascontiguousarray(np.array(each).T) for each in kinematics(self)(q.T)]
         jacobians = found[2].reshape(len(q), self.size, 6).swapaxes(1, 2)
         return found[0], found[1], jacobians
 

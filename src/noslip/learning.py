@@ -36,6 +36,7 @@ from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import project_velocities
 from noslip.projection.request import LEARNING, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
+from noslip.projection.tool_first import kept_ends, projected_tool, tool_of
 from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule, no_rule
@@ -216,11 +217,9 @@ def learn(
     def projected(
         demonstration: PoseTrajectory, shaping: ConstraintSystem, last: End
     ) -> ProjectedTrajectory:
-        ends = tuple(
-            replace(Boundary.keeping(demonstration, at, kept), angular_velocity=turning[at])
-            for at, kept in ((0.0, start), (1.0, last))
-        )
-        request = Request(demonstration, shaping, ends, weights, hold_position)
+        kept, of_tool = kept_ends(demonstration, space, start, last)
+        ends = tuple(replace(end, angular_velocity=turning[end.at]) for end in kept)
+        request = Request(demonstration, shaping, ends, weights, hold_position, tool_ends=of_tool)
         return project_heeding_what_it_can(request)
 
     def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
@@ -268,9 +267,15 @@ def learn(
     motion, compromise = verify(law, rule, [goal], strict=not by_choice)
     if compromise:
         warn(compromise, CompromiseWarning)
+    # Of joints that carry a tool, its path is what matters.
+    seen = [tool_of(d, space) for d in sampled]
+    seen_results = [
+        r and projected_tool(r, d, space) for d, r in zip(sampled, results, strict=True)
+    ]
+    followed_by = tool_of(motion, space)
     record = tuple(
-        LearningRecord.of(d, r, Deviation.between(motion, d))
-        for d, r in zip(sampled, results, strict=True)
+        LearningRecord.of(d, r, Deviation.between(followed_by, d))
+        for d, r in zip(seen, seen_results, strict=True)
     )
     if off > FOLLOWED:
         remedy = "give more basis functions, or none for as many as it takes"
@@ -350,7 +355,8 @@ def _tell(
             )
     several = len(record) > 1
     far = FAR_FROM_MEAN if several else FAR_SHARE
-    lengths, unit = [each.path_length for each in demonstrations], demonstrations[0].unit
+    tools = [tool_of(each, system.space) for each in demonstrations]
+    lengths, unit = [each.path_length for each in tools], tools[0].unit
     left = [(r, n) for r, n in zip(record, lengths, strict=True) if r.path_error > far * n]
     if left:
         worst, length = max(left, key=lambda pair: pair[0].path_error)

@@ -7,6 +7,7 @@ import numpy as np
 from noslip._pose_names import SECONDS, SPARSEST
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError, RecordingWarning, warn
+from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
 
 LATEST = 1e11
@@ -26,11 +27,11 @@ STILL = 1e-9
 """Meters and radians below which nothing moves: no tracker resolves it."""
 
 
-def ask_after_units(recording: PoseTrajectory, *, clock_said: bool | None = None) -> None:
+def ask_after_units(recording: Timed, *, clock_said: bool | None = None) -> None:
     """Warn of a recording that is hardly in seconds, meters and radians; once of each.
 
-    Where the file could have stated the unit of its times and did not, they are refused instead;
-    where it did, they are believed.
+    Of vectors it is the seconds alone.  Where the file could have stated the unit of its times and
+    did not, they are refused instead; where it did, they are believed.
 
     Raises
     ------
@@ -43,7 +44,7 @@ def ask_after_units(recording: PoseTrajectory, *, clock_said: bool | None = None
         doubt = clock_doubt(recording)
         if doubt and clock_said is False:
             raise RecordingError(f"{recording.name}: {doubt}; {_remedy(recording)}")
-        if clock_said or not doubt:
+        if (clock_said or not doubt) and isinstance(recording, PoseTrajectory):
             doubt = _doubt(recording)
         if doubt:
             warn(f"{recording.name}: {doubt}", RecordingWarning)
@@ -82,22 +83,25 @@ def _turns(recording: PoseTrajectory) -> Floats:
     return np.asarray(np.linalg.norm(angular, axis=1) * np.diff(recording.times))
 
 
-def clock_doubt(recording: PoseTrajectory) -> str:
+def clock_doubt(recording: Timed) -> str:
     """Return what speaks against seconds; empty if nothing does."""
-    latest, turning = np.abs(recording.times).max(), _turns(recording).sum() / recording.duration
-    speed = recording.path_length / recording.duration
-    slow = recording.unit == "m" and speed < FASTEST / 1000 and turning < FASTEST_TURN / 1000
+    latest, slow, at = np.abs(recording.times).max(), True, ""
+    if isinstance(recording, PoseTrajectory):
+        turning = _turns(recording).sum() / recording.duration
+        speed = recording.path_length / recording.duration
+        slow = speed < FASTEST / 1000 and turning < FASTEST_TURN / 1000
+        at = f", at {speed * 1e3:.2g} mm/s"
     times = "are its times in other units than seconds?"
     if latest > LATEST:
         return f"has stamps of {latest:.3g} s; {times}"
     if recording.duration > LONGEST:
         return f"lasts {recording.duration:.3g} s; {times}"
     if recording.period >= SPARSEST and slow:
-        return f"is sampled every {recording.period:.3g} s, at {speed * 1e3:.2g} mm/s; {times}"
+        return f"is sampled every {recording.period:.3g} s{at}; {times}"
     return ""
 
 
-def _remedy(recording: PoseTrajectory) -> str:
+def _remedy(recording: Timed) -> str:
     """Return how to say in which unit the times are, with the one that is likely."""
     likely = next((u for u in ("ms", "us") if recording.period / SECONDS[u] < SPARSEST), "ns")
     return (

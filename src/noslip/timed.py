@@ -138,7 +138,7 @@ class Timed(Value):
         arrays: dict[str, Any] = {
             f.name: getattr(self, f.name)[index]
             for f in fields(self)  # type: ignore[arg-type]
-            if isinstance(getattr(self, f.name), (np.ndarray, Rotation))
+            if isinstance(getattr(self, f.name), (np.ndarray, Rotation, Timed))
         }
         return replace(self, **arrays)  # type: ignore[type-var]
 
@@ -171,3 +171,15 @@ class Timed(Value):
                     f"cannot be resampled from {instants.min():g} to {instants.max():g} s"
                 )
         return np.asarray(instants)
+
+
+def step_estimates(times: Floats, steps: Floats) -> Floats:
+    """Second-order estimate: at a sample, the two adjoining steps weighted as np.gradient does."""
+    periods = np.diff(times)[:, None]
+    if len(steps) == 1:
+        return np.repeat(steps, 2, axis=0)
+    before, after = periods[:-1], periods[1:]
+    inner = (after * steps[:-1] + before * steps[1:]) / (before + after)
+    first = steps[0] + (steps[0] - steps[1]) * periods[0] / (periods[0] + periods[1])
+    last = steps[-1] + (steps[-1] - steps[-2]) * periods[-1] / (periods[-1] + periods[-2])
+    return np.concatenate([first[None], inner, last[None]])

@@ -15,14 +15,19 @@ from scipy.spatial.transform import Rotation
 
 from noslip._files import write_beside
 from noslip._pose_columns import Asked
-from noslip._pose_npz import npz_bytes, read_npz
-from noslip._pose_text import csv_text, read_text_table
+from noslip._pose_names import POSE as POSE_COLUMNS
+from noslip._pose_names import clock_name
+from noslip._pose_npz import CHANNELS, npz_bytes, read_npz
+from noslip._pose_text import read_text_table
+from noslip._samples import Samples
 from noslip._supplied import Supplied
 from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.named_columns import listed, numbers_text
 from noslip.quaternions import inverse, product, turns_between, without_flips
+from noslip.series import Series
 from noslip.space import POSE, Space
-from noslip.timed import Timed
+from noslip.timed import Timed, step_estimates
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +47,9 @@ class PoseTrajectory(Timed):
         ``dR/dt = [w] R``).  Left out, they are estimated by differences of second order.
     name : str
         Where the trajectory came from; error messages and figures use it.
+    channels : Series, optional
+        What goes with the pose at the same times: a gripper, a wrench, a stiffness; a
+        :class:`noslip.Trajectory` is one.
 
     Raises
     ------
@@ -55,6 +63,7 @@ class PoseTrajectory(Timed):
     linear_velocities: Floats = field(default=None)  # type: ignore[arg-type]
     angular_velocities: Floats = field(default=None)  # type: ignore[arg-type]
     name: str = "trajectory"
+    channels: Series | None = None
 
     def __post_init__(self) -> None:
         times = self._require_times()
@@ -77,6 +86,34 @@ class PoseTrajectory(Timed):
             self._freeze(
                 kind, step_estimates(times, self._steps[k]) if given is None else given, (3,)
             )
+        self._require_channels()
+
+    def _require_channels(self) -> None:
+        """Refuse channels at other times, and those that have the names of the pose's columns."""
+        beside = self.channels
+        if beside is None:
+            return
+        if not isinstance(beside, Series):
+            raise InputError(
+                f"{self.name}: channels must be a Trajectory, got {type(beside).__name__}"
+            )
+        if not np.array_equal(beside.times, self.times):
+            raise InputError(
+                f"{self.name}: channels have other times than the poses; give them at these, "
+                "channels.between(poses.times)"
+            )
+        if taken := set(beside.names) & set(POSE_COLUMNS):
+            raise InputError(
+                f"{self.name}: a channel is called {', '.join(sorted(taken))}, as the pose is; "
+                "rename it"
+            )
+
+    def with_channels(self, channels: Series | None) -> Self:
+        """Return it with other channels, or none; their times must be its own."""
+        found = copy.copy(self)
+        object.__setattr__(found, "channels", channels)
+        found._require_channels()
+        return found
 
     # ---------------------------------------------------------------- what it is
 
@@ -166,7 +203,8 @@ class PoseTrajectory(Timed):
         """Return the trajectory at other instants, by cubic splines.
 
         Positions and quaternions follow cubic splines, the quaternions' normalized (both twice
-        continuously differentiable); velocities are the splines' own derivatives.
+        continuously differentiable); velocities are the splines' own derivatives.  Channels follow
+        straight lines from sample to sample: a gripper's jump stays one.
 
         Parameters
         ----------
@@ -188,6 +226,7 @@ class PoseTrajectory(Timed):
             linear_velocities=rates[:, :3],
             angular_velocities=turning,
             name=self.name,
+            channels=None if self.channels is None else self.channels.between(inside, instants),
         )
 
     @cached_property
@@ -199,42 +238,65 @@ class PoseTrajectory(Timed):
     # ---------------------------------------------------------------- files
 
     def csv_text(self) -> str:
-        """Return ``t,x,y,z,qw,qx,qy,qz`` as text; a float read back is the float written."""
-        return csv_text(self.times, self.positions, self.quaternions)
+        """Return ``t,x,y,z,qw,qx,qy,qz`` and channels as text; floats are read back as they are."""
+        names, table = [clock_name(self.times), *POSE_COLUMNS], [self.times[:, None], self.points]
+        if self.channels is not None:
+            names += self.channels.csv_columns()
+            table.append(self.channels.values)
+        return numbers_text(names, np.hstack(table))
 
     def to_csv(self, path: str | Path) -> Path:
         """Write :meth:`csv_text` to a file."""
         return write_beside(path, self.csv_text().encode())
 
     @classmethod
-    def from_csv(cls, path: str | Path, *, rate: float | None = None) -> Self:
+    def from_csv(
+        cls, path: str | Path, *, rate: float | None = None, channels: str | None = None
+    ) -> Self:
         """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
-        return cls(**read_text_table(path, Asked(rate=rate)).checked(), name=str(path))
+        return cls.of_samples(read_text_table(path, Asked(rate=rate, channels=channels)))
 
     def to_npz(self, path: str | Path) -> Path:
-        """Write the poses and velocities as NumPy's ``.npz``."""
-        velocities = self.linear_velocities, self.angular_velocities
-        content = npz_bytes(self.times, self.positions, self.quaternions, *velocities)
-        return write_beside(path, content)
+        """Write the poses, velocities and channels as NumPy's ``.npz``."""
+        arrays = {
+            "times": self.times,
+            "positions": self.positions,
+            "quaternions": self.quaternions,
+            "linear_velocities": self.linear_velocities,
+            "angular_velocities": self.angular_velocities,
+        }
+        if self.channels is not None:
+            arrays |= {
+                CHANNELS.get(name, ""): array for name, array in self.channels.arrays().items()
+            }
+            arrays.pop("", None)
+        return write_beside(path, npz_bytes(arrays))
 
     @classmethod
     def from_npz(cls, path: str | Path) -> Self:
         """Read an ``.npz`` with times, positions and quaternions (qw, qx, qy, qz)."""
-        return cls(**read_npz(path).checked(), name=str(path))
+        return cls.of_samples(read_npz(path))
+
+    @classmethod
+    def of_samples(cls, samples: Samples) -> Self:
+        """Return what a file holds, checked.
+
+        Raises
+        ------
+        InputError
+            If it holds no poses, or for what :func:`noslip.load_demonstrations` refuses.
+        """
+        if samples.names:
+            raise InputError(
+                f"{samples.name}: holds {listed(samples.names, str)}, no poses; read it with "
+                "load_trajectory"
+            )
+        fields = samples.checked()
+        if (beside := fields.pop("channels", None)) is not None:
+            fields["channels"] = Series(fields["times"], **beside, name=samples.name)
+        return cls(**fields, name=samples.name)
 
 
 def continuous_quaternions(rotations: Rotation) -> Floats:
     """Quaternions ``(qw, qx, qy, qz)``, shape (N, 4), each within a quarter sphere of the last."""
     return without_flips(rotations.as_quat(scalar_first=True))
-
-
-def step_estimates(times: Floats, steps: Floats) -> Floats:
-    """Second-order estimate: at a sample, the two adjoining steps weighted as np.gradient does."""
-    periods = np.diff(times)[:, None]
-    if len(steps) == 1:
-        return np.repeat(steps, 2, axis=0)
-    before, after = periods[:-1], periods[1:]
-    inner = (after * steps[:-1] + before * steps[1:]) / (before + after)
-    first = steps[0] + (steps[0] - steps[1]) * periods[0] / (periods[0] + periods[1])
-    last = steps[-1] + (steps[-1] - steps[-2]) * periods[-1] / (periods[-1] + periods[-2])
-    return np.concatenate([first[None], inner, last[None]])

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from noslip._supplied import Supplied
 from noslip._typing import Floats
 from noslip.chain import Chain
 from noslip.errors import InputError
+from noslip.series import Series
 from noslip.space import Space, jointed, positions, vectors
-from noslip.timed import Timed
-from noslip.trajectory import PoseTrajectory, step_estimates
-
-_AXES = ("x", "y", "z")
+from noslip.trajectory import PoseTrajectory
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(Timed):
+class Trajectory(Series):
     """Timed vectors of n numbers, with the rates that go with them. Immutable.
 
     Parameters
@@ -41,10 +35,10 @@ class Trajectory(Timed):
     units : sequence of str, optional
         One a coordinate; by default "m" of a position, else "rad" where a robot carries a tool,
         else "1".
-    carrier : Chain, optional
-        The robot of which these are joints; constraints of a tool are then about what it carries.
     name : str
         Where the trajectory came from; error messages and figures use it.
+    carrier : Chain, optional
+        The robot of which these are joints; constraints of a tool are then about what it carries.
 
     Raises
     ------
@@ -52,61 +46,28 @@ class Trajectory(Timed):
         If shapes disagree, a number is not finite, or the times do not increase.
     """
 
-    times: Floats
-    values: Floats
-    names: tuple[str, ...] = None  # type: ignore[assignment]
-    velocities: Floats = None  # type: ignore[assignment]
-    units: tuple[str, ...] = None  # type: ignore[assignment]
     carrier: Chain | None = None
-    name: str = "trajectory"
 
     def __post_init__(self) -> None:
-        times = self._require_times()
-        shape = np.shape(self.values)
-        if len(shape) != 2 or not shape[1]:
+        super().__post_init__()
+        if self.carrier is not None and self.carrier.size != len(self.names):
             raise InputError(
-                f"{self.name}: values has shape {shape}, expected ({len(times)}, n): a row a sample"
-            )
-        self._freeze("values", self.values, (shape[1],))
-        given = self.velocities
-        rates = step_estimates(times, self._steps) if given is None else given
-        self._freeze("velocities", rates, (shape[1],))
-        self._name("names", tuple(f"x{k}" for k in range(shape[1])))
-        if self.carrier is not None and self.carrier.size != shape[1]:
-            raise InputError(
-                f"{self.name}: {shape[1]} coordinates, but {self.carrier.name} has "
+                f"{self.name}: {len(self.names)} coordinates, but {self.carrier.name} has "
                 f"{self.carrier.size} joints"
             )
-        usual = ("m",) if self.names == _AXES else ("1",)
-        own = self.carrier.units if self.carrier is not None else usual * shape[1]
-        self._name("units", own)
 
-    def _name(self, what: str, usual: Sequence[str]) -> None:
-        """Store texts, one a coordinate."""
-        given = getattr(self, what)
-        texts = tuple(usual) if given is None else tuple(given)
-        count = self.values.shape[1]
-        if isinstance(given, str) or len(texts) != count or not all(map(_is_text, texts)):
-            raise InputError(f"{self.name}: {what} must be {count} texts, got {given!r}")
-        if what == "names" and len(set(texts)) < count:
-            raise InputError(f"{self.name}: names must differ, got {', '.join(texts)}")
-        object.__setattr__(self, what, texts)
+    def _usual_units(self) -> Sequence[str]:
+        fits = self.carrier is not None and self.carrier.size == len(self.names)
+        return self.carrier.units if fits and self.carrier else super()._usual_units()
 
     # ---------------------------------------------------------------- what it is
-
-    plot = Supplied("Draw the values over time; return the figure.")
-
-    @property
-    def unit(self) -> str:  # type: ignore[override]
-        """Of :attr:`path_length`: that of all coordinates, or "1" if they differ."""
-        return self.units[0] if len(set(self.units)) == 1 else "1"
 
     @property
     def space(self) -> Space:  # type: ignore[override]
         """What it moves in."""
         if self.carrier is not None:
             return jointed(self.carrier, self.names, self.units)
-        if self.names == _AXES and set(self.units) == {"m"}:
+        if self.names == ("x", "y", "z") and set(self.units) == {"m"}:
             return positions()
         return vectors(self.names, self.units)
 
@@ -116,13 +77,8 @@ class Trajectory(Timed):
         return self.values
 
     @property
-    def positions(self) -> Floats:  # type: ignore[override]
-        """The values, as what is the same for all trajectories calls them."""
-        return self.values
-
-    @property
     def linear_velocities(self) -> Floats:
-        """The velocities, likewise."""
+        """The velocities, as what is the same for all trajectories calls them."""
         return self.velocities
 
     @property
@@ -163,13 +119,13 @@ class Trajectory(Timed):
         """Rates of every step, shape (N - 1, n), and no angular ones, shape (N - 1, 0)."""
         return self._steps, np.zeros((len(self) - 1, 0))
 
-    @cached_property
-    def _steps(self) -> Floats:
-        steps = np.diff(self.values, axis=0) / np.diff(self.times)[:, None]
-        steps.flags.writeable = False
-        return steps
-
     # ---------------------------------------------------------------- new ones from it
+
+    def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Trajectory:
+        """Return it at other instants, by cubic splines; see :meth:`Series.resampled`."""
+        # Of a rollout too the values alone: what constraints did to it is of its own steps.
+        alone = replace(self.with_points(self.values), velocities=self.velocities)
+        return super(Trajectory, alone).resampled(rate=rate, times=times)
 
     def with_points(self, points: Floats, times: Floats | None = None) -> Trajectory:
         """Return other values of the same coordinates."""
@@ -208,28 +164,6 @@ class Trajectory(Timed):
                 f"{', '.join(joints)}; name them so"
             )
         moved = self.values[:, order], self.velocities[:, order]
-        units = tuple(carrier.units)
-        return Trajectory(self.times, moved[0], joints, moved[1], units, carrier, self.name)
-
-    def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Trajectory:
-        """Return the trajectory at other instants, by cubic splines.
-
-        Parameters
-        ----------
-        rate : float
-            Samples per second.  The first sample stays; the last is the last that fits.
-        times : array, shape (M,)
-            Or the instants themselves (s), within the recorded time.
-        """
-        instants = self._instants(rate, times)
-        inside = np.clip(instants, self.times[0], self.times[-1])
-        found = self.with_points(self._spline(inside), instants)
-        return replace(found, velocities=self._spline(inside, 1))
-
-    @cached_property
-    def _spline(self) -> Any:
-        return scipy.interpolate.CubicSpline(self.times, self.values)
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and bool(value) and value.isprintable()
+        return Trajectory(
+            self.times, moved[0], joints, moved[1], tuple(carrier.units), self.name, carrier
+        )

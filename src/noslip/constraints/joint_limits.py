@@ -26,9 +26,10 @@ _QUANTITY: dict[Level, str] = {
 
 @dataclass(frozen=True)
 class JointLimits(Limit):
-    """``x - l >= 0`` and ``u - x >= 0``: bounds of coordinates, of their rates or accelerations.
+    """``min(x - l, u - x) >= 0``: bounds of coordinates, of their rates or of their accelerations.
 
-    A row for each bound that there is; :func:`joint_limits` makes those of a robot's joints.
+    A row for each coordinate that has a bound; :func:`joint_limits` makes those of a robot's
+    joints.
 
     Parameters
     ----------
@@ -80,24 +81,27 @@ class JointLimits(Limit):
     @property
     def unit(self) -> str:  # type: ignore[override]
         """Of the rows, in their order; one, if all are the same."""
-        found = [f"{self.units[k]}{_PER[self.level]}" for k, _, _ in self._bounded]
+        found = [f"{self.units[k]}{_PER[self.level]}" for k in self._bounded]
         return found[0] if len(set(found)) == 1 else ", ".join(found)
 
     @property
-    def _bounded(self) -> list[tuple[int, float, float]]:
-        """Of each row the coordinate's index, its sign and the bound: lower ones first."""
-        sides = (1.0, self.lower), (-1.0, self.upper)
-        return [
-            (k, sign, float(bound))  # type: ignore[arg-type]
-            for sign, bounds in sides
-            for k, bound in enumerate(bounds)
-            if abs(bound) < _arguments.LARGEST  # type: ignore[arg-type]
-        ]
+    def _bounded(self) -> list[int]:
+        """Which coordinates have a bound: a row each."""
+        sides = zip(self.lower, self.upper, strict=True)
+        return [k for k, bounds in enumerate(sides) if any(map(_is_bound, bounds))]
 
     def residual(self, motion: Coordinates) -> Expression:  # type: ignore[override]
-        """What is left to each bound, in the coordinate's unit (over s or s^2)."""
-        x = getattr(motion, _QUANTITY[self.level])
-        return ca.vertcat(*(sign * (x[k] - bound) for k, sign, bound in self._bounded))
+        """What is left to the nearer bound, in the coordinate's unit (over s or s^2)."""
+        x, rows = getattr(motion, _QUANTITY[self.level]), []
+        for k in self._bounded:
+            sides = x[k] - self.lower[k], self.upper[k] - x[k]
+            # Two rows would take four times as long to build a step of.
+            rows.append(
+                ca.fmin(*sides)
+                if _is_bound(self.lower[k]) and _is_bound(self.upper[k])
+                else sides[not _is_bound(self.lower[k])]
+            )
+        return rows
 
 
 def joint_limits(chain: Chain, *, priority: int = 0) -> list[JointLimits]:
@@ -114,8 +118,12 @@ def joint_limits(chain: Chain, *, priority: int = 0) -> list[JointLimits]:
     return [
         JointLimits(lower.tolist(), upper.tolist(), level, chain.units, priority=priority)
         for level, lower, upper in sides
-        if (abs(lower) < _arguments.LARGEST).any() or (abs(upper) < _arguments.LARGEST).any()
+        if any(map(_is_bound, [*lower, *upper]))
     ]
+
+
+def _is_bound(value: float | None) -> bool:
+    return value is not None and abs(value) < _arguments.LARGEST
 
 
 def _bounds(side: str, values: Any) -> tuple[float, ...]:

@@ -1,5 +1,6 @@
-"""Distributions of motions that all keep the constraints: conditioned, sampled, held against others."""
+"""Distributions of motions that all keep the constraints: conditioned, drawn from, compared."""
 
 from noslip.distribution.distribution import MotionDistribution, learn_distribution
+from noslip.distribution.impedance import Impedance
 
-__all__ = ["MotionDistribution", "learn_distribution"]
+__all__ = ["Impedance", "MotionDistribution", "learn_distribution"]

@@ -86,7 +86,7 @@ class OnArrays:
         self._is_known = all(operation in known for operation, *_ in self._steps)
 
     def __call__(self, given: Sequence[Floats | float]) -> Floats:
-        """Evaluate for inputs that broadcast to one shape; the outputs come last in the result's."""
+        """Evaluate for inputs that broadcast to one shape; outputs come last in the result's."""
         arrays = np.broadcast_arrays(*given)
         shape = arrays[0].shape
         if not self._is_known:

@@ -30,8 +30,8 @@ class Curves(Value):
     Of the way that is done, not of the time: what deviates then does so in proportion to the speed,
     and a tool that comes to rest does not move aside while it rests.
 
-    Orthonormal ones leave white noise white: what a curve holds and what it does not are then apart,
-    and both are cheap to weigh.
+    Orthonormal ones leave white noise white: what a curve holds and what it does not are then
+    apart, and both are cheap to weigh.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Curves(Value):
     def _come(self, fractions: Floats) -> Floats:
         known = np.linspace(0.0, 1.0, len(self.ways))
         found = scipy.interpolate.PchipInterpolator(known, self.ways)(np.clip(fractions, 0.0, 1.0))
-        return np.clip(found, 0.0, 1.0)
+        return np.asarray(np.clip(found, 0.0, 1.0))
 
 
 def _splines(count: int, places: Floats) -> Floats:

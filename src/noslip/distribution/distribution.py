@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -16,8 +17,15 @@ from noslip._values import Value
 from noslip.boundary import Boundary, End, sample_of
 from noslip.constraints.system import ConstraintSystem
 from noslip.distribution.curves import FRACTIONS, Curves
-from noslip.distribution.estimation import FEWEST, context_rows, estimate, log_likelihood
+from noslip.distribution.estimation import (
+    FEWEST,
+    context_rows,
+    estimate,
+    freedom_of,
+    log_likelihood,
+)
 from noslip.distribution.gaussian import Gaussian
+from noslip.distribution.impedance import Impedance
 from noslip.distribution.retraction import Retraction
 from noslip.errors import CompromiseWarning, InputError, warn
 from noslip.law.fitting import as_demonstrations, evenly_sampled, fit
@@ -38,8 +46,8 @@ KEPT = 1e-8
 """Violation of a limit that is none, as in a trajectory projection."""
 _STARTING_CURVES = 12
 """Weights of a curve before their number is chosen."""
-_MOVED_TOGETHER = 512
-"""Samples that are made at once: of thousands no second copy is held."""
+_MOVED_TOGETHER = 128
+"""Samples that are made at once: as many as are moved onto the constraints at once."""
 
 ContextValues = Mapping[str, float]
 
@@ -48,10 +56,11 @@ ContextValues = Mapping[str, float]
 class MotionDistribution(Value):
     """Motions that a rule allows, and how likely each is.
 
-    A motion is a smooth curve of deviations from a reference, ``(p - p_ref, Log(R R_ref^T))`` at equal
-    fractions of the duration, whose weights are normally distributed, together with the context that
-    the motion was made in.  Demonstrations are projected onto the constraints before their weights
-    are found, and every sample is again: all motions are feasible.
+    A motion is a smooth curve of deviations from a reference, ``(p - p_ref, Log(R R_ref^T))`` at
+    equal fractions of the duration, whose weights are normally distributed, together with the
+    context that the motion was made in (Paraschos et al. 2013, of poses).  Demonstrations are
+    projected onto the constraints before their weights are found, and every sample is again: all
+    motions are feasible.
 
     Attributes
     ----------
@@ -127,7 +136,7 @@ class MotionDistribution(Value):
         # Of equal steps: times of a rollout are sums.
         times = np.linspace(rolled.times[0], rolled.times[-1], len(rolled))
         reference = PoseTrajectory(times, rolled.positions, rolled.rotations, name="reference")
-        values = np.array([_deviations(d, reference) for d in demonstrations])
+        values = np.array([deviations(d, reference) for d in demonstrations])
         curves = Curves.along(reference.positions, _STARTING_CURVES)
         tangent = _Tangent(reference, primitive.system, primitive.law.begin)
         found = estimate(values, numbers, curves, tangent)
@@ -159,11 +168,11 @@ class MotionDistribution(Value):
     def motion(self) -> PoseTrajectory:
         """The mean motion, projected onto the constraints; as many samples as the reference."""
         points = self._points(self.gaussian.mean[None, : self._weights])
-        mean = self._trajectory(points[0], "mean")
+        mean = self.trajectory(points[0], "mean")
         if not self.system.size:
             return mean
         request = Request(
-            mean, self.system, self._boundaries(mean), ADAPTING, begin=self.primitive.law.begin
+            mean, self.system, self.boundaries(mean), ADAPTING, begin=self.primitive.law.begin
         )
         result = project_heeding_what_it_can(request)
         turned = float(np.sqrt(np.mean(np.sum(result.turns**2, axis=1))))
@@ -209,6 +218,11 @@ class MotionDistribution(Value):
         covariances = self._covariances()
         return Spread(self.demonstrations, covariances[:, :3, :3], covariances[:, 3:, 3:])
 
+    @property
+    def middle(self) -> Floats:
+        """Mean deviation from the reference at even fractions, shape (101, 6): m, rad."""
+        return self.curves.values @ self.gaussian.mean[: self._weights].reshape(6, -1).T
+
     def interval(self, level: float = 0.95) -> Floats:
         """Half widths within which a motion stays of the mean, at each fraction and axis by itself.
 
@@ -228,8 +242,12 @@ class MotionDistribution(Value):
         if not 0 < level < 1:
             raise InputError(f"level must be between 0 and 1, got {level:g}")
         variances = np.diagonal(self._covariances(), axis1=1, axis2=2) + self.noise**2
-        freedom = self.demonstrations - 1 - len(self.context)
-        return np.asarray(scipy.stats.t.ppf((1 + level) / 2, max(1, freedom)) * np.sqrt(variances))
+        width = scipy.stats.t.ppf((1 + level) / 2, self._freedom)
+        return np.asarray(width * np.sqrt(variances))
+
+    def impedance(self, **options: Any) -> Impedance:
+        """Return the mean motion with an impedance from the spread; see :meth:`Impedance.of`."""
+        return Impedance.of(self.motion, self.spread, **options)
 
     # ---------------------------------------------------------------- what is known of a motion
 
@@ -260,7 +278,7 @@ class MotionDistribution(Value):
         Warns
         -----
         CompromiseWarning
-            If what is asked for lies far from all demonstrations (Mahalanobis distance): the motions
+            If what is asked for lies far from all demonstrations (Mahalanobis distance): motions
             are then extrapolated.
         """
         deviation = _noise_of(noise)
@@ -277,8 +295,8 @@ class MotionDistribution(Value):
         if distance > usual:
             warn(
                 f"what is asked for lies {distance:.3g} standard deviations from what was "
-                f"demonstrated; of such motions all but {UNLIKELY:.1%} lie within {usual:.2g}: it is "
-                "extrapolated, demonstrate one like it",
+                f"demonstrated; of such motions all but {UNLIKELY:.1%} lie within {usual:.2g}: it "
+                "is extrapolated, demonstrate one like it",
                 CompromiseWarning,
             )
         exact = [_exact(boundary, deviation) for boundary in asked]
@@ -295,12 +313,12 @@ class MotionDistribution(Value):
         """
         functions = self.primitive.law.basis.count
         motion = projected(trajectory, self.system, self.ends, functions)
-        values = _deviations(motion, self.reference)
+        values = deviations(motion, self.reference)
         known = self.gaussian
         own = Gaussian(
             known.mean[: self._weights], known.covariance[: self._weights, : self._weights]
         )
-        return log_likelihood(own, self.noise, values, self.curves)
+        return log_likelihood(own, self.noise, values, self.curves, self._freedom)
 
     # ---------------------------------------------------------------- samples
 
@@ -332,7 +350,7 @@ class MotionDistribution(Value):
             If the constraints turn many of them farther than motions differ from each other.
         """
         count = _arguments.count("sample: count", count)
-        weights = self.gaussian.draw(count, np.random.default_rng(seed))[:, : self._weights]
+        weights = self._draw(count, seed)
         steps, law, system = len(self.reference), self.primitive.law, self.system
         states = np.empty((count, steps, POSE.point_size + POSE.velocity_size))
         residuals = np.empty((count, steps, system.equalities.size))
@@ -342,8 +360,7 @@ class MotionDistribution(Value):
             part = slice(first, first + _MOVED_TOGETHER)
             drawn = self._points(weights[part])
             points = self._feasible(drawn)
-            turns = POSE.difference(points, drawn)[:, :, 3:]
-            far += int((np.sqrt(np.mean(np.sum(turns**2, axis=2), axis=1)) > self._turning).sum())
+            far += int((_turned(drawn, points) > self._turning).sum())
             states[part] = _with_velocities(points, self.duration / (steps - 1))
             residuals[part] = self._retraction.residuals(points) if residuals.size else 0.0
             margins[part] = self._margins(states[part])
@@ -359,6 +376,13 @@ class MotionDistribution(Value):
         goals = states[:, -1, : POSE.point_size].copy()
         return Motions(durations, law.begin, states, residuals, margins, goals)
 
+    def drawn(self, count: int, *, seed: int | np.random.Generator = 0) -> Floats:
+        """Return what :meth:`sample` draws before it is projected: points, shape (count, N, 7)."""
+        return self._points(self._draw(_arguments.count("drawn: count", count), seed))
+
+    def _draw(self, count: int, seed: int | np.random.Generator) -> Floats:
+        return self.gaussian.draw(count, np.random.default_rng(seed))[:, : self._weights]
+
     def _feasible(self, drawn: Floats) -> Floats:
         """Return motions on the constraints; exactly projected where it takes that."""
         if not self.system.size:
@@ -370,8 +394,8 @@ class MotionDistribution(Value):
             margins = self._margins(states).min(axis=(1, 2))
             lost |= ~(margins >= -KEPT)
         for k in np.flatnonzero(lost):
-            trajectory = self._trajectory(drawn[k], f"sample {k}")
-            ends = self._boundaries(trajectory)
+            trajectory = self.trajectory(drawn[k], f"sample {k}")
+            ends = self.boundaries(trajectory)
             result = project_trajectory(
                 trajectory,
                 self.system,
@@ -389,7 +413,7 @@ class MotionDistribution(Value):
         request = Request(
             self.motion,
             self.system.equalities,
-            self._boundaries(self.motion),
+            self.boundaries(self.motion),
             ADAPTING,
             begin=self.primitive.law.begin,
         )
@@ -422,6 +446,10 @@ class MotionDistribution(Value):
     # ---------------------------------------------------------------- inside
 
     @property
+    def _freedom(self) -> int:
+        return freedom_of(self.demonstrations, len(self.context))
+
+    @property
     def _weights(self) -> int:
         return POSE.velocity_size * self.curves.count
 
@@ -448,11 +476,12 @@ class MotionDistribution(Value):
                 points[:, k, 3:] = kept * np.where(points[:, k, 3:] @ kept < 0, -1.0, 1.0)[:, None]
         return points
 
-    def _trajectory(self, points: Floats, name: str) -> PoseTrajectory:
+    def trajectory(self, points: Floats, name: str) -> PoseTrajectory:
+        """Return points, shape (N, 7), as a trajectory."""
         rotations = Rotation.from_quat(points[:, 3:], scalar_first=True)
         return PoseTrajectory(self.reference.times, points[:, :3], rotations, name=name)
 
-    def _boundaries(self, motion: PoseTrajectory) -> tuple[Boundary, ...]:
+    def boundaries(self, motion: PoseTrajectory) -> tuple[Boundary, ...]:
         """What a motion keeps: its own ends, and what all pass."""
         own = [
             Boundary.keeping(motion, at, end) for at, end in zip((0.0, 1.0), self.ends, strict=True)
@@ -469,7 +498,7 @@ class MotionDistribution(Value):
         # What is known exactly has rounding for a variance.
         diagonal = np.arange(POSE.velocity_size)
         found[:, diagonal, diagonal] = np.maximum(found[:, diagonal, diagonal], 0.0)
-        return found
+        return np.asarray(found)
 
     def _seen(self, boundary: Boundary, noise: Floats) -> tuple[Floats, Floats, Floats]:
         """Rows, values and noise of what a boundary says of the weights."""
@@ -548,7 +577,11 @@ class _Tangent:
         self._points, self._kept = _points(reference), dict[int, Floats]()
         self._retraction: Retraction | None = None
         if system.equalities.size:
-            request = Request(reference, system.equalities, weights=ADAPTING, begin=begin)
+            # What demonstrations have in common at their ends, curves along the constraints have.
+            ends = tuple(Boundary.keeping(reference, at, "position") for at in (0.0, 1.0))
+            if "position" in system.equalities.row_levels:
+                ends = ()
+            request = Request(reference, system.equalities, ends, ADAPTING, begin=begin)
             self._retraction = Retraction(request)
 
     def __call__(self, curves: Curves) -> Floats:
@@ -578,13 +611,19 @@ def _points(trajectory: PoseTrajectory) -> Floats:
     return np.hstack([trajectory.positions, trajectory.quaternions])
 
 
-def _deviations(trajectory: PoseTrajectory, reference: PoseTrajectory) -> Floats:
+def deviations(trajectory: PoseTrajectory, reference: PoseTrajectory) -> Floats:
     """How a motion differs from the reference at the fractions, shape (101, 6)."""
     there, here = (
         _points(each.resampled(times=each.times[0] + each.duration * FRACTIONS))
         for each in (trajectory, reference)
     )
     return POSE.difference(there, here)
+
+
+def _turned(before: Floats, after: Floats) -> Floats:
+    """How far each motion was turned (rad), rms along the way; by a few degrees, or more."""
+    cosines = np.abs(np.einsum("snq,snq->sn", before[:, :, 3:], after[:, :, 3:]))
+    return np.asarray(np.sqrt(np.mean(8 * np.maximum(0.0, 1 - cosines), axis=1)))
 
 
 def _with_velocities(points: Floats, time_step: float) -> Floats:

@@ -3,11 +3,12 @@
 The covariance of n curves in D weights, D far above n, is singular, and says that whatever was not
 seen cannot be.  It is shrunk towards one that is not (Ledoit and Wolf 2004),
 
-    ``(1 - a) S + a T,   T(s, s') = c(s) c(s') exp(-(s - s')^2 / 2 l^2)``
+    ``(1 - a) S + a T,   T(s, s') = c(s) c(s') (1 + r) exp(-r),   r = sqrt(3) |s - s'| / l``
 
-in each channel alone, c(s)^2 being the variance that was seen there, mixed with its mean along the
-motion.  How much (a), how smooth (l), and how many weights a curve gets is what makes each of the
-curves most likely under the others (leave-one-out).
+(Matern's of order 3/2) in each channel alone, c(s)^2 being the variance that was seen there, and
+then taken along the constraints, as the curves themselves are.  How much (a), how smooth (l), and
+how many weights a curve gets is what makes each of the curves most likely under the others
+(leave-one-out).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from noslip._typing import Floats
 from noslip.distribution.curves import SAMPLES, Curves
@@ -30,12 +32,14 @@ FEWEST = 3
 CHOICES: dict[str, tuple[float, ...]] = {
     "weights": (8, 12, 16, 24, 32),
     "shrinkage": (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9),
-    "length": (0.03, 0.05, 0.08, 0.12, 0.2, 0.35),
-    "evening": (0.003, 0.01, 0.03, 0.1, 0.3, 1.0),
+    "length": (0.05, 0.08, 0.12, 0.2, 0.35, 0.6),
 }
 """What is tried of each; the likelihood is flat between neighbors."""
 _LEAST_NOISE = 1e-6
 """Least noise of a channel, over its rms: what is closer to a curve is rounding."""
+_EVENING = 0.01
+"""Share of its mean along the motion that a variance has at least: what all demonstrations have in
+common can still be asked to be otherwise."""
 _SWEEPS = 3
 """Rounds of choosing each in turn; the third changes nothing on the demonstrations at hand."""
 
@@ -52,14 +56,11 @@ class Shape:
         a, from 0 to 1.
     length : float
         l, as a fraction of the motion.
-    evening : float
-        Share of the mean variance in c(s)^2, from 0 to 1.
     """
 
     weights: int
     shrinkage: float
     length: float
-    evening: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +93,13 @@ def estimate(values: Floats, context: Floats, curves: Curves, tangent: Tangent) 
         Of n curves in d channels, at :data:`noslip.distribution.curves.FRACTIONS`.
     context : array, shape (n, c)
     """
-    best, score = Shape(12, 0.2, 0.12, 0.1), -np.inf
+    best, score = Shape(12, 0.5, 0.2), -np.inf
     tried: dict[Shape, float] = {}
     for _ in range(_SWEEPS):
         before = best
         for name, choices in CHOICES.items():
             for choice in choices:
-                shape = replace(best, **{name: choice})
+                shape = replace(best, **{name: choice})  # type: ignore[arg-type]
                 if shape not in tried:
                     tried[shape] = leave_one_out(values, context, shape, curves, tangent)
                 if tried[shape] > score:
@@ -120,22 +121,42 @@ def leave_one_out(
         if context.shape[1]:
             rows = context_rows(gaussian, context.shape[1])
             gaussian = gaussian.given(rows, context[k], np.zeros(len(rows)))
-        total += log_likelihood(gaussian, noise, values[k], curves.of(shape.weights))
+        freedom = freedom_of(len(values) - 1, context.shape[1])
+        total += log_likelihood(gaussian, noise, values[k], curves.of(shape.weights), freedom)
     return total / len(values)
 
 
-def log_likelihood(gaussian: Gaussian, noise: Floats, values: Floats, curves: Curves) -> float:
-    """Log-density of a curve, shape (SAMPLES, d), over the number of its values (nats)."""
-    basis, weights, channels = curves.values, curves.count, values.shape[1]
+def log_likelihood(
+    gaussian: Gaussian, noise: Floats, values: Floats, curves: Curves, freedom: int
+) -> float:
+    """Log-density of a curve, shape (SAMPLES, d), over the number of its values (nats).
+
+    Student's: the scale of a covariance that so few motions tell is itself uncertain, and a motion
+    unlike them is possible (Murphy 2007, eq. 232).
+
+    Parameters
+    ----------
+    freedom : int
+        nu: degrees of freedom of the covariance.
+    """
+    basis, channels, size = curves.values, values.shape[1], values.size
     held = values.T @ basis
     left = values.T - held @ basis.T
-    rows = np.eye(channels * weights, len(gaussian.mean))
-    seen = gaussian.seen(rows, np.repeat(noise, weights))
+    rows = np.eye(channels * curves.count, len(gaussian.mean))
+    seen = gaussian.seen(rows, np.repeat(noise, curves.count))
     # Orthonormal curves: what they leave is white noise in so many dimensions, and nothing else.
     variance = noise[:, None] ** 2
-    beyond = -0.5 * np.sum(left**2 / variance)
-    beyond -= 0.5 * (SAMPLES - weights) * np.log(2 * np.pi * variance).sum()
-    return float((seen.log_density(held.ravel()) + beyond) / values.size)
+    square = seen.distance(held.ravel()) ** 2 + float(np.sum(left**2 / variance))
+    volume = seen.log_volume + (values.shape[0] - curves.count) * float(np.log(noise).sum())
+    gamma = scipy.special.gammaln((freedom + size) / 2) - scipy.special.gammaln(freedom / 2)
+    constant = gamma - size / 2 * np.log(np.pi * freedom)
+    density = constant - volume - (freedom + size) / 2 * np.log1p(square / freedom)
+    return float(density / size)
+
+
+def freedom_of(count: int, context: int) -> int:
+    """Degrees of freedom of what is estimated from so many curves in so many numbers of context."""
+    return max(1, count - 1 - context)
 
 
 def fitted(
@@ -161,7 +182,7 @@ def fitted(
     apart, aside = weights - mean, context - middle
     slopes = np.linalg.lstsq(aside, apart, rcond=None)[0]
     own = apart - aside @ slopes
-    freedom = max(1, count - 1 - context.shape[1])
+    freedom = freedom_of(count, context.shape[1])
     seen = own.T @ own / freedom
     spread = (1 - shape.shrinkage) * seen + shape.shrinkage * _target(
         own, freedom, shape, curves, tangent
@@ -176,12 +197,12 @@ def fitted(
 def _target(own: Floats, freedom: int, shape: Shape, curves: Curves, tangent: Tangent) -> Floats:
     """T in the weights of the curves: channel by channel, then along the constraints."""
     basis, channels = curves.values, own.shape[1] // curves.count
-    apart = np.subtract.outer(curves.places, curves.places) / shape.length
-    alike = np.exp(-0.5 * apart**2)
+    apart = np.sqrt(3) * np.abs(np.subtract.outer(curves.places, curves.places)) / shape.length
+    alike = (1 + apart) * np.exp(-apart)
     found = np.zeros((channels, curves.count) * 2)
     for channel, weights in enumerate(np.split(own, channels, axis=1)):
         variance = np.sum((weights @ basis.T) ** 2, axis=0) / freedom
-        variance += shape.evening * (variance.mean() - variance)
+        variance += _EVENING * (variance.mean() - variance)
         size = np.sqrt(variance)
         found[channel, :, channel] = basis.T @ (size[:, None] * alike * size) @ basis
     along = tangent(curves)

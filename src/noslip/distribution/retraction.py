@@ -6,10 +6,10 @@ feasible motion share that motion's matrix: simplified Newton steps
 
     ``z <- z - W^-1 J^T (J W^-1 J^T)^-1 phi(z)``
 
-with weights W and Jacobian J of the feasible motion converge linearly, the faster the nearer, at the
-price of two triangular solutions and one evaluation of the constraints; combined by what the steps
-before have taught (Anderson 1965), in half as many.  Where they end satisfies the constraints as
-exactly; it is the nearest such motion to first order (a retraction onto the manifold of feasible
+with weights W and Jacobian J of the feasible motion converge linearly, the faster the nearer, at
+the price of two triangular solutions and one evaluation of the constraints; combined by what the
+steps before have taught (Anderson 1965), in half as many.  Where they end satisfies the constraints
+as exactly; it is the nearest such motion to first order (a retraction onto the manifold of feasible
 motions; Absil, Mahony and Sepulchre 2008, section 4.1).
 """
 
@@ -34,9 +34,9 @@ from noslip.space import Space, Twisted, between
 MOST_STEPS = 20
 """Twice what motions take that lie within three standard deviations; what takes more is projected
 exactly in less time."""
-ENOUGH = 100.0
-"""Residual at which a motion has arrived, over what rounding leaves of one: 1e-9 of the mean speed.
-Each factor of 5 takes another step."""
+ARRIVED = 5e-11
+"""Residual, in the constraint's own unit, at which a motion has arrived: a twentieth of what is
+told as none (:data:`noslip.constraints.check.ROUNDING`).  Each factor of 5 takes another step."""
 WORST = 1e2
 """Factor on the least residual so far at which an iteration is given up."""
 DEPTH = 3
@@ -44,8 +44,11 @@ DEPTH = 3
 TOGETHER = 128
 """Motions that are moved at once: enough for products of matrices to run at full speed, few enough
 to stay in the processor's cache."""
+IN_CACHE = 8
+"""Motions of which all numbers of a turn stay in the cache."""
 STAGES = 6
-"""Samples of a block of the factorization: fewer are slower for their number, more for their size."""
+"""Samples of a block of the factorization: fewer are slower for their number, more for their
+size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +93,8 @@ class Retraction:
         reference = request.reference
         self.length = reference.path_length
         self._time_step = request.time_step
-        self._times = request.begin + self._time_step * np.arange(len(reference))
+        at = np.arange(len(reference), dtype=np.float64)
+        self._times: Floats = request.begin + self._time_step * at
         plan = Problem(request, np.zeros((len(reference), self.space.angular))).plan
         value, jacobian = plan.stage.slope(*plan.arguments())
         band, _ = newton.optimality(plan, plan.scaled(value), jacobian, {})
@@ -101,7 +105,7 @@ class Retraction:
                 "with noise"
             )
         self._active, self._scale = plan.active, plan.row_scale
-        self._tolerance = ENOUGH * plan.tolerance / plan.row_scale
+        self._tolerance = np.maximum(ARRIVED, plan.tolerance / plan.row_scale)
         self._step: _Between = self.system.owned("between", lambda: _Between(self.system))
 
     def residuals(self, points: Floats) -> Floats:
@@ -187,14 +191,14 @@ class Retraction:
         return found, size, size <= 1, steps
 
     def _missed(self, residuals: Floats) -> Floats:
-        return np.abs(residuals / self._tolerance).max(axis=(1, 2), initial=0.0)
+        return np.asarray(np.abs(residuals / self._tolerance).max(axis=(1, 2), initial=0.0))
 
 
 class _Past:
     """What steps have taught (Anderson 1965): a few of them span how the residual answers.
 
-    Steps of ``a <- a - r(a)`` are combined such that the residual would vanish as far as it is linear
-    in them (Walker and Ni 2011, eq. 2.2 and below).
+    Steps of ``a <- a + r(a)`` are combined such that the residual would vanish as far as it is
+    linear in them (Walker and Ni 2011, eq. 2.2 and below).
     """
 
     def __init__(self, pull: Floats, left: Floats) -> None:
@@ -221,8 +225,8 @@ class _Past:
         size = np.einsum("skk->s", normal)[:, None, None]
         normal += (1e-14 * size + 1e-300) * np.eye(normal.shape[1])
         shares = np.linalg.solve(normal, changes @ flat[:, :, None])[:, :, 0]
-        for k, (p, l) in enumerate(zip(self._pulls, self._lefts, strict=True)):
-            step -= shares[:, k, None, None] * (p + l)
+        for k, both in enumerate(zip(self._pulls, self._lefts, strict=True)):
+            step -= shares[:, k, None, None] * sum(both)
         return step
 
 
@@ -291,17 +295,25 @@ def _part(band: Band, top: int, bottom: int, left: int, right: int) -> Floats:
 
 def _inverse(block: Floats) -> Floats:
     try:
-        return np.linalg.inv(block)
+        return np.asarray(np.linalg.inv(block), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.full_like(block, np.nan)
 
 
 def _led(space: Space, points: Floats, changes: Floats) -> Floats:
-    """Points moved by changes, turned by ``2 atan(|r| / 2)``: a turn to third order, without a sine.
+    """Points moved by changes, turned by ``2 atan(|r| / 2)``: to third order, without a sine.
 
     Any way to go does that begins like ``Exp(r) R``; this one takes half the time.
     """
-    n, found = space.linear, np.empty_like(points)
+    found = np.empty_like(points)
+    for first in range(0, len(points), IN_CACHE):
+        part = slice(first, first + IN_CACHE)
+        _lead(space, points[part], changes[part], found[part])
+    return found
+
+
+def _lead(space: Space, points: Floats, changes: Floats, found: Floats) -> None:
+    n = space.linear
     np.add(points[..., :n], changes[..., :n], out=found[..., :n])
     for k in range(space.rotations):
         a, b, c = np.moveaxis(changes[..., n + 3 * k : n + 3 * k + 3] / 2, -1, 0)
@@ -317,7 +329,6 @@ def _led(space: Space, points: Floats, changes: Floats) -> Floats:
             )
         ):
             np.divide(part, size, out=found[..., first + j])
-    return found
 
 
 class _Between:
@@ -348,7 +359,7 @@ def _residual(system: ConstraintSystem) -> ca.Function:
     rates = (ends[1][0] - ends[0][0]) / h
     middles, lasts = [], []
     for poses in bodies:
-        halfway, twist = between(*poses, h)
+        halfway, twist = between(poses[0], poses[1], h)
         middles.append(Twisted(*halfway, *twist))
         lasts.append(Twisted(*poses[1], *twist))
     middle = system.of_bodies(time - h / 2, middles, (ends[0][0] + ends[1][0]) / 2, rates)

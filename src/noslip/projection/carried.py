@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from noslip._typing import Floats
-from noslip.space import Samples, Space
+from noslip.space import Space
 
 
 class ToolPaths:
@@ -17,8 +17,8 @@ class ToolPaths:
     Parameters
     ----------
     space : Space
-    reference : trajectory
-        Of joints.
+    reference : array, shape (N, n)
+        Of the joints.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class ToolPaths:
         Mean square of what a tool moves by with a joint, over the square of its path's length.
     """
 
-    def __init__(self, space: Space, reference: Samples) -> None:
-        self._space, self._reference = space, reference.positions
-        self.places, slopes = space.carried(reference.positions)
+    def __init__(self, space: Space, reference: Floats) -> None:
+        self._space, self._reference = space, reference
+        self.places, slopes = space.carried(reference)
         lengths = np.linalg.norm(np.diff(self.places, axis=1), axis=2).sum(axis=1)
         self.lengths = np.where(lengths > 0, lengths, 1.0)
         self.lever = float(np.square(slopes / self._over).mean()) * 3 if len(slopes) else 0.0

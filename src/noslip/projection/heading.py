@@ -26,6 +26,11 @@ PLUNGING = 0.2
 """Share of its speed in the blade's plane up to which a tool that goes backwards just plunges."""
 SIDEWAYS = 0.01
 """Share of the speed within the blade's plane below which its direction there is not trusted."""
+_ROUND, _IN_PLANE = 2.0, 0.35
+"""Turn (rad) that takes a tool round, and mean slip (rad) of one that had better stay: of a circle
+with the tool held still it is 1."""
+_ROUNDS = 3
+"""Of a period, so that the middle one feels no ends."""
 _MOST_SMOOTHED = 5_000
 """Samples smoothed one by one: where a tool rests, fourth differences of three times as many may be
 off by a percent; those of a hundred thousand lose all digits."""
@@ -50,7 +55,9 @@ class Heading:
     backing: int
 
 
-def turn_edge_into_path(trajectory: Samples, system: ConstraintSystem, smoothing: float) -> Heading:
+def turn_edge_into_path(
+    trajectory: Samples, system: ConstraintSystem, smoothing: float, *, periodic: bool = False
+) -> Heading:
     """Smallest turns that bring each sample's velocity into the blade's plane, edge leading.
 
     A blade has one edge, so of the two turns that satisfy the constraint the one with
@@ -60,8 +67,23 @@ def turn_edge_into_path(trajectory: Samples, system: ConstraintSystem, smoothing
     with weights that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
     Constraints that name no edge get no turn, nor do tools that joints carry.  A tool under a rule
-    about its motion as another body sees it is turned into its path there.
+    about its motion as another body sees it is turned into its path there.  A period is turned
+    as in the middle of several; one that is sawn to and fro within the blade's plane stays so.
     """
+    if periodic:
+        steps = len(trajectory) - 1
+        rows = np.append(np.tile(np.arange(steps), _ROUNDS), 0)
+        times = np.linspace(0.0, _ROUNDS * trajectory.duration, len(rows))
+        rounds = trajectory.with_points(trajectory.points[rows], times)
+        found = _turned(rounds, system, smoothing / _ROUNDS**4, sawing=True)
+        middle = slice(_ROUNDS // 2 * steps, (_ROUNDS // 2 + 1) * steps + 1)
+        return Heading(found.turns[middle], -(-found.backing // _ROUNDS))
+    return _turned(trajectory, system, smoothing, sawing=False)
+
+
+def _turned(
+    trajectory: Samples, system: ConstraintSystem, smoothing: float, *, sawing: bool
+) -> Heading:
     turns, backing = np.zeros((len(trajectory), system.space.angular)), 0
     for k, body in enumerate(system.space.seen):
         of_body = [not c.coordinates and system.space.body(c.body) == k for c in system.constraints]
@@ -69,14 +91,12 @@ def turn_edge_into_path(trajectory: Samples, system: ConstraintSystem, smoothing
         tool = body.body if isinstance(body, Seen) else body
         if constraint is None or not isinstance(tool, Placed) or tool.turn is None:
             continue
-        positions, quaternions = _moving(trajectory, tool)
-        work = None
+        moving, work = _moving(trajectory, tool), None
         if isinstance(body, Seen):
-            places, work_quaternions = _moving(trajectory, body.work)
-            work = Rotation.from_quat(work_quaternions, scalar_first=True)
-            positions = work.inv().apply(positions - places)
-            quaternions = product(inverse(work_quaternions), quaternions)
-        found = _turned_into_path(trajectory, positions, quaternions, constraint, smoothing)
+            places, seeing = _moving(trajectory, body.work)
+            work = Rotation.from_quat(seeing, scalar_first=True)
+            moving = work.inv().apply(moving[0] - places), product(inverse(seeing), moving[1])
+        found = _turned_into_path(trajectory, moving, constraint, smoothing, sawing=sawing)
         turns[:, 3 * tool.turn : 3 * tool.turn + 3] = (
             found.turns if work is None else work.apply(found.turns)
         )
@@ -94,11 +114,13 @@ def _moving(trajectory: Samples, body: Placed) -> tuple[Floats, Floats]:
 
 def _turned_into_path(
     trajectory: Samples,
-    positions: Floats,
-    quaternions: Floats,
+    moving: tuple[Floats, Floats],
     constraint: Constraint,
     smoothing: float,
+    *,
+    sawing: bool,
 ) -> Heading:
+    positions, quaternions = moving
     none = Heading(np.zeros((len(trajectory), 3)), 0)
     if constraint.edge is None or constraint.edge.lateral is None:
         return none
@@ -139,6 +161,9 @@ def _turned_into_path(
         angles[stretch] = angle
         # The axis is perpendicular to the lateral axis and to that direction.
         axes[stretch] = lead @ [frame[2], -frame[0]]
+    slips = np.arcsin(np.clip(np.abs(aside) / np.where(speed > 0, speed, 1.0), 0.0, 1.0))
+    if sawing and np.abs(angles).max() > _ROUND and speed @ slips < _IN_PLANE * speed.sum():
+        return Heading(none.turns, 1)
     turns = rotations.apply(axes * angles[:, None])
     sure = np.minimum(speed, 2 * typical) ** 2
     weights = np.where(moving, sure / sure.mean(), 0.0)

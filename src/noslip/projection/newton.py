@@ -17,13 +17,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
-from noslip.projection.band import Band
+from noslip.projection.band import Band, Ring
 from noslip.projection.blend import inverse_left_jacobian
 from noslip.projection.stage import Entries, Stage, of_three
 
@@ -89,6 +90,9 @@ class Plan:
     row_scale, tolerance : array, shape (m,)
     twists : two arrays, shape (2, n + 3 b), or None
     bending : array, shape (2,)
+    is_periodic : bool
+        Whether a step leads from the last sample to the first; it is the first one's then, and
+        slopes have N.
     """
 
     stage: Stage
@@ -111,6 +115,7 @@ class Plan:
     last_barrier: float
     metric: Floats | None = None
     pull: Floats | None = None
+    is_periodic: bool = False
     careful: bool = False
     barrier: float = 0.0
     step_size: float = np.inf
@@ -138,7 +143,8 @@ class Plan:
 
     def arguments(self) -> tuple[Floats, ...]:
         """What the stage is evaluated at."""
-        self.z[0], self.z[-1] = self.z[1], self.z[-2]
+        first, last = (-2, 1) if self.is_periodic else (1, -2)
+        self.z[0], self.z[-1] = self.z[first], self.z[last]
         return (of_three(self.z), *self._reference)
 
     def scaled(self, values: Floats) -> Floats:
@@ -147,6 +153,8 @@ class Plan:
 
     def changes(self) -> Floats:
         """What each step changes of the correction, less what twists at the ends ask for."""
+        if self.is_periodic:
+            return self.unknown - np.roll(self.unknown, 1, axis=0)
         changes = np.diff(self.unknown, axis=0)
         for end, twists in enumerate(self.twists):
             if twists is None:
@@ -160,6 +168,14 @@ class Plan:
             wanted.append((asked[:n] - own[:n]) / self.length)
             changes[-end] -= self.time_step * np.concatenate(wanted)[: changes.shape[1]]
         return changes
+
+    def beside(self, shift: int) -> tuple[Any, Any]:
+        """Samples that have one so far from them, and those ones."""
+        count = len(self.active)
+        if self.is_periodic:
+            return np.arange(count), (np.arange(count) + shift) % count
+        at = slice(max(0, -shift), count - max(0, shift))
+        return at, slice(at.start + shift, at.stop + shift)
 
     def costs(self) -> tuple[Floats, Floats, Floats]:
         """Weights (N, n) of the correction, (N - 1, n) of its changes, (n,) of its bending."""
@@ -231,7 +247,8 @@ def optimality(
 ) -> tuple[Band, Floats]:
     """Optimality conditions of a step, as a matrix and a right-hand side, shape (N, n + m)."""
     count, unknowns, rows = len(value), plan.z.shape[1], plan.stage.rows
-    band = Band(count, unknowns + rows, unknowns if plan.stage.reaches_over else 0)
+    kind = Ring if plan.is_periodic else Band
+    band = kind(count, unknowns + rows, unknowns if plan.stage.reaches_over else 0)
     weights, slopes, bending = plan.costs()
     for j in range(unknowns):
         band.add_bending(j, bending[j])
@@ -249,7 +266,7 @@ def optimality(
         entries = np.where(plan.active[:, row], entries * plan.row_scale[row], 0.0)
         band.add(shift, unknowns + row, unknown, entries)
         band.add_transposed(shift, unknowns + row, unknown, entries)
-        at, of = _beside(shift, count)
+        at, of = plan.beside(shift)
         right[of, unknown] -= entries[at] * plan.multipliers[at, row]
     asked = plan.active.any(axis=1)
     for (row, column), entries in curvature.items():
@@ -279,7 +296,7 @@ def _sizes(plan: Plan, band: Band, jacobian: Entries, diagonal: Floats) -> Float
     sizes = np.zeros(plan.active.shape)
     for row, column in jacobian:
         block, unknown = divmod(column, unknowns)
-        at, of = _beside(block - 1, len(sizes))
+        at, of = plan.beside(block - 1)
         entries = band.entries(block - 1, unknowns + row, unknown)
         measure = np.abs(band.entries(0, unknown, unknown)[of])
         sizes[at, row] = np.maximum(sizes[at, row], entries**2 / measure)
@@ -288,17 +305,16 @@ def _sizes(plan: Plan, band: Band, jacobian: Entries, diagonal: Floats) -> Float
     return np.where(sizes > 0, sizes, 1.0)
 
 
-def _beside(shift: int, count: int) -> tuple[slice, slice]:
-    """Samples that have one so far from them, and those ones."""
-    at = slice(max(0, -shift), count - max(0, shift))
-    return at, slice(at.start + shift, at.stop + shift)
-
-
 def _cost_gradient(plan: Plan, weights: Floats, slopes: Floats, bending: Floats) -> Floats:
     z = plan.unknown
     gradient = weights * z
     if plan.metric is not None and plan.pull is not None:
         gradient += (plan.metric @ z[..., None])[..., 0] + plan.pull
+    if plan.is_periodic:
+        bend = bending * (np.roll(z, -1, axis=0) - 2 * z + np.roll(z, 1, axis=0))
+        change = slopes * plan.changes()
+        gradient += np.roll(bend, 1, axis=0) - 2 * bend + np.roll(bend, -1, axis=0)
+        return np.asarray(gradient + change - np.roll(change, -1, axis=0))
     bend = bending * (z[2:] - 2 * z[1:-1] + z[:-2])
     gradient[2:] += bend
     gradient[1:-1] -= 2 * bend

@@ -183,7 +183,8 @@ def solve(plan: Plan, most: int, barrier: float) -> bool:
     What is not to be trusted in machine code is done in NumPy from there.
     """
     outcome = Outcome.UNRELIABLE
-    if compiled := _compiled(plan.stage):
+    # A ring is for NumPy alone.
+    if (compiled := _compiled(plan.stage)) and not plan.is_periodic:
         struct = struct_of(plan, compiled)
         compiled.begin(ctypes.byref(struct), barrier)
         outcome = Outcome(compiled.iterate(ctypes.byref(struct), most))

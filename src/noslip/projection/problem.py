@@ -75,20 +75,28 @@ class Problem:
             request.begin,
         )
         self.equalities, self.limits = system.equalities, system.limits
-        count = self.count = len(trajectory)
-        self.time_step = trajectory.duration / (count - 1)
+        self.is_periodic = request.is_periodic
+        # The first sample of a period is its last.
+        self.own = slice(int(self.is_periodic), None)
+        count = self.count = len(trajectory) - int(self.is_periodic)
+        self.time_step = request.time_step
         self.space = space = system.space
         self.length = request.length or trajectory.path_length or 1.0
-        self.tools = ToolPaths(space, trajectory)
+        self.tools = ToolPaths(space, trajectory.positions[self.own])
         self.lengths = self._lengths()
         if self.is_carrying:
             self.length = 1.0
         self.levels = np.array(self.equalities.row_levels + self.limits.row_levels, dtype=object)
         self.is_limit = np.arange(system.size) >= self.equalities.size
 
-        self.reference = trajectory.quaternions
+        self.positions = trajectory.positions[self.own]
+        self.reference = trajectory.quaternions[self.own]
+        turned_on = turns[-1] - turns[0]
+        turns = turns[self.own]
         farthest = np.linalg.norm(turns.reshape(count, -1, 3), axis=2).max(initial=0.0)
-        if farthest > _TURNED_REFERENCE:
+        # Nor does a turn close that goes on and on.
+        goes_on = self.is_periodic and np.abs(turned_on).max(initial=0.0) > _TURNED_REFERENCE
+        if farthest > _TURNED_REFERENCE or goes_on:
             led = _turned(self.reference, turns)
             each = (led[:, k : k + 4] for k in range(0, led.shape[1], 4))
             self.reference = np.hstack([without_flips(quaternions) for quaternions in each])
@@ -105,9 +113,9 @@ class Problem:
             [trajectory.duration, trajectory.duration**2],
             1.0,
         )
-        positions, quaternions = self._stages(trajectory.positions, self.reference)
+        positions, quaternions = self._stages(self.positions, self.reference)
         turn_weights, turn_slopes = self._weigh()
-        weights, h = request.weights, 1 / (count - 1)
+        weights, h = request.weights, 1 / (len(trajectory) - 1)
         tolerances = self._tolerances()
         bending = np.array([weights.rotation_smoothing, weights.position_smoothing])
         bending[0] += weights.position_smoothing * self.tools.lever
@@ -126,10 +134,11 @@ class Problem:
             z,
             self.time_step,
             self.length,
-            self.begin,
+            self.begin + self.own.start * self.time_step,
             weights.position * h,
             bending / h**3,
             _LAST_BARRIER / count,
+            is_periodic=self.is_periodic,
         )
         self._take_form()
 
@@ -150,8 +159,8 @@ class Problem:
 
     def begin_at(self, trajectory: Samples) -> None:
         """Take a trajectory as the first guess."""
-        turns = _turns(self.reference, trajectory.quaternions)
-        moved = (trajectory.positions - self.given.positions) / self.length
+        turns = _turns(self.reference, trajectory.quaternions[self.own])
+        moved = (trajectory.positions[self.own] - self.positions) / self.length
         guess = np.hstack([turns, moved])[:, : self.z.shape[1]]
         self.z += np.where(self.fixed, 0.0, guess - self.z)
 
@@ -164,11 +173,12 @@ class Problem:
         """Mark the unknowns that boundaries fix, and spread the change over the first guess."""
         fixed = np.zeros_like(self.z, dtype=bool)
         turns, shifts = {}, {}
-        for k, boundary in boundaries.items():
+        for sample, boundary in boundaries.items():
+            k = (sample - self.own.start) % self.count
             if boundary.quaternion is not None:
                 turns[k] = _turns(self.reference[k], boundary.quaternion)
             if boundary.position is not None and self.shifts.size:
-                shifts[k] = (boundary.position - self.given.positions[k]) / self.length
+                shifts[k] = (boundary.position - self.positions[k]) / self.length
         both = slice(self.space.angular), slice(self.space.angular, None)
         for wanted_here, columns in zip((turns, shifts), both, strict=True):
             if not wanted_here:
@@ -183,6 +193,8 @@ class Problem:
     def _active(self, boundaries: dict[int, Boundary], hold_position: bool) -> NDArray[np.bool_]:
         """Which rows are asked for at which sample."""
         active = np.ones((self.count, len(self.levels)), dtype=bool)
+        if self.is_periodic:
+            return active
         active[0] = self.levels == "position"
         # Constraints that a fixed boundary pose alone decides are not the projection's to satisfy.
         decided = np.zeros(self.count, dtype=bool)
@@ -201,9 +213,10 @@ class Problem:
     def _clearance(self, request: Request) -> Floats:
         """What limits are kept away from, shape (N, m)."""
         # None at what is fixed, which may lie on a limit.
-        places = [0, self.count - 1]
+        places = [] if self.is_periodic else [0, self.count - 1]
         places += [k for k, b in request.fixed.items() if b.position is not None]
-        away = np.abs(np.arange(self.count)[:, None] - places).min(axis=1) / (
+        samples = np.arange(self.own.start, self.count + self.own.start)
+        away = np.abs(samples[:, None] - places).min(axis=1, initial=self.count) / (
             _APPROACH * self.count
         )
         units = np.array(self.equalities.row_units + self.limits.row_units, dtype=object)
@@ -212,18 +225,26 @@ class Problem:
 
     def _weigh(self) -> tuple[Floats, Floats]:
         """What a turn costs at each sample, and what its change costs in each step."""
-        h = 1 / (self.count - 1)
+        h = 1 / (len(self.given) - 1)
         velocities, _ = self.given.step_velocities()
         if self.is_carrying:
-            velocities = np.hstack(list(np.diff(self.tools.places, axis=1) / self.time_step))
+            places = self.tools.places
+            if self.is_periodic:
+                places = np.concatenate([places[:, -1:], places], axis=1)
+            velocities = np.hstack(list(np.diff(places, axis=1) / self.time_step))
         speed = np.linalg.norm(velocities, axis=1)
-        speed = np.concatenate([speed[:1], speed])
+        if self.is_periodic:
+            steps = slice(None)
+        else:
+            speed, steps = np.concatenate([speed[:1], speed]), slice(1, None)
         relative = speed / mean if (mean := speed.mean()) else np.ones(self.count)
-        return h * (relative + _REST_WEIGHT), _SLOPE / h / (1 + (relative[1:] / _SLOW) ** 2)
+        return h * (relative + _REST_WEIGHT), _SLOPE / h / (1 + (relative[steps] / _SLOW) ** 2)
 
     def _twists(self, request: Request) -> list[Floats | None]:
         """Twists that are asked for at the ends, and the reference's own."""
         twists: list[Floats | None] = [None, None]
+        if not request.twists:
+            return twists
         reference = self.given.with_points(np.hstack([self.given.positions, self.reference]))
         for k, asked in request.twists.items():
             end = min(k, 1)
@@ -237,6 +258,12 @@ class Problem:
         No step leads to the first sample; nothing is asked of one, but a rule may be undefined at
         rest: it is taken as the step after it.
         """
+        if self.is_periodic:
+            # After an odd number of whole turns a quaternion comes back as its opposite.
+            before = _on_the_side_of(quaternions[-1], quaternions[0])
+            after = _on_the_side_of(quaternions[0], quaternions[-1])
+            p = np.vstack([positions[-1], positions, positions[0]])
+            return p, np.vstack([before, quaternions, after])
         before = _turned(quaternions[0], -_turns(quaternions[0], quaternions[1]))
         p = np.vstack(
             [2 * positions[0] - positions[1], positions, 2 * positions[-1] - positions[-2]]
@@ -258,7 +285,13 @@ class Problem:
             iterations += self.plan.iteration
             if not converged or np.abs(self.z - before).max() < _SAME_FORM:
                 break
-        return self.result(converged, iterations, self.plan.multipliers)
+        return self.result(converged, iterations, self._whole(self.plan.multipliers))
+
+    def _whole(self, rows: Floats, first: float | Floats = 0.0) -> Floats:
+        """Rows of stages as rows of samples: of a period, with those of the first."""
+        if not self.is_periodic:
+            return rows
+        return np.vstack([np.full((1, rows.shape[1]), first), rows])
 
     def _lengths(self) -> Floats:
         """What each row's residual is measured by: the path's length, or that of the tool's."""
@@ -281,9 +314,12 @@ class Problem:
     def result(self, converged: bool, iterations: int, multipliers: Floats) -> ProjectedTrajectory:
         """What the iterations have come to."""
         quaternions = _turned(self.plan.quaternions[1:-1], self.turns)
-        positions = self.given.positions.copy()
+        positions = self.positions.copy()
         if self.shifts.size:
             positions += self.length * self.shifts
+        if self.is_periodic:
+            positions = np.vstack([positions[-1], positions])
+            quaternions = np.vstack([_on_the_side_of(quaternions[-1], quaternions[0]), quaternions])
         trajectory = self.given.with_points(np.hstack([positions, quaternions]))
         residuals, margins = self._residuals(trajectory)
         return ProjectedTrajectory(
@@ -301,23 +337,27 @@ class Problem:
 
     def _residuals(self, trajectory: Samples) -> tuple[Floats, Floats]:
         """Residuals (N, m) and margins (N, k) of a trajectory."""
-        positions, quaternions = self._stages(trajectory.positions, trajectory.quaternions)
+        own = trajectory.positions[self.own], trajectory.quaternions[self.own]
+        positions, quaternions = self._stages(*own)
         as_it_is = np.zeros((self.count + 2, self.z.shape[1]))
         values = planner.values(
             replace(self.plan, positions=positions, quaternions=quaternions, z=as_it_is)
         )
         applies = np.ones_like(self.plan.active)
-        # No step leads to the first sample.
-        applies[0], applies[-1] = self.levels == "position", self.plan.active[-1]
+        if not self.is_periodic:
+            # No step leads to the first sample.
+            applies[0], applies[-1] = self.levels == "position", self.plan.active[-1]
         if self.plan.stage.system.has_angles or not np.isfinite(values[applies]).all():
             self._require_defined(trajectory)
-        values = np.where(applies, values, np.where(self.is_limit, np.inf, 0.0))
+        nothing = np.where(self.is_limit, np.inf, 0.0)
+        values = self._whole(np.where(applies, values, nothing), nothing)
         return values[:, : self.equalities.size], values[:, self.equalities.size :]
 
     def _require_defined(self, trajectory: Samples) -> None:
         """Refuse constraints that are undefined along a trajectory."""
         # Of equal steps: stamps as large as Unix time are rounded to a fraction of a microsecond.
-        times: Floats = np.asarray(np.arange(self.count) * self.time_step + self.begin, np.float64)
+        steps = np.arange(len(trajectory))
+        times: Floats = np.asarray(steps * self.time_step + self.begin, np.float64)
         linear, angular = (
             velocities * (np.diff(trajectory.times)[:, None] / self.time_step)
             for velocities in trajectory.step_velocities()
@@ -342,6 +382,13 @@ def _turns(begins: Floats, ends: Floats) -> Floats:
     """Rotation vectors, shape (..., 3 b), that lead from rotations to others."""
     found = turns_between(_each(begins, 4), _each(ends, 4))
     return found.reshape(*begins.shape[:-1], -1)
+
+
+def _on_the_side_of(quaternion: Floats, near: Floats) -> Floats:
+    """The same rotations, shape (4 b,), by the quaternions near others."""
+    both = _each(quaternion, 4), _each(near, 4)
+    signs = np.where(np.sum(both[0] * both[1], axis=1, keepdims=True) < 0, -1.0, 1.0)
+    return (signs * both[0]).reshape(quaternion.shape)
 
 
 def _each(rows: Floats, width: int) -> Floats:

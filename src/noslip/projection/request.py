@@ -10,12 +10,14 @@ import numpy as np
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import Value
-from noslip.boundary import Boundary, end_twist, sample_of
+from noslip.boundary import Boundary, End, end_twist, sample_of
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 
 FEWEST_SAMPLES = 4
 """Second differences of both ends must not share all of their samples."""
+FEWEST_IN_PERIOD = 6
+"""Second differences around one sample must not meet those on the other side."""
 _ROUNDED = 0.05
 """Most of what a correction costs that the rounding of its fourth differences may come to: with six
 times as much the first guess is off by a tenth of a radian."""
@@ -103,6 +105,9 @@ class Request(Value):
         Kept from limits that the reference violates, where they are lengths (m).
     length : float
         L (m); 0 is the reference's path.
+    is_periodic : bool
+        Whether the last sample is the first one again, and a step leads on from it: the reference's
+        is, to rounding, and no boundary has a twist.
     is_hurried : bool
         Whether limits are heeded in the first attempt or not at all.
 
@@ -123,6 +128,8 @@ class Request(Value):
     clearance: float = 0.0
     length: float = 0.0
     is_hurried: bool = False
+    is_periodic: bool = False
+    tool_ends: tuple[End, ...] = ("free", "free")
 
     def __post_init__(self) -> None:
         reference = self.reference
@@ -133,7 +140,7 @@ class Request(Value):
                 f"rotations a sample, but the constraints are declared of {space.linear} and "
                 f"{space.rotations}"
             )
-        if self.hold_position and not space.rotations:
+        if self.hold_position and not space.rotations and space.is_placed:
             raise InputError(
                 f"{reference.name}: hold_position=True leaves the rotation to give way, and "
                 "there is none; let the coordinates give way (hold_position=False)"
@@ -151,6 +158,8 @@ class Request(Value):
         for boundary in self.boundaries:
             if not isinstance(boundary, Boundary):
                 raise InputError(f"expected a Boundary, got {_arguments.short(boundary)}")
+        if self.is_periodic:
+            self._require_closed()
         most = _arguments.count("max_iterations", self.max_iterations)
         object.__setattr__(self, "max_iterations", most)
         for k, boundary in self.fixed.items():
@@ -169,6 +178,28 @@ class Request(Value):
                     f"a velocity at {boundary.at:g} of the motion: it can be asked for at an end "
                     "(0 or 1) whose position and rotation are both given, or that is at rest"
                 )
+
+    def _require_closed(self) -> None:
+        """Refuse what does not end where it begins, and what is asked of ends that it has not."""
+        reference = self.reference
+        if len(reference) < FEWEST_IN_PERIOD:
+            raise InputError(
+                f"{reference.name}: a period needs {FEWEST_IN_PERIOD} or more samples, got "
+                f"{len(reference)}"
+            )
+        points, n = reference.points, self.system.space.linear
+        gap = np.abs(self.system.space.difference(points[-1:], points[:1])[0])
+        largest = np.abs(reference.positions).max()
+        if gap[:n].max(initial=0) > _SAME * largest or gap[n:].max(initial=0) > _SAME:
+            raise InputError(
+                f"{reference.name}: a period ends where it begins, but this ends "
+                f"{np.linalg.norm(gap[:n]):.3g} ({np.degrees(gap[n:].max(initial=0)):.3g} degrees) "
+                "from there; close it first (noslip.projection.blend.closed)"
+            )
+        if any(boundary.has_twist for boundary in self.boundaries):
+            raise InputError("a period has no ends; no boundary of it can ask for a velocity")
+        if sum(boundary.at in (0, 1) and not boundary.is_free for boundary in self.boundaries) > 1:
+            raise InputError("a period ends where it begins; ask for a start or an end, not both")
 
     @property
     def fixed(self) -> dict[int, Boundary]:

@@ -20,6 +20,7 @@ new goal or start is the case with other boundary values.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -37,6 +38,7 @@ from noslip.projection.heading import Heading, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
+from noslip.projection.tool_first import kept_ends, tool_request, with_tool_led
 from noslip.space import Samples
 
 _ATTEMPTS = (
@@ -75,6 +77,7 @@ def project_trajectory(
     position_smoothing: float = LEARNING.position_smoothing,
     rotation_smoothing: float = LEARNING.rotation_smoothing,
     max_iterations: int = MAX_ITERATIONS,
+    periodic: bool = False,
     on_failure: Literal["raise", "return"] = "raise",
 ) -> ProjectedTrajectory:
     """Find the nearest trajectory that satisfies constraints and limits at every step.
@@ -99,6 +102,9 @@ def project_trajectory(
         Newton steps in the first attempt.  If they do not suffice, it tries again with more
         smoothing of the rotation, up to a thousandfold, and with steps that converge from farther;
         the result says with how much.
+    periodic : bool
+        The last sample is the first one again, of the result, too.  What does not quite end where
+        it begins is closed by :func:`noslip.projection.blend.closed` first.
     on_failure : "raise" or "return"
 
     Raises
@@ -109,18 +115,20 @@ def project_trajectory(
     ConvergenceError
         If no attempt converges (unless ``on_failure="return"``).
     """
+    given = [_given("start", start, 0.0), _given("end", end, 1.0)]
+    asked: list[End] = ["free" if isinstance(e, Boundary) else e for e in (start, end)]
+    kept, of_tool = kept_ends(trajectory, trajectory.space, *asked)
+    first, last = (g or k for g, k in zip(given, kept, strict=True))
     request = Request(
         trajectory,
         as_system(constraints, trajectory.space),
-        (
-            _end("start", start, 0.0, trajectory),
-            *boundaries,
-            _end("end", end, 1.0, trajectory),
-        ),
+        (first, *boundaries, last),
         Weights(position_weight, position_smoothing, rotation_smoothing),
         hold_position,
         _arguments.finite("begin", begin),
         max_iterations,
+        is_periodic=_arguments.flag("periodic", periodic),
+        tool_ends=of_tool,
     )
     result = project(request)
     return result if on_failure == "return" else _converged(result, request)
@@ -132,10 +140,17 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
     It begins with the edge turned into the path, or with the reference's own rotations.
 
     What the reference leads straight into it passes on one side, see :func:`detour.around`.
+    Where joints carry the tool, its own motion comes first: :mod:`noslip.projection.tool_first`.
 
     The result's trajectory has at its ends the velocities that were asked for.
     """
-    if not request.hold_position and "position" in request.system.limits.row_levels:
+    led = None
+    if (of_tool := tool_request(request)) is not None:
+        led = project(of_tool, turn=turn)
+        if led.converged:
+            with suppress(InputError):
+                request = with_tool_led(request, led.trajectory)
+    elif not request.hold_position and "position" in request.system.limits.row_levels:
         passed = around(request.reference, request.system, request.begin)
         request = replace(request, reference=passed)
     best = _attempt(replace(request, system=request.system.equalities), turn)
@@ -195,12 +210,10 @@ def project_heeding_what_it_can(request: Request) -> ProjectedTrajectory:
     return replace(_converged(project(alone), alone), left_out=system.limits.names)
 
 
-def _end(name: str, asked: End | Boundary, at: float, trajectory: Samples) -> Boundary:
-    if isinstance(asked, Boundary):
-        if asked.at != at:
-            raise InputError(f"{name}: a boundary at {at:g} is needed, got one at {asked.at:g}")
-        return asked
-    return Boundary.keeping(trajectory, at, asked)
+def _given(name: str, asked: End | Boundary, at: float) -> Boundary | None:
+    if isinstance(asked, Boundary) and asked.at != at:
+        raise InputError(f"{name}: a boundary at {at:g} is needed, got one at {asked.at:g}")
+    return asked if isinstance(asked, Boundary) else None
 
 
 def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajectory:
@@ -223,6 +236,8 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
             "from step to step; let the position give way (hold_position=False), or free it",
             iterate=result.trajectory,
         )
+    if request.is_periodic:
+        _require_closing(request, names)
     least = result.margins.min(initial=0.0)
     left = f"residual {result.residual:.2g}" + (f", margin {least:.2g}" if least < 0 else "")
     # More smoothing of the rotation is no advice: it was tried.
@@ -242,6 +257,23 @@ def _converged(result: ProjectedTrajectory, request: Request) -> ProjectedTrajec
         f"after {result.iterations} iterations); {advice}",
         code=Refusal.NOT_FOUND,
         iterate=result.trajectory,
+    )
+
+
+def _require_closing(request: Request, names: str) -> None:
+    """Refuse a period that constraints let not close, and say by how much."""
+    opened = project(replace(request, is_periodic=False))
+    if not opened.converged:
+        return
+    space, points = request.system.space, opened.trajectory.points
+    gap = space.difference(points[-1:], points[:1])[0]
+    away, turn = np.linalg.norm(gap[: space.linear]), np.abs(gap[space.linear :]).max(initial=0.0)
+    raise ConvergenceError(
+        f"{request.reference.name}: no period near it found that satisfies {names}, which let it "
+        f"end {away:.3g} {request.reference.unit} from where it begins, turned by "
+        f"{np.degrees(turn):.3g} degrees; take a path that closes under them",
+        code=Refusal.NOT_FOUND,
+        iterate=opened.trajectory,
     )
 
 
@@ -269,6 +301,9 @@ def _swing(result: ProjectedTrajectory, request: Request) -> float:
 def _with_twists(trajectory: Samples, request: Request) -> Samples:
     """Return a trajectory that says of its ends what was asked for."""
     velocities = trajectory.linear_velocities.copy(), trajectory.angular_velocities.copy()
+    if request.is_periodic:
+        for found, steps in zip(velocities, trajectory.step_velocities(), strict=True):
+            found[[0, -1]] = (steps[0] + steps[-1]) / 2
     for k, asked in request.twists.items():
         for found, wanted in zip(velocities, asked, strict=True):
             found[k] = wanted
@@ -289,7 +324,8 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
         smoother = replace(request, weights=weights)
         heading = Heading(np.zeros((len(moved), request.system.space.angular)), 0)
         if turn:
-            heading = turn_edge_into_path(moved, request.system, weights.rotation_smoothing)
+            smoothing, periodic = weights.rotation_smoothing, request.is_periodic
+            heading = turn_edge_into_path(moved, request.system, smoothing, periodic=periodic)
         problem = Problem(smoother, heading.turns)
         found = problem.solve(patience * request.max_iterations, careful)
         result = replace(found, backing=heading.backing)

@@ -16,7 +16,7 @@ from noslip._pose_columns import Kinematics
 from noslip._pose_npz import read_npz
 from noslip._samples import Duplicates, Gaps, Interval, Lost, Mending, Samples, Unsorted
 from noslip.errors import InputError, RecordingError
-from noslip.named_columns import numbers_text
+from noslip.named_columns import listed, numbers_text
 from noslip.recordings._format import VELOCITIES, Format
 from noslip.recordings.bag_writing import write_bag
 from noslip.recordings.bags import BAG, Integrate
@@ -28,10 +28,12 @@ from noslip.recordings.text import TEXT
 from noslip.recordings.twists import Twist
 from noslip.scale import ask_after_units
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
 NPZ = Format(
     name="an npz",
-    read=lambda path: [read_npz(path)],
+    read=lambda path, values=None: [read_npz(path, values=bool(values))],
+    options=("values",),
     suffixes=(".npz",),
     write=PoseTrajectory.to_npz,
     written=(".npz",),
@@ -66,6 +68,8 @@ def load_demonstrations(
     integrate: Integrate | None = None,
     episode: int | Iterable[int] | None = None,
     columns: str | Iterable[str] | None = None,
+    values: bool = False,
+    channels: str | Iterable[str] | None = None,
     time: str | None = None,
     units: str | Iterable[str] | None = None,
     rotation: str | None = None,
@@ -75,8 +79,12 @@ def load_demonstrations(
     unsorted: Unsorted = "refuse",
     lost: Lost = "refuse",
     within: Interval | None = None,
-) -> list[PoseTrajectory]:
-    """Read recordings of a tool's motion, one trajectory a file, or one an episode.
+) -> list[Any]:
+    """Read recordings of a motion, one trajectory a file, or one an episode.
+
+    Poses become :class:`noslip.PoseTrajectory`; what is no pose becomes :class:`noslip.Trajectory`:
+    columns that are named and are no pose, such as joints; a table of nothing but times and
+    ``x,y,z``; what :meth:`noslip.Trajectory.to_npz` wrote.
 
     Parameters
     ----------
@@ -99,6 +107,16 @@ def load_demonstrations(
         in brackets, by places from 0, slices or names: ``"observation.state[0:3,6,3:6]"``.  Of a
         table without a header, the numbers of its columns from 0.  Or what the names of one of
         several poses begin with: ``"left_arm"``.
+        Numbers that are no pose (their names are those of joints, or their count is none of a
+        pose and they hold no position with angles beside) are read as they are, in the units that
+        their names state (``fx [N]``), degrees and millimeters as radians and meters.
+    values : bool
+        Read columns as they are, whatever they are; without ``columns`` LeRobot's
+        ``observation.state``, or all columns of a table that hold numbers.  Of ROS bags: read a
+        topic of ``sensor_msgs/JointState``, of which ``columns`` are joints.
+    channels : str or iterable of str, optional
+        Of tables and data sets: columns to read beside the pose, as they are: a gripper, a wrench,
+        a stiffness.
     time : str, optional
         Of tables: the column of time, or two of seconds and nanoseconds, ``"sec,nanosec"``.
     units : str or iterable of str, optional
@@ -132,7 +150,7 @@ def load_demonstrations(
 
     Returns
     -------
-    list of PoseTrajectory
+    list of PoseTrajectory or Trajectory
         In the order given.  ``name`` is the file's path as given or found, followed by the
         episode, and the part, where there are several.
 
@@ -170,8 +188,12 @@ def load_demonstrations(
                        in degrees as ``x,y,theta_deg``
     ================== ==================================================================
 
+    A table of nothing but times and a quaternion is an orientation, which turns about the origin.
+
     **npz**: arrays ``times`` (N,), ``positions`` (N, 3) and ``quaternions`` (N, 4; scalar first),
-    and if there ``linear_velocities`` and ``angular_velocities`` (N, 3; m/s, rad/s, world frame).
+    and if there ``linear_velocities`` and ``angular_velocities`` (N, 3; m/s, rad/s, world frame),
+    ``channels`` (N, k), ``channel_names`` and ``channel_units`` (k texts).  Or, of vectors,
+    ``times``, ``values`` (N, n), and if there ``velocities``, ``names`` and ``units``.
 
     ===================================== ===================================================
     other files                           what is read
@@ -197,7 +219,9 @@ def load_demonstrations(
         "element": element,
         "integrate": integrate,
         "episode": list(episode) if isinstance(episode, Iterable) else episode,
-        "columns": columns if columns is None or isinstance(columns, str) else ",".join(columns),
+        "columns": _joined(columns),
+        "values": values or None,
+        "channels": _joined(channels),
         "time": time,
         "units": units,
         "rotation": rotation,
@@ -206,13 +230,47 @@ def load_demonstrations(
     return [trajectory for _, trajectory in loaded(paths, options, mending)]
 
 
+def load_trajectory(
+    path: str | Path, columns: str | Iterable[str] | None = None, **options: Any
+) -> Trajectory:
+    """Read columns of one recording as they are: joints, a planar point, a gripper.
+
+    Parameters
+    ----------
+    path : path
+    columns : str or iterable of str, optional
+        As for :func:`load_demonstrations` with ``values``.
+    **options
+        Of :func:`load_demonstrations`: ``rate``, ``time``, ``units``, ``topic``, ``episode``, ...
+
+    Raises
+    ------
+    InputError
+        If there are several, or for what :func:`load_demonstrations` refuses.
+    """
+    found = load_demonstrations(path, columns=columns, values=True, **options)
+    if len(found) > 1:
+        names = listed([each.name for each in found], str)
+        raise RecordingError(
+            f"{path}: {len(found)} recordings, {names}; choose one (episode=...), or read all with "
+            "load_demonstrations(..., values=True)"
+        )
+    read: Trajectory = found[0]
+    return read
+
+
+def _joined(columns: str | Iterable[str] | None) -> str | None:
+    return columns if columns is None or isinstance(columns, str) else ",".join(columns)
+
+
 def loaded(
     paths: str | Path | Iterable[str | Path], options: dict[str, Any], mending: Mending
-) -> Iterator[tuple[Samples, PoseTrajectory]]:
+) -> Iterator[tuple[Samples, Any]]:
     """Yield what a file holds and the trajectory that comes of it, or of each of its pieces."""
     for samples in read_samples(paths, options):
         for piece in samples.mended(mending):
-            trajectory = PoseTrajectory(**piece.checked(), name=piece.name)
+            kind = Trajectory if piece.names else PoseTrajectory
+            trajectory = kind.of_samples(piece)
             ask_after_units(trajectory, clock_said=piece.clock_said)
             yield piece, trajectory
 

@@ -14,7 +14,7 @@ import numpy as np
 from noslip._extras import need
 from noslip._files import read_text, write_beside
 from noslip._pose_checks import Source
-from noslip._pose_columns import Asked, JointColumns, PoseColumns, pose_of
+from noslip._pose_columns import Asked, Content, content_of
 from noslip._pose_names import Column
 from noslip._samples import Samples
 from noslip._typing import Floats
@@ -75,7 +75,7 @@ def read_lerobot(
 def _read(path: Path, episode: int | Iterable[int] | None, asked: Asked) -> list[Samples]:
     info = _info(path)
     fps = float(info["fps"])
-    available, pose, named = _pose(path, info, asked)
+    available, content, named = _content(path, info, asked)
     wanted = {*named, "timestamp", "frame_index", "episode_index"}
 
     where = _where_episodes_are(path, info)
@@ -90,20 +90,21 @@ def _read(path: Path, episode: int | Iterable[int] | None, asked: Asked) -> list
         rows = np.flatnonzero(read[1]["episode_index"][:, 0] == number)
         of = {key.lower(): values[rows] for key, values in read[1].items()}
         episodes.append(
-            _episode(_name(path, number), file, of, pose, fps, pose.understood(available))
+            _episode(_name(path, number), file, of, content, fps, content.understood(available))
         )
     return episodes
 
 
-def _pose(
+def _content(
     path: Path, info: dict[str, Any], asked: Asked
-) -> tuple[dict[str, Column], PoseColumns | JointColumns, list[str]]:
-    """Return all columns of numbers, where the pose is among them, and what those are called."""
+) -> tuple[dict[str, Column], Content, list[str]]:
+    """Return all columns of numbers, where the motion is among them, and what those are called."""
     held = _features(path, info)
     by_lower = {name.lower(): name for name in held}
     available = {key: held[name] for key, name in by_lower.items()}
-    pose = pose_of(path / INFO, available, asked)
-    return available, pose, [by_lower[key] for key in dict.fromkeys(key for key, _ in pose.places)]
+    content = content_of(path / INFO, available, asked)
+    used = dict.fromkeys(key for key, _ in content.places)
+    return available, content, [by_lower[key] for key in used]
 
 
 def _name(path: Path, number: int) -> str:
@@ -130,7 +131,7 @@ def replace_lerobot(
         As it was read with.
     """
     info = _info(path)
-    _, pose, named = _pose(path, info, Asked(**asked))
+    _, content, named = _content(path, info, Asked(**asked))
     # Files of a hub's cache are links to what is read-only.
     shutil.copytree(path, out, copy_function=shutil.copyfile)
     by_file: dict[Path, list[int]] = {}
@@ -145,7 +146,7 @@ def replace_lerobot(
             rows = np.flatnonzero(of == number)
             if (new := poses.get(_name(path, number))) is not None:
                 lower = {key.lower(): values[rows] for key, values in whole.items()}
-                for key, values in pose.replaced(
+                for key, values in content.pose.replaced(
                     file, lower, new.positions, new.quaternions
                 ).items():
                     whole[next(name for name in named if name.lower() == key)][rows] = values
@@ -203,13 +204,13 @@ def _episode(
     name: str,
     file: Path,
     of: dict[str, Floats],
-    pose: PoseColumns | JointColumns,
+    content: Content,
     fps: float,
     understood: dict[str, str],
 ) -> Samples:
     if not len(of["timestamp"]):
         raise RecordingError(f"{name}: no frames in {file}; is the data set complete?")
-    for key, place in pose.places:
+    for key, place in content.places:
         if of[key].shape[1] <= place:
             raise RecordingError(
                 f"{file}: column {key} holds {of[key].shape[1]} numbers, fewer than {INFO} says"
@@ -217,13 +218,11 @@ def _episode(
     stamps, even = of["timestamp"][:, 0], of["frame_index"][:, 0] / fps
     times = even if np.all(np.abs(stamps - even) <= STAMP_TOLERANCE) else stamps
     source = Source(name, "timestamp", "quaternion")
-    positions, quaternions = pose.poses(source, of)
     return Samples(
         name=name,
         source=source,
         times=times,
-        positions=positions,
-        quaternions=quaternions,
+        **content.samples(source, of),
         understood=[f"{key}: {told}" for key, told in understood.items()],
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 from noslip._arguments import MOST_SAMPLES
 from noslip._extras import need
 from noslip._pose_checks import Source, require_few
-from noslip._pose_columns import Asked, JointColumns, Layout, PoseColumns, layout_of, pose_of
+from noslip._pose_columns import Asked, Content, Layout, content_of, layout_of
 from noslip._pose_names import POSE, Column
 from noslip._samples import Samples
 from noslip._typing import Floats
@@ -149,24 +149,31 @@ def replace_robomimic(
         demos = _demos(data) if isinstance(data, h5py.Group) else {}
         for name in demos.values():
             if (new := poses.get(f"{path}/{name}")) is not None:
-                held, pose = _demo(f"{path}/{name}", data, name, Asked(**asked), h5py)
+                held, content = _demo(f"{path}/{name}", data, name, Asked(**asked), h5py)
                 after = _inside(path, data[name], "next_obs", h5py)
-                _put(path, held, pose, new, h5py, {} if after is None else _held(path, after, h5py))
+                _put(
+                    path,
+                    held,
+                    content,
+                    new,
+                    h5py,
+                    {} if after is None else _held(path, after, h5py),
+                )
         if not demos and (new := poses.get(str(path))) is not None:
             held, layout = _layout(path, file, Asked(rate=rate, **asked), h5py)
-            _put(path, held, layout.pose, new, h5py, {})
+            _put(path, held, layout.content, new, h5py, {})
 
 
 def _put(
     path: Path,
     held: Mapping[str, Any],
-    pose: PoseColumns | JointColumns,
+    content: Content,
     new: PoseTrajectory,
     h5py: Any,
     after: Mapping[str, Any],
 ) -> None:
-    of = _read(path, held, [key for key, _ in pose.places], h5py)
-    for key, values in pose.replaced(path, of, new.positions, new.quaternions).items():
+    of = _read(path, held, [key for key, _ in content.places], h5py)
+    for key, values in content.pose.replaced(path, of, new.positions, new.quaternions).items():
         held[key][...] = values.reshape(held[key].shape)
         if key in after and after[key].shape == held[key].shape:
             after[key][...] = np.concatenate([held[key][1:], held[key][-1:]])
@@ -174,8 +181,8 @@ def _put(
 
 def _demo(
     name: str, data: Any, number: str, asked: Asked, h5py: Any
-) -> tuple[dict[str, Any], PoseColumns | JointColumns]:
-    """Return the data sets of a demonstration, and where the pose is among them."""
+) -> tuple[dict[str, Any], Content]:
+    """Return the data sets of a demonstration, and where the motion is among them."""
     demo = _inside(name, data, number, h5py)
     observations = _inside(name, demo, "obs", h5py) if isinstance(demo, h5py.Group) else None
     if not isinstance(observations, h5py.Group):
@@ -183,28 +190,27 @@ def _demo(
             f"{name}: no observations (obs); extract them with robomimic's dataset_states_to_obs.py"
         )
     held = _held(name, observations, h5py)
-    if asked.columns is None and asked.robot is None:
+    if asked.columns is None and asked.robot is None and not asked.values:
         libero = {"ee_pos", "ee_ori"} <= set(held) and "robot0_eef_pos" not in held
         known: dict[str, Any] = LIBERO if libero else {"columns": EEF_POSE}
         asked = replace(asked, **known)
     elif asked.columns is not None and "actions" in asked.columns:
         held |= _held(name, demo, h5py)
-    return held, pose_of(name, _columns(held), asked)
+    return held, content_of(name, _columns(held), asked)
 
 
 def _read_demo(path: Path, number: str, data: Any, rate: float, asked: Asked, h5py: Any) -> Samples:
     name = f"{path}/{number}"
-    held, pose = _demo(name, data, number, replace(asked, rate=rate), h5py)
-    columns = _read(name, held, [key for key, _ in pose.places], h5py)
+    held, content = _demo(name, data, number, replace(asked, rate=rate), h5py)
+    columns = _read(name, held, [key for key, _ in content.places], h5py)
     source = Source(name, "sample", "quaternion")
-    positions, quaternions = pose.poses(source, columns)
-    told = pose.understood(_columns(held))
+    found = content.samples(source, columns)
+    told = content.understood(_columns(held))
     return Samples(
         name=name,
         source=source,
-        times=np.arange(len(positions)) / rate,
-        positions=positions,
-        quaternions=quaternions,
+        times=np.arange(len(found["positions"])) / rate,
+        **found,
         understood=[f"{key}: {what}" for key, what in told.items()],
     )
 
@@ -224,7 +230,12 @@ def _layout(path: Path, file: Any, asked: Asked, h5py: Any) -> tuple[dict[str, A
             f"{path}: no columns of numbers and no groups data/demo_0 and so on, found "
             f"{listed(file)}"
         )
-    if DROID["columns"] in available and asked.columns is None and asked.robot is None:
+    if (
+        DROID["columns"] in available
+        and asked.columns is None
+        and asked.robot is None
+        and not asked.values
+    ):
         known = dict(DROID)
         if asked.rate is not None or DROID["time"] not in available:
             del known["time"], known["units"]

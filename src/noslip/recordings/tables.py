@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,8 @@ def read_table(path: Path, **asked: Any) -> list[Samples]:
         while any(hasattr(kind, "fields") for kind in table.schema.types):
             table = table.flatten()
     held = {name.lower(): name for name in table.column_names}
-    available = {key: columns_of(table)[name] for key, name in held.items()}
+    columns = columns_of(table)
+    available = {key: replace(columns[name], raw=name) for key, name in held.items()}
     layout = layout_of(path, available, Asked(**asked))
     of = {key: numbers(path, table, held[key]) for key in layout.numbers}
     texts = {key: list(map(str, table[held[key]].to_pylist())) for key in layout.texts}

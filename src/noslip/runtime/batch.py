@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,13 +19,16 @@ from noslip.codegen.library import Library
 from noslip.errors import InputError
 from noslip.law.entry import GoalForm
 from noslip.law.law import Law
-from noslip.law.layout import BEGINNING, DRIVE, POINT, STATE
+from noslip.law.layout import STATE, layouts
+from noslip.law.points import rotation_of
 from noslip.rule import Rule
 from noslip.runtime.lost import require_defined
 from noslip.runtime.numbers import Struct
 from noslip.runtime.rollout import ProjectStart, initial_state, steps_ahead
 from noslip.runtime.stepper import stepper_of
+from noslip.space import POSE, Space
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
 _TOGETHER = 64
 """Motions a call: few enough for progress to be seen, enough for the call not to count."""
@@ -40,13 +44,16 @@ class Motions(Value):
         Seconds.
     begin : float
         Time at the start of each (s).
-    states : array, shape (M, N, 13)
-        Position, quaternion (qw, qx, qy, qz), linear and angular velocity, of each sample.
+    states : array, shape (M, N, ...)
+        Position, quaternion (qw, qx, qy, qz), linear and angular velocity, of each sample; of other
+        spaces as :class:`noslip.law.layout.Layouts` says.
     constraint_residuals : array, shape (M, N, m)
     margins : array, shape (M, N, k)
         Of the limits.
-    goals : array, shape (M, 7)
+    goals : array, shape (M, n + 4 b)
         Where each should end: position (m), quaternion (qw, qx, qy, qz).
+    space : Space
+        What moves.
     """
 
     durations: Floats
@@ -55,6 +62,7 @@ class Motions(Value):
     constraint_residuals: Floats
     margins: Floats
     goals: Floats
+    space: Space = POSE
 
     def __repr__(self) -> str:
         return f"Motions({len(self)} of {self.states.shape[1]} samples)"
@@ -70,23 +78,31 @@ class Motions(Value):
 
     @property
     def positions(self) -> Floats:
-        """Meters, shape (M, N, 3)."""
-        return self.states[:, :, STATE["position"]]
+        """Meters, or the coordinates' own units, shape (M, N, n)."""
+        return self.states[:, :, self._part("position")]
+
+    @property
+    def values(self) -> Floats:
+        """The coordinates, shape (M, N, n)."""
+        return self.positions
+
+    def _part(self, name: str) -> slice:
+        return layouts(self.space).state[name]
 
     @property
     def quaternions(self) -> Floats:
-        """(qw, qx, qy, qz), shape (M, N, 4)."""
-        return self.states[:, :, STATE["quaternion"]]
+        """(qw, qx, qy, qz), shape (M, N, 4 b)."""
+        return self.states[:, :, self._part("quaternion")]
 
     @property
     def linear_velocities(self) -> Floats:
-        """Of the step that led to each sample (m/s), shape (M, N, 3)."""
-        return self.states[:, :, STATE["linear_velocity"]]
+        """Of the step that led to each sample (m/s), shape (M, N, n)."""
+        return self.states[:, :, self._part("linear_velocity")]
 
     @property
     def angular_velocities(self) -> Floats:
-        """Of the step that led to each sample (rad/s), world frame, shape (M, N, 3)."""
-        return self.states[:, :, STATE["angular_velocity"]]
+        """Of the step that led to each sample (rad/s), world frame, shape (M, N, 3 b)."""
+        return self.states[:, :, self._part("angular_velocity")]
 
     @property
     def path_lengths(self) -> Floats:
@@ -102,22 +118,32 @@ class Motions(Value):
     @property
     def end_errors(self) -> Floats:
         """Distance of each from its last sample to its goal (m), shape (M,)."""
-        off = self.positions[:, -1] - self.goals[:, STATE["position"]]
+        off = self.positions[:, -1] - self.goals[:, : self.space.linear]
         return np.asarray(np.linalg.norm(off, axis=1))
 
     @property
     def end_rotation_errors(self) -> Floats:
         """The same of the rotation (rad), shape (M,)."""
-        both = self.quaternions[:, -1], self.goals[:, STATE["quaternion"]]
-        found, asked = (Rotation.from_quat(q, scalar_first=True) for q in both)
-        return np.asarray((found * asked.inv()).magnitude())
+        n, b = self.space.linear, self.space.rotations
+        ends = np.hstack([self.goals[:, :n], self.quaternions[:, -1]])
+        turns = self.space.difference(ends, self.goals)[:, n:].reshape(len(self), b, 3)
+        return np.asarray(np.linalg.norm(turns, axis=2).max(axis=1, initial=0.0))
 
     def __getitem__(self, index: int) -> PoseTrajectory:
-        """One of them."""
+        """One of them; of vectors a Trajectory."""
         states = self.states[index]
         fractions = np.linspace(0.0, 1.0, len(states))
+        times = self.begin + self.durations[index] * fractions
+        if not self.space.rotations:
+            place, space = layouts(self.space).state, self.space
+            values, rates = states[:, place["position"]], states[:, place["linear_velocity"]]
+            name = f"rollout {index}"
+            found = Trajectory(
+                times, values, space.coordinates, rates, space.units, name, space.carrier
+            )
+            return cast("PoseTrajectory", found)
         return PoseTrajectory(
-            self.begin + self.durations[index] * fractions,
+            times,
             states[:, STATE["position"]],
             Rotation.from_quat(states[:, STATE["quaternion"]], scalar_first=True),
             states[:, STATE["linear_velocity"]],
@@ -151,8 +177,8 @@ def rollout_many(
     ----------
     law : Law
     rule : Rule
-    goals, starts : array, shape (M, 3), optional
-        Meters; those of the primitive by default.
+    goals, starts : array, shape (M, n), optional
+        Meters, or the coordinates' own units; those of the primitive by default.
     goal_rotations, start_rotations : Rotation, M of them, optional
     durations : array, shape (M,), optional
         Seconds.  What is given at all is given for each motion.
@@ -170,10 +196,14 @@ def rollout_many(
     InputError
         If an argument is not what it must be, or a motion does not stay finite.
     """
+    places, n = layouts(law.space), law.space.linear
+    beginning, size = places.beginning, places.state.size
+    if law.space.rotations != 1 and not (goal_rotations is None and start_rotations is None):
+        raise InputError("rotations: of many motions they are asked for where one thing turns")
     given = {
-        "goals": None if goals is None else _rows("goals", goals, 3),
+        "goals": None if goals is None else _rows("goals", goals, n),
         "goal_rotations": _quaternions("goal_rotations", goal_rotations),
-        "starts": None if starts is None else _rows("starts", starts, 3),
+        "starts": None if starts is None else _rows("starts", starts, n),
         "start_rotations": _quaternions("start_rotations", start_rotations),
         "durations": None if durations is None else _rows("durations", durations, 0),
     }
@@ -204,21 +234,22 @@ def rollout_many(
         if not np.isfinite(chunk).all():
             finite = np.isfinite(chunk).all(axis=(1, 2))
             lost = first + int(np.argmin(finite))
-            duration = beginnings[lost, BEGINNING.index("duration")]
+            duration = beginnings[lost, beginning.index("duration")]
             times = np.linspace(law.begin, law.begin + duration, len(states[lost]))
             require_defined(rule.system, times, states[lost])
             raise InputError(
                 f"motion {lost} is not finite; its start, goal or duration is out of what can be "
                 "computed with"
             )
-    margins = STATE.size + rule.system.equalities.size
+    margins = size + rule.system.equalities.size
     return Motions(
-        beginnings[:, BEGINNING.index("duration")].copy(),
+        beginnings[:, beginning.index("duration")].copy(),
         law.begin,
-        states[..., : STATE.size],
-        states[..., STATE.size : margins],
+        states[..., :size],
+        states[..., size:margins],
         states[..., margins:],
-        beginnings[:, BEGINNING.span("goal_position", "goal_quaternion")].copy(),
+        beginnings[:, beginning.span("goal_position", "goal_quaternion")].copy(),
+        law.space,
     )
 
 
@@ -270,7 +301,7 @@ def _beginnings(
             )
         return values.reshape(count, -1)
 
-    own = initial_state(law, rule)
+    own, n, size = initial_state(law, rule), law.space.linear, law.space.point_size
     starts = np.hstack(
         [
             column("starts", own.position),
@@ -285,26 +316,27 @@ def _beginnings(
         state = initial_state(
             law,
             rule,
-            start_position=start[STATE["position"]],
-            start_rotation=Rotation.from_quat(start[STATE["quaternion"]], scalar_first=True),
-            duration=start[POINT.stop],
+            start_position=start[:n],
+            start_rotation=rotation_of(start[n:size]) if law.space.rotations else None,
+            duration=start[size],
             project_start=project_start,
             pull_in=pull_in,
         )
-        first = state.first_goal_rotation.as_quat(scalar_first=True)
+        first = state.first_goal_quaternion
         clock = [state.duration, state.pull_in]
         found.append([*state.first_goal_position, *first, *clock, *state.carried(rule.system)])
     begun = np.array(found)[which.ravel()]
     goals = np.hstack(
         [
             column("goals", law.goal_position),
-            column("goal_rotations", law.goal_rotation.as_quat(scalar_first=True)),
+            column("goal_rotations", law.goal.quaternions),
         ]
     )
-    own_columns, firsts = np.split(begun, [BEGINNING.size - goals.shape[1]], axis=1)
+    beginning = layouts(law.space).beginning
+    own_columns, firsts = np.split(begun, [beginning.size - goals.shape[1]], axis=1)
     beginnings = np.hstack([goals, own_columns])
     if goal_form == "paper":
-        beginnings[:, BEGINNING.span("first_goal_position", "first_goal_quaternion")] = goals
+        beginnings[:, beginning.span("first_goal_position", "first_goal_quaternion")] = goals
     return firsts, beginnings
 
 
@@ -319,7 +351,8 @@ def _together(
 ) -> None:
     count, steps = len(states), states.shape[1] - 1
     struct = Struct(law, rule)
-    drives, windings = np.empty((steps, DRIVE.size)), np.empty((steps, 4))
+    drives = np.empty((steps, layouts(law.space).drive.size))
+    windings = np.empty((steps, 4 * law.space.rotations))
     library.drives(struct.address, steps, drives.ctypes.data, windings.ctypes.data)
 
     def run(first: int) -> int:
@@ -351,9 +384,11 @@ def _one_by_one(
 ) -> None:
     steps, stepper, own = states.shape[1] - 1, stepper_of(rule), initial_state(law, rule)
     outputs = np.empty((steps, stepper.outputs.size))
-    residuals = slice(STATE.size, STATE.size + rule.system.equalities.size)
+    places = layouts(law.space)
+    size, beginning = places.state.size, places.beginning
+    residuals = slice(size, size + rule.system.equalities.size)
     for index, row in enumerate(beginnings):
-        begun = {name: row[BEGINNING[name]] for name in BEGINNING}
+        begun = {name: row[beginning[name]] for name in beginning}
         state = replace(
             own,
             goal_position=begun["goal_position"],

@@ -259,8 +259,11 @@ def point_or_parts(
         return point, None
     if isinstance(point, Mapping):
         own = np.concatenate([law.start] if name == "start" else [law.goal.point])
+        known = {placed.name: placed for placed in space.bodies}
         for body, pose in point.items():
-            placed, what = space.bodies[space.body(body)], f"{name} of {body}"
+            what = f"{name} of {body}"
+            if (placed := known.get(body)) is None:
+                raise InputError(f"{name}: no body {body!r}; there are {', '.join(known)}")
             if not (isinstance(pose, tuple) and len(pose) == 2):
                 raise InputError(
                     f"{what} is a pair (position, Rotation), got {_arguments.short(pose)}"
