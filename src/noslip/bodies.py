@@ -119,7 +119,7 @@ class Bodies(Timed):
         return np.hstack([self.positions, self.quaternions])
 
     @property
-    def rotations(self) -> Rotation:  # type: ignore[override]
+    def rotations(self) -> Rotation:
         """Of each sample those of all bodies: N b of them."""
         return Rotation.from_quat(self.quaternions.reshape(-1, 4), scalar_first=True)
 

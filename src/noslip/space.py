@@ -433,6 +433,7 @@ class Space:
                 found.append((there, over, moving))
         return found
 
+
 def between(before: Pose, after: Pose, time_step: Expression) -> tuple[Pose, Pose]:
     """Pose halfway between two, and the twist that leads from one to the other.
 
@@ -459,7 +460,7 @@ def _place(body: Any, size: int) -> Any:
     return ca.Function("place", [x], [ca.cse(ca.vertcat(p, ca.vec(slopes.T)))])
 
 
-def _carried(space: Space, body: Body, *moving: Expression) -> tuple[Pose, Pose]:
+def _carried(space: Space, body: Any, *moving: Expression) -> tuple[Pose, Pose]:
     """Twist and acceleration of a body that is not placed, at a point that moves."""
     # Zeros that are left out would not fit.
     v, w, a, alpha = _carrying(space, body)(*(ca.densify(ca.SX(part)) for part in moving))
@@ -467,7 +468,7 @@ def _carried(space: Space, body: Body, *moving: Expression) -> tuple[Pose, Pose]
 
 
 @lru_cache(16)
-def _carrying(space: Space, body: Body) -> Any:
+def _carrying(space: Space, body: Any) -> Any:
     sizes = space.linear, 4 * space.rotations, *(2 * (space.linear, space.angular))
     given = [ca.SX.sym(name, size) for name, size in zip("xqvwab", sizes, strict=True)]
     x, q, v, w, a, alpha = given

@@ -132,9 +132,7 @@ def adapt(
         duration = _arguments.positive("duration", duration, "seconds")
     if shape not in get_args(Shape):
         raise InputError(f"shape must be demonstrated or shortest, got {_arguments.short(shape)}")
-    goal_position, goal_rotation = point_or_parts(
-        law, "goal", goal, goal_position, goal_rotation
-    )
+    goal_position, goal_rotation = point_or_parts(law, "goal", goal, goal_position, goal_rotation)
     named = {
         "start": (start_position, start_rotation, start_velocity),
         "goal": (goal_position, goal_rotation, goal_velocity),

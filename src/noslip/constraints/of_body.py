@@ -34,9 +34,9 @@ class OfBody(Constraint):
     constraint : Constraint or str
         Of the pose and motion of one body; or its name and arguments as on the command line.
     body : str
-        Its name, ``"knife"``; the first one by default; or, as the moving frame of another one sees it,
-        ``"knife in tissue"``: what the constraint calls world is then that frame, and a step's
-        twist leads from the relative pose before it to the one after it.
+        Its name, ``"knife"``; the first one by default; or ``"knife in tissue"``, as the moving
+        frame of another one sees it: what the constraint calls world is then that frame, and a
+        step's twist leads from the relative pose before it to the one after it.
     """
 
     constraint: Constraint | str = field(default_factory=Blade)

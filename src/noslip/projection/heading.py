@@ -91,12 +91,12 @@ def _turned(
         tool = body.body if isinstance(body, Seen) else body
         if constraint is None or not isinstance(tool, Placed) or tool.turn is None:
             continue
-        moving, work = _moving(trajectory, tool), None
+        poses, work = _moving(trajectory, tool), None
         if isinstance(body, Seen):
             places, seeing = _moving(trajectory, body.work)
             work = Rotation.from_quat(seeing, scalar_first=True)
-            moving = work.inv().apply(moving[0] - places), product(inverse(seeing), moving[1])
-        found = _turned_into_path(trajectory, moving, constraint, smoothing, sawing=sawing)
+            poses = work.inv().apply(poses[0] - places), product(inverse(seeing), poses[1])
+        found = _turned_into_path(trajectory, poses, constraint, smoothing, sawing=sawing)
         turns[:, 3 * tool.turn : 3 * tool.turn + 3] = (
             found.turns if work is None else work.apply(found.turns)
         )
@@ -114,13 +114,13 @@ def _moving(trajectory: Samples, body: Placed) -> tuple[Floats, Floats]:
 
 def _turned_into_path(
     trajectory: Samples,
-    moving: tuple[Floats, Floats],
+    poses: tuple[Floats, Floats],
     constraint: Constraint,
     smoothing: float,
     *,
     sawing: bool,
 ) -> Heading:
-    positions, quaternions = moving
+    positions, quaternions = poses
     none = Heading(np.zeros((len(trajectory), 3)), 0)
     if constraint.edge is None or constraint.edge.lateral is None:
         return none

@@ -15,7 +15,6 @@ from noslip.bodies import Bodies
 from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.law.layout import STATE, layouts
-from noslip.law.points import rotation_of
 from noslip.rule import no_rule
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
@@ -231,7 +230,7 @@ class RolledOut(Timed):
     @property
     def end_rotation_error(self) -> float:
         """The same of the rotation (rad); of several the largest."""
-        last = rotation_of(self.quaternions[-1])
+        last = self.rotations[-max(1, self.space.rotations) :]
         return float(np.max((last * self.asked.goal[1].inv()).magnitude()))
 
     @property
