@@ -57,9 +57,16 @@ def _plot(motion: PoseTrajectory, constraints: Any = ()) -> Any:
     return compare_motions(motion, constraints)
 
 
+def _plot_bodies(bodies: Any, constraints: Any = ()) -> Any:
+    """Draw paths of bodies, in the world and of one as another sees it; return the figure."""
+    from noslip.figures import bodies_paths
+
+    return bodies_paths(bodies, constraints)
+
+
 def _plot_report(report: CheckReport) -> Any:
     """Draw what was checked, with residuals and margins over time; return the figure."""
-    return _plot(report.trajectory, report.system)
+    return report.trajectory.plot(report.system)
 
 
 def _plot_identified(found: Any) -> Any:
@@ -80,6 +87,7 @@ Supplied.functions.update(
     {
         "robots.chain": _chain,
         "PoseTrajectory.plot": _plot,
+        "Bodies.plot": _plot_bodies,
         "CheckReport.plot": _plot_report,
         "Identified.plot": _plot_identified,
     }

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from noslip._supplied import Supplied
 from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.quaternions import inverse, product
@@ -72,6 +73,8 @@ class Bodies(Timed):
         object.__setattr__(self, "parts", _in_step(self.name, self.parts))
 
     # ---------------------------------------------------------------- what it is
+
+    plot = Supplied("Draw the paths, in the world and of one as another sees it; give the figure.")
 
     @property
     def names(self) -> tuple[str, ...]:
