@@ -26,7 +26,7 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
-from noslip.law.clock import Phase
+from noslip.law.clock import Cycle, Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.points import Goal
@@ -114,7 +114,7 @@ def law_to_data(law: Law) -> dict[str, Any]:
     """Return plain data from which :meth:`Reader.law` makes the same law again."""
     return {
         "attractor": asdict(law.attractor),
-        "alpha_s": law.clock.alpha_s,
+        **({"cyclic": True} if law.clock.returns else {"alpha_s": law.clock.alpha_s}),
         "basis_functions": law.basis.count,
         "weights": law.forcing.weights.tolist(),
         "start": law.start.tolist(),
@@ -262,29 +262,31 @@ class Reader:
         constants = self.part(data, "attractor")
         attractor = Attractor(self.number(constants, "alpha"), self.number(constants, "beta"))
         count, space = self.count(data, "basis_functions"), self.space(data)
-        basis, n = Basis(count, Phase(self.number(data, "alpha_s"))), space.linear
+        n, cyclic = space.linear, data.get("cyclic") is True
+        basis = Basis(count, Cycle() if cyclic else Phase(self.number(data, "alpha_s")))
         size = space.velocity_size
         return Law(
             attractor,
             ForcingTerm(basis, self.array(data, "weights", (count, size))),
             self.unit_quaternions(data, "start", (space.point_size,), n),
             self.array(data, "start_velocity", (size,)),
-            Goal(self.array(data, "goal_position", (n,)), *self._windings(data, space)),
+            Goal(self.array(data, "goal_position", (n,)), *self._windings(data, space, cyclic)),
             self.number(data, "duration", _duration),
             self.count(data, "steps"),
             float(self.array(data, "begin", ())),
             space,
         )
 
-    def _windings(self, data: dict[str, Any], space: Space) -> list[Winding]:
+    def _windings(self, data: dict[str, Any], space: Space, cyclic: bool) -> list[Winding]:
         if space.rotations == 1:
-            return [Winding(self.unit_quaternions(data, "winding", (None, 4)))]
+            return [Winding(self.unit_quaternions(data, "winding", (None, 4)), cyclic)]
         several = self.field(data, "windings", partial(_each, lambda knots: {"winding": knots}))
         if len(several) != space.rotations:
             raise InputError(
                 f"{self.path}: field windings has {len(several)}, expected {space.rotations}"
             )
-        return [Winding(self.unit_quaternions(one, "winding", (None, 4))) for one in several]
+        knots = (self.unit_quaternions(one, "winding", (None, 4)) for one in several)
+        return [Winding(each, cyclic) for each in knots]
 
     def space(self, data: dict[str, Any]) -> Space:
         """Read what a law moves in; a pose, if nothing is said."""

@@ -20,6 +20,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
+from noslip.demonstrations.cycles import closed
 from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
 from noslip.law.fitting import (
     MOST_BASIS_FUNCTIONS,
@@ -99,6 +100,7 @@ def learn(
     stabilization: float = STABILIZATION,
     barrier_rate: float = BARRIER_RATE,
     align: bool = False,
+    rhythmic: bool = False,
     project_start: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> ConstrainedDMP:
@@ -151,6 +153,9 @@ def learn(
     align : bool
         Bring several demonstrations into step first, see
         :func:`noslip.demonstrations.alignment.align`.
+    rhythmic : bool
+        Each demonstration is one period of a cycle, whose last sample is the first again: the
+        primitive goes round for ever.  It is projected as a cycle, which closes.
     project_start : bool
         Begin with the demonstrated velocity projected onto the constraints at the start (the
         paper's eq. 22), as a rollout does by itself; the unconstrained law then does too.
@@ -182,6 +187,8 @@ def learn(
         require_motion(demonstration)
     require_agreement(recorded, aligned=align)
     space = recorded[0].space
+    if rhythmic:
+        recorded = [closed(demonstration) for demonstration in recorded]
     system = as_system(constraints, space)
     if align:
         recorded = bring_into_step(recorded)
@@ -217,14 +224,17 @@ def learn(
     def projected(
         demonstration: PoseTrajectory, shaping: ConstraintSystem, last: End
     ) -> ProjectedTrajectory:
+        if rhythmic:
+            period = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
+            return project_heeding_what_it_can(period)
         kept, of_tool = kept_ends(demonstration, space, start, last)
         ends = tuple(replace(end, angular_velocity=turning[end.at]) for end in kept)
         request = Request(demonstration, shaping, ends, weights, hold_position, tool_ends=of_tool)
         return project_heeding_what_it_can(request)
 
     def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
-        if end != "auto":
-            return projected(demonstration, shaping, end)
+        if end != "auto" or rhythmic:
+            return projected(demonstration, shaping, "free" if end == "auto" else end)
         try:
             return projected(demonstration, shaping, _kept_end(system, demonstration))
         except ConvergenceError:
@@ -232,8 +242,15 @@ def learn(
             return projected(demonstration, shaping, "free")
 
     def fitted(several: Sequence[PoseTrajectory], count: int, factor: float = 1.0) -> Law:
-        constants = {"alpha": alpha, "beta": beta, "alpha_s": alpha_s, "ridge": ridge}
-        law = fit(several, basis_functions=count, **constants)
+        law = fit(
+            several,
+            basis_functions=count,
+            alpha=alpha,
+            beta=beta,
+            alpha_s=alpha_s,
+            ridge=ridge,
+            rhythmic=rhythmic,
+        )
         law = replace(law, duration=factor * duration, steps=default_steps(recorded[0], count))
         return _begun_on(law, system) if project_start else law
 
@@ -262,6 +279,8 @@ def learn(
     count = law.basis.count
     rule = rule_along(followed)
     goal = Boundary(1.0, law.goal_position, law.goal_rotation)
+    if rhythmic:
+        goal = Boundary(1.0, law.start_position, law.start_rotation)
     # With fewer basis functions than it takes, by choice, it comes as near as these can.
     by_choice = basis_functions != "auto" and off > FOLLOWED
     motion, compromise = verify(law, rule, [goal], strict=not by_choice)

@@ -51,7 +51,7 @@ def test_phase_obeys_its_equation(alpha_s: float, fraction: float) -> None:
 @given(rates, st.lists(st.floats(0, 0.3), min_size=1, max_size=5))
 def test_decays_multiply_to_the_phase(alpha_s: float, fractions: list[float]) -> None:
     phase = Phase(alpha_s)
-    stepped = np.prod([phase.decay(fraction) for fraction in fractions])
+    stepped = np.prod([phase.later(1.0, fraction) for fraction in fractions])
     assert stepped == pytest.approx(float(phase.at(sum(fractions))), rel=1e-13, abs=0)
 
 

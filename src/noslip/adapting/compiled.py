@@ -109,7 +109,8 @@ def native(rule: Rule) -> Native[Library]:
 def compile_for(rule: Rule) -> None:
     """Have a rule's plans compiled, if that may be, so that none waits for it."""
     planner.compile_for(rule.system)
-    native(rule).wait()
+    if rule.system.space.is_pose:
+        native(rule).wait()
 
 
 @dataclass(frozen=True)

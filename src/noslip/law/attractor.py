@@ -96,23 +96,22 @@ class Attractor:
         product, gain = self.factors(0.0, fraction)
         return np.asarray((first_step - gain * pull) / product)
 
-    def demonstrated_pull(self, velocities: Floats, fraction: float) -> Floats:
+    def demonstrated_pull(self, before: Floats, after: Floats, fraction: float) -> Floats:
         """Pulls ``x* - x`` under which the steps reproduce samples: the step's exact inverse.
 
         Parameters
         ----------
-        velocities : array, shape (N - 1, d)
-            Of the steps between samples that are ``fraction`` of the duration apart, per duration.
+        before, after : array, shape (N, d)
+            Velocities of the steps that lead to each sample and from it, per duration, all as long.
         fraction : float
             ``dt / tau``.
 
         Returns
         -------
-        array, shape (N - 2, d)
-            At the samples 1 to N - 2.
+        array, shape (N, d)
         """
         product, gain = self.factors(fraction, fraction)
-        return (velocities[1:] - product * velocities[:-1]) / gain
+        return (after - product * before) / gain
 
 
 def _rate(root: complex, step: float) -> complex:

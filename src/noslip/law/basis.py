@@ -10,38 +10,35 @@ import numpy as np
 
 from noslip._typing import Floats
 from noslip.law.attractor import Attractor
-from noslip.law.clock import Phase
+from noslip.law.clock import Clock, Phase
 
 CACHED = 2048
 """Steps whose activations are kept together."""
 NEARBY = 64
 """Phases for which the functions that matter are chosen together."""
-NEGLIGIBLE = -40.0
-"""Exponent below which a Gaussian is lost in the rounding of the sum."""
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Normalized Gaussians, spaced evenly in time (and so geometrically in phase).
+    """Normalized basis functions of a clock, spaced evenly in time.
 
-    Each is as wide (one standard deviation) as its distance to the next center: any smooth force
-    is then matched to about 1e-6 of the path with 100 functions.
+    Of one that runs down they are Gaussians of the phase (and so spaced geometrically in it).  Each
+    is as wide (one standard deviation) as its distance to the next center: any smooth force is then
+    matched to about 1e-6 of the path with 100 functions.
     """
 
     count: int = 100
-    phase: Phase = Phase()  # noqa: RUF009 - immutable
+    phase: Clock = Phase()  # noqa: RUF009 - immutable
 
     @cached_property
     def centers(self) -> Floats:
         """Centers in phase, shape (count,)."""
-        return self.phase.at(np.linspace(0.0, 1.0, self.count)) if self.count > 1 else np.ones(1)
+        return self.phase.centers(self.count)
 
     @cached_property
     def widths(self) -> Floats:
         """Standard deviations in phase, shape (count,)."""
-        if self.count == 1:
-            return np.ones(1)
-        return np.abs(np.gradient(self.centers))
+        return self.phase.widths(self.centers)
 
     def activations(self, phases: Floats) -> Floats:
         """``psi_i(s) s / sum psi(s)`` of eq. 3, shape (N, count)."""
@@ -53,26 +50,8 @@ class Basis:
         return found
 
     def _near(self, phases: Floats) -> tuple[slice, Floats]:
-        """Activations of the functions that matter at these phases, and which those are.
-
-        The others are lost in the rounding of the sum.  A Gaussian is largest, of a stretch of
-        phases, where the stretch comes nearest to its center: within it or at one of its ends.
-        """
-        low, high = phases.min(), phases.max()
-        ends = (np.array([[low], [high]]) - self.centers) / self.widths
-        exponents = -0.5 * ends * ends
-        exponents -= exponents.max(axis=1, keepdims=True)
-        inside = (self.centers >= low) & (self.centers <= high)
-        (matters,) = np.nonzero((exponents >= NEGLIGIBLE).any(axis=0) | inside)
-        columns = slice(matters[0], matters[-1] + 1)
-        scaled = (phases[:, None] - self.centers[columns]) / self.widths[columns]
-        # The smallest exponent is taken out first, so that no phase leaves every Gaussian at zero.
-        exponent = -0.5 * scaled * scaled
-        exponent -= exponent.max(axis=1, keepdims=True)
-        # As denormal numbers the far ones would take several times as long.
-        psi = np.exp(np.maximum(exponent, 2 * NEGLIGIBLE))
-        psi *= (phases / psi.sum(axis=1))[:, None]
-        return columns, psi
+        """Activations of the functions that matter at these phases, and which those are."""
+        return self.phase.near(phases, self.centers, self.widths)
 
     def stepping_activations(
         self, begin: float, steps: int, step_fraction: float, attractor: Attractor, before: float

@@ -13,11 +13,11 @@ from noslip.bodies import Bodies
 from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
-from noslip.law.clock import Phase
+from noslip.law.clock import Clock, Cycle, Phase
 from noslip.law.forcing import RIDGE, ForcingTerm
 from noslip.law.law import Law
-from noslip.law.points import Goal, mean
-from noslip.law.points import goal as goal_of
+from noslip.law import points as points_of
+from noslip.law.points import Goal
 from noslip.space import POSE, Space
 from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
@@ -29,6 +29,7 @@ SAMPLES_PER_BASIS_FUNCTION = 4
 """A demonstration with fewer samples is splined to a multiple of its own before fitting: with fewer
 a function is not told from its neighbors, and a plan on longer steps ends more than 1e-5 of the
 path off where shorter ones run it."""
+_ONCE = Phase()
 MOST_BASIS_FUNCTIONS = 2000
 """More take minutes to fit, and follow nothing that a recording holds."""
 FEWEST_STEPS = 200
@@ -44,6 +45,7 @@ def fit(
     beta: float = 6.25,
     alpha_s: float = 1.0,
     ridge: float = RIDGE,
+    rhythmic: bool = False,
 ) -> Law:
     """Fit one law to one demonstration or several, by ridge regression.
 
@@ -60,6 +62,8 @@ def fit(
         The paper's constants, 25, 6.25 and 1 by default.
     ridge : float
         Regularization, relative to the basis functions' mean square.
+    rhythmic : bool
+        Whether each demonstration is one period of a cycle, its last sample the first again.
 
     Raises
     ------
@@ -69,18 +73,20 @@ def fit(
     recorded = as_demonstrations(demonstrations)
     basis_functions = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
     ridge = _arguments.not_negative("ridge", ridge)
-    basis = Basis(basis_functions, Phase(alpha_s))
+    basis = Basis(basis_functions, Cycle() if rhythmic else Phase(alpha_s))
     attractor = Attractor(alpha, beta)
     space = recorded[0].space
     sampled = [evenly_sampled(d, basis_functions).points for d in recorded]
-    goal = goal_of(space, sampled)
-    forces = [demonstrated_forces(attractor, goal, points, space) for points in sampled]
+    goal = (points_of.around if rhythmic else points_of.goal)(space, sampled)
+    forces = [
+        demonstrated_forces(attractor, goal, points, space, basis.phase) for points in sampled
+    ]
     forcing = ForcingTerm.fit(basis, attractor, forces, ridge=ridge)
     velocities = [_start_velocity(attractor, forcing, goal, points, space) for points in sampled]
     return Law(
         attractor,
         forcing,
-        mean(space, [points[0] for points in sampled]),
+        points_of.mean(space, [points[0] for points in sampled]),
         np.mean(velocities, axis=0),
         goal,
         float(np.mean([d.duration for d in recorded])),
@@ -90,7 +96,7 @@ def fit(
 
 
 def demonstrated_forces(
-    attractor: Attractor, goal: Goal, points: Floats, space: Space = POSE
+    attractor: Attractor, goal: Goal, points: Floats, space: Space = POSE, clock: Clock = _ONCE
 ) -> Floats:
     """Forces under which the steps reproduce a demonstration, led to its own end.
 
@@ -98,17 +104,37 @@ def demonstrated_forces(
     ----------
     points : array, shape (N, n + 4 b)
         Evenly spaced from its first sample to its last.
+    clock : Clock
+        Which says of which samples the force is known: of a cycle, of all.
 
     Returns
     -------
-    array, shape (N - 2, n + 3 b)
-        At its inner samples, time normalized by the duration.
+    array, shape (N - 2, n + 3 b), or (N - 1, n + 3 b) of a cycle
+        Time normalized by the duration.
     """
     fraction = 1.0 / (len(points) - 1)
     velocities = space.difference(points[1:], points[:-1]) / fraction
-    pull = attractor.demonstrated_pull(velocities, fraction)
-    led = goal.pull(points, attractor, len(points) - 1)
-    return attractor.stiffness * (pull - led[1:])
+    first, count = clock.sampled(len(velocities))
+    # The step before the first sample of a cycle is its last one.
+    before = np.roll(velocities, 1, axis=0)[first : first + count]
+    pull = attractor.demonstrated_pull(before, velocities[first : first + count], fraction)
+    led = goal.pull(points, attractor, len(points) - 1, own_goal(goal, points, space, clock))
+    return attractor.stiffness * (pull - led[first : first + count])
+
+
+def own_goal(goal: Goal, points: Floats, space: Space, clock: Clock) -> Floats:
+    """What a demonstration is drawn to: where it ends, or what its cycle goes around."""
+    if not clock.returns:
+        return np.asarray(points[-1])
+    turned = [
+        own if len(winding.quaternions) == 1 else winding.quaternions[-1]
+        for own, winding in zip(
+            np.split(points_of.baseline(space, points)[space.linear :], max(1, space.rotations)),
+            goal.windings,
+            strict=False,
+        )
+    ]
+    return points_of.baseline(space, points, turned)
 
 
 def _start_velocity(
@@ -116,7 +142,8 @@ def _start_velocity(
 ) -> Floats:
     """Velocity, per duration, with which the first step is the demonstrated one."""
     fraction = 1.0 / (len(points) - 1)
-    pull = goal.pull(points, attractor, 1)[0]
+    end = own_goal(goal, points, space, forcing.basis.phase)
+    pull = goal.pull(points, attractor, 1, end)[0]
     pull = pull + forcing.at_start(fraction, attractor) / attractor.stiffness
     first = space.difference(points[1:2], points[:1])[0] / fraction
     return attractor.demonstrated_start(pull, first, fraction)

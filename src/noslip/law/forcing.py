@@ -66,8 +66,8 @@ class ForcingTerm(Value):
         ----------
         attractor : Attractor
         forces : sequence of arrays, shape (N_i, d)
-            At the inner samples of each demonstration, whose N_i + 2 samples are evenly spaced over
-            the motion.
+            At those samples of each demonstration, evenly spaced over the motion, that the clock
+            knows the force of (:meth:`noslip.law.clock.Phase.sampled`).
         ridge : float
             Relative to the mean diagonal of the normal matrix, so that it means the same for any
             number of samples.
@@ -75,22 +75,29 @@ class ForcingTerm(Value):
         normal = np.zeros((basis.count, basis.count))
         moment = np.zeros((basis.count, forces[0].shape[1]))
         for force in forces:
-            h = 1.0 / (len(force) + 1)
+            begin, h = _sampled(basis, len(force))
             normal += _normal_matrix(basis, len(force), attractor)
             for rows, columns, activations in basis.stepping_activations(
-                h, len(force), h, attractor, h
+                begin, len(force), h, attractor, h
             ):
                 moment[columns] += activations.T @ force[rows]
         normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
         return cls(basis, cho_solve(cho_factor(normal), moment))
 
 
+def _sampled(basis: Basis, count: int) -> tuple[float, float]:
+    """Fraction at the first of so many samples whose force is known, and from each to the next."""
+    steps = next(n for n in (count, count + 1) if basis.phase.sampled(n)[1] == count)
+    h = 1.0 / steps
+    return basis.phase.sampled(steps)[0] * h, h
+
+
 # Position and orientation, projected or not, are all fitted on the same samples.
 @lru_cache(maxsize=32)
 def _normal_matrix(basis: Basis, steps: int, attractor: Attractor) -> Floats:
-    h = 1.0 / (steps + 1)
+    begin, h = _sampled(basis, steps)
     normal = np.zeros((basis.count, basis.count))
-    for _, columns, activations in basis.stepping_activations(h, steps, h, attractor, h):
+    for _, columns, activations in basis.stepping_activations(begin, steps, h, attractor, h):
         normal[columns, columns] += activations.T @ activations
     normal.flags.writeable = False
     return normal

@@ -12,7 +12,7 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
-from noslip.law.clock import Phase
+from noslip.law.clock import Clock
 from noslip.law.entry import goal_entry
 from noslip.law.forcing import ForcingTerm
 from noslip.law.points import Goal, each_of, frozen, quaternions_of, rotation_of
@@ -79,7 +79,7 @@ class Law(Value):
         return self.forcing.basis
 
     @property
-    def clock(self) -> Phase:
+    def clock(self) -> Clock:
         """What drives it."""
         return self.forcing.basis.phase
 
@@ -118,6 +118,7 @@ class Law(Value):
         first_goal_position: Floats,
         first_goal_rotation: Rotation,
         before: float,
+        amplitude: float = 1.0,
     ) -> dict[str, Floats]:
         """Where each of the coming steps is drawn to.
 
@@ -134,6 +135,8 @@ class Law(Value):
             From where they move there, see :mod:`noslip.law.entry`.
         before : float
             The step before the first one, over tau; 0 at the start of the motion.
+        amplitude : float
+            Factor on the learned force.
 
         Returns
         -------
@@ -148,6 +151,8 @@ class Law(Value):
             before,
             self.offset_weights,
         )
+        if amplitude != 1:
+            offsets = amplitude * offsets
         n, position = self.space.linear, goal_position
         moved = goal_position - first_goal_position
         turns = _turns(first_goal_rotation, goal_rotation, self.space.rotations)
@@ -192,7 +197,10 @@ class Law(Value):
             forcing=ForcingTerm(self.basis, weights),
             start=start,
             start_velocity=velocity,
-            goal=Goal(self.goal_position, Winding(continuous_quaternions(knots))),
+            goal=Goal(
+                self.goal_position,
+                Winding(continuous_quaternions(knots), self.goal.winding.is_cyclic),
+            ),
         )
 
     def rotated_to(self, start: Rotation, goal: Rotation) -> Law:
@@ -203,7 +211,7 @@ class Law(Value):
         windings = []
         for winding, turn in zip(self.goal.windings, each_of(turns), strict=True):
             knots = Rotation.from_quat(winding.quaternions, scalar_first=True) * turn
-            windings.append(Winding(continuous_quaternions(knots)))
+            windings.append(Winding(continuous_quaternions(knots), winding.is_cyclic))
         point = np.array(self.start)
         point[self.space.linear :] = quaternions_of(self.space, start)
         return replace(self, start=point, goal=Goal(self.goal_position, *windings))

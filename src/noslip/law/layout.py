@@ -161,7 +161,7 @@ class Layouts:
             ),
             Field("alpha"),
             Field("beta"),
-            Field("alpha_s"),
+            Field("alpha_s", comment="0: a cycle"),
             Field("knots", comment="of the winding; 1: the goal is fixed", kind="int"),
             Field("knot_quaternions", (4 * b,), kind="array"),
             Field(
@@ -196,6 +196,7 @@ class Layouts:
             Field("duration", comment="s"),
             Field("pull_in", comment="1/s"),
             Field("braking", comment="s, to come to rest in after the end; 0: at once"),
+            Field("amplitude", comment="factor on the learned force"),
             Field("goal_position", (n,)),
             Field("goal_quaternion", (4 * b,)),
             Field(

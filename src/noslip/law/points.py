@@ -14,7 +14,7 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
 from noslip.law.attractor import Attractor
-from noslip.law.winding import Winding, farthest_from_goal
+from noslip.law.winding import Winding, farthest_from_goal, turning
 from noslip.quaternions import inverse, product, turns_between
 from noslip.space import Space
 
@@ -61,8 +61,8 @@ class Goal(Value):
         """Coordinates and quaternions, shape (n + 4 b,)."""
         return np.concatenate([self.position, self.quaternions])
 
-    def pull(self, points: Floats, attractor: Attractor, count: int) -> Floats:
-        """Return what draws the first samples to the last one, by way of the windings.
+    def pull(self, points: Floats, attractor: Attractor, count: int, end: Floats) -> Floats:
+        """Return what draws the first samples to where they end, by way of the windings.
 
         Parameters
         ----------
@@ -71,6 +71,8 @@ class Goal(Value):
         attractor : Attractor
         count : int
             How many samples, at most all but the last.
+        end : array, shape (n + 4 b,)
+            Their own goal: the last sample, or what a cycle goes around.
 
         Returns
         -------
@@ -78,11 +80,11 @@ class Goal(Value):
             As the step that leaves the sample feels it.
         """
         fraction, n = 1 / (len(points) - 1), len(self.position)
-        found = [np.broadcast_to(points[-1, :n], (count, n)) - points[:count, :n]]
+        found = [np.broadcast_to(end[:n], (count, n)) - points[:count, :n]]
         for k, winding in enumerate(self.windings):
             at = slice(n + 4 * k, n + 4 * k + 4)
-            end = Rotation.from_quat(points[-1, at], scalar_first=True)
-            rotations, left_out = winding.along(0.0, count, fraction, attractor, 0.0, end)
+            last = Rotation.from_quat(end[at], scalar_first=True)
+            rotations, left_out = winding.along(0.0, count, fraction, attractor, 0.0, last)
             found.append(turns_between(points[:count, at], rotations) + left_out)
         return np.hstack(found)
 
@@ -98,6 +100,32 @@ def mean(space: Space, points: Sequence[Floats]) -> Floats:
         rotation = Rotation.from_quat(turned, scalar_first=True).mean()
         found.append(rotation.as_quat(scalar_first=True))
     return np.concatenate(found)
+
+
+def baseline(space: Space, points: Floats, quaternions: Sequence[Floats] | None = None) -> Floats:
+    """What a cycle goes around: the mean of its samples, shape (N, n + 4 b), the last left out.
+
+    Parameters
+    ----------
+    quaternions : sequence of arrays, shape (4,), optional
+        Taken in place of the rotations' own means.
+    """
+    own = mean(space, list(points[:-1]))
+    if quaternions is not None:
+        own = np.concatenate([own[: space.linear], *quaternions])
+    return own
+
+
+def around(space: Space, demonstrations: Sequence[Floats]) -> Goal:
+    """What demonstrated cycles go around (mean), with what leads the rotations that turn far."""
+    n = space.linear
+    middle = mean(space, [baseline(space, points) for points in demonstrations])
+    windings = []
+    for k in range(space.rotations):
+        at = slice(n + 4 * k, n + 4 * k + 4)
+        first = max((points[:, at] for points in demonstrations), key=turning)
+        windings.append(Winding.cycle(first, middle[at]))
+    return Goal(middle[:n], *windings)
 
 
 def goal(space: Space, demonstrations: Sequence[Floats]) -> Goal:

@@ -19,7 +19,17 @@ FARTHEST_FROM_GOAL = 0.75 * np.pi
 """Beyond this angle to a fixed goal the logarithm comes near its jump at pi."""
 FARTHEST_FROM_WINDING = 0.4 * np.pi
 _MOST_KNOTS = 1 << 14
+KNOTS_PER_TURN = 16
+"""Of a cycle: what a spline through them is off a smooth lap is a thousandth of a turn."""
+_FELT = 40
+"""Knots beyond which a cubic spline no longer feels its ends: each leaves 0.27 of it."""
 _AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def turning(quaternions: Floats) -> float:
+    """All turns of rotations together (rad)."""
+    steps = turns_between(quaternions[:-1], quaternions[1:])
+    return float(np.linalg.norm(steps, axis=1).sum())
 
 
 def farthest_from_goal(quaternions: Floats) -> float:
@@ -42,9 +52,12 @@ class Winding(Value):
     ----------
     quaternions : array, shape (K, 4)
         Knots (qw, qx, qy, qz), evenly spaced in time; the last is the goal.
+    is_cyclic : bool
+        Whether the last knot is the first one again, and so on.
     """
 
     quaternions: Floats
+    is_cyclic: bool = False
 
     def __post_init__(self) -> None:
         quaternions = np.array(self.quaternions, dtype=np.float64)
@@ -83,6 +96,23 @@ class Winding(Value):
         assert winding is not None
         return winding
 
+    @classmethod
+    def cycle(cls, quaternions: Floats, middle: Floats) -> Winding:
+        """What a cycle of rotations, the last the first again, is led by.
+
+        Its mean, where all stay near that; else some of the rotations themselves, enough that a
+        spline through them comes round smoothly.
+        """
+        apart = np.linalg.norm(turns_between(quaternions, middle[None]), axis=1).max()
+        if apart <= FARTHEST_FROM_GOAL:
+            return cls(middle[None], is_cyclic=True)
+        continuous = without_flips(quaternions)
+        count = len(continuous) - 1
+        turns = max(1, round(turning(quaternions) / (2 * np.pi)))
+        knots = min(count, KNOTS_PER_TURN * turns)
+        samples = np.round(np.linspace(0, count, knots + 1)).astype(int)
+        return cls(continuous[samples], is_cyclic=True)
+
     @cached_property
     def goal(self) -> Rotation:
         """Where it ends."""
@@ -90,8 +120,13 @@ class Winding(Value):
 
     @cached_property
     def _spline(self) -> RotationSpline:
-        knots = Rotation.from_quat(self.quaternions, scalar_first=True)
-        return RotationSpline(np.linspace(0.0, 1.0, len(self.quaternions)), knots)
+        quaternions, rounds = self.quaternions, 1
+        if self.is_cyclic:
+            # Before and after it, as often as it takes that no spline feels the ends.
+            rounds = 2 * -(-_FELT // (len(quaternions) - 1)) + 1
+            quaternions = np.vstack([np.tile(quaternions[:-1], (rounds, 1)), quaternions[-1:]])
+        places = np.linspace(-(rounds // 2), rounds // 2 + 1, len(quaternions))
+        return RotationSpline(places, Rotation.from_quat(quaternions, scalar_first=True))
 
     @property
     def splines(self) -> Floats:
@@ -101,11 +136,15 @@ class Winding(Value):
         """
         if len(self.quaternions) == 1:
             return np.zeros((0, 4, 3))
-        return np.moveaxis(self._spline.interpolator.c, 0, 1)
+        curves = np.moveaxis(self._spline.interpolator.c, 0, 1)
+        own = len(self.quaternions) - 1
+        before = (len(curves) - own) // 2
+        return np.asarray(curves[before : before + own])
 
     def _along(self, fractions: Floats) -> Floats:
         """Quaternions between the knots, shape (N, 4), many times as fast as SciPy's own."""
-        inside, intervals = np.clip(fractions, 0.0, 1.0), len(self.quaternions) - 1
+        inside = fractions % 1.0 if self.is_cyclic else np.clip(fractions, 0.0, 1.0)
+        intervals = len(self.quaternions) - 1
         interval = np.minimum((inside * intervals).astype(int), intervals - 1)
         within = (inside - interval / intervals)[:, None]
         cubic, square, slope, _ = np.moveaxis(self.splines[interval], 1, 0)

@@ -5,14 +5,14 @@ The memory is that of ``noslip_state`` (``noslip.h``): what steps here is what s
 
 from __future__ import annotations
 
-from math import ceil, exp, isfinite
+from math import ceil, isfinite
 
 import numpy as np
 
 from noslip.codegen.library import Library
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
-from noslip.law.clock import Phase
+from noslip.law.clock import Clock
 from noslip.law.law import Law
 from noslip.law.layout import STATE, Layouts, layouts
 from noslip.rule import Rule
@@ -49,6 +49,7 @@ class _Places:
         self.time, self.fraction = memory.index("time"), memory.index("fraction")
         self.previous_step, self.duration = memory.index("previous_step"), memory.index("duration")
         self.pull_in, self.braking = memory.index("pull_in"), memory.index("braking")
+        self.amplitude = memory.index("amplitude")
         self.position, self.quaternion, self.linear, self.angular = (
             memory[name] for name in table.state
         )
@@ -80,7 +81,7 @@ class Memory:
     multipliers, limit_multipliers, values, all_multipliers : slice
     """
 
-    def __init__(self, clock: Phase, system: ConstraintSystem) -> None:
+    def __init__(self, clock: Clock, system: ConstraintSystem) -> None:
         equalities, rows = system.equalities.size, system.size
         layouts_of = layouts(system.space)
         layout = layouts_of.memory(rows)
@@ -109,6 +110,7 @@ class Memory:
         data[at.moving], data[self.values] = np.split(carried, [at.state_size])
         data[at.previous_step], data[at.duration] = state.previous_step, state.duration
         data[at.pull_in], data[at.braking] = state.pull_in, state.braking
+        data[at.amplitude] = state.amplitude
         data[at.goal_position] = state.goal_position
         data[at.goal_quaternion] = state.goal_quaternion
         data[at.first_goal_position] = state.first_goal_position
@@ -130,7 +132,7 @@ class Memory:
         state = object.__new__(State)
         state.__dict__.update(
             time=data.item(at.time),
-            phase=exp(-self._clock.alpha_s * fraction),
+            phase=self._clock.phase(fraction),
             position=data[at.position],
             _rotation=data[at.quaternion],
             linear_velocity=data[at.linear],
@@ -143,6 +145,7 @@ class Memory:
             _first_goal_rotation=data[at.first_goal_quaternion],
             pull_in=data.item(at.pull_in),
             braking=data.item(at.braking),
+            amplitude=data.item(at.amplitude),
             constraint_residuals=data[self.equalities],
             multipliers=data[self.multipliers],
             margins=data[self.limits],
@@ -224,7 +227,7 @@ class Virtual:
         # All the way to the end, of steps as they are meant to be.
         at = memory.at
         fraction, duration = memory.data.item(at.fraction), memory.data.item(at.duration)
-        self._ahead = max(1, ceil((1 - fraction) * duration / time_step))
+        self._ahead = max(1, ceil(min(1.0, law.clock.left(fraction)) * duration / time_step))
         self._table = steps_ahead(law, rule, memory.state(), self._ahead, time_step)
         self._next, self._expected = 0, (fraction, duration, time_step)
 
@@ -250,10 +253,10 @@ class Virtual:
             _, after_step = self._law.clock.slowed(fraction, h, duration, data.item(at.braking))
         else:
             # The last step ends where the motion does; a whole one would go beyond.
-            if share > 1 - fraction:
-                share = 1 - fraction
+            if share > (left := self._law.clock.left(fraction)):
+                share = left
                 h = share * duration
-            after_step = fraction + share
+            after_step = self._law.clock.later_fraction(fraction, share)
         if over or self._next == len(self._table) or self._expected != (fraction, duration, h):
             self._look_ahead(h, over)
         self._row[:] = self._table[self._next]

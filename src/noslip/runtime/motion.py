@@ -61,15 +61,20 @@ class Asked(Value):
     steps : array, shape (N - 1, ...)
         What depends on the phase alone, the step of :class:`noslip.law.layout.Layouts`.
     space : Space
+    returns : bool
+        Whether it should end where it began.
     """
 
     start: State
     steps: Floats
     space: Space = POSE
+    returns: bool = False
 
     @property
     def goal(self) -> tuple[Floats, Rotation]:
         """Where it should end: position (m) and rotation."""
+        if self.returns:
+            return self.start.position, self.start.rotation
         return self.start.goal_position, self.start.goal_rotation
 
     @cached_property

@@ -51,12 +51,14 @@ def rollout(
     start_position: ArrayLike | None = None,
     start_rotation: Rotation | None = None,
     duration: float | None = None,
+    cycles: float = 1.0,
+    amplitude: float = 1.0,
     time_step: float | None = None,
     project_start: ProjectStart = "velocity",
     pull_in: float | None = None,
     goal_form: GoalForm = "minimum-jerk",
 ) -> Motion:
-    """Integrate from the start to the end of the duration.
+    """Integrate from the start to the end of the duration, or over cycles.
 
     Parameters
     ----------
@@ -68,9 +70,14 @@ def rollout(
     goal_position, start_position : array, shape (n,), optional
         Meters, or the coordinates' own units; the demonstrated ones by default.
     goal_rotation, start_rotation : Rotation, optional
+        Of a rhythm the goal is the baseline, what it goes around.
     duration : float, optional
-        tau (s).  The motion keeps its shape; only its speed changes.  Soft limits on that speed
+        tau (s); of a rhythm the period.  The motion keeps its shape; only its speed changes.  Soft limits on that speed
         may then give way, with a warning.
+    cycles : float
+        Of a rhythm: how many periods.
+    amplitude : float
+        Of a rhythm: factor on its size, about the baseline.
     time_step : float, optional
         Seconds.  By default the motion has the steps that it was planned on, whatever its duration:
         those of the demonstration, or a multiple (200 or more, and 4 a basis function).  If the
@@ -108,28 +115,37 @@ def rollout(
         "pull_in": pull_in,
         "goal_form": goal_form,
     }
+    if not law.clock.returns and (cycles != 1 or amplitude != 1):
+        raise InputError(
+            "cycles and amplitude are for a rhythm; learn one with rhythmic=True, or scale a motion "
+            "to its goal with adapt(scaling=...)"
+        )
+    options["amplitude"] = amplitude
     state = initial_state(law, rule, duration=duration, **options)
     if state.duration < law.duration and any(timed(rule.system)):
         usual = motion_from(law, rule, initial_state(law, rule, **options))
         require_time(usual, rule.system, state.duration)
-    return motion_from(law, rule, state, time_step)
+    return motion_from(law, rule, state, time_step, _arguments.positive("cycles", cycles))
 
 
-def motion_from(law: Law, rule: Rule, state: State, time_step: float | None = None) -> Motion:
+def motion_from(
+    law: Law, rule: Rule, state: State, time_step: float | None = None, cycles: float = 1.0
+) -> Motion:
     """Return the whole motion from an initial state; ``time_step`` is that of :func:`rollout`."""
+    duration = cycles * state.duration
     if time_step is None:
-        steps = law.steps
-        time_step = state.duration / steps
+        time_step = state.duration / law.steps
+        steps = max(1, _arguments.samples("cycles", np.ceil(cycles * law.steps - 1e-9)))
     else:
         time_step = _arguments.positive("time_step", time_step, "seconds")
-        if time_step > state.duration * (1 + 1e-9):
+        if time_step > duration * (1 + 1e-9):
             raise InputError(
                 f"time_step of {time_step:g} s is longer than the motion of "
-                f"{state.duration:g} s; make it shorter"
+                f"{duration:g} s; make it shorter"
             )
-        wanted = np.ceil(state.duration / time_step * (1 - 1e-12) - 1e-9)
+        wanted = np.ceil(duration / time_step * (1 - 1e-12) - 1e-9)
         steps = max(1, _arguments.samples(f"time_step={time_step:g}", wanted))
-    last = state.duration - (steps - 1) * time_step
+    last = duration - (steps - 1) * time_step
     if steps == 1 or abs(last - time_step) <= SAME_STEP * time_step:
         return integrate(law, rule, state, [(steps, time_step)])
     return integrate(law, rule, state, [(steps - 1, time_step), (1, last)])
@@ -152,7 +168,7 @@ def integrate(law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, 
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
         tuple(system.equalities.row_names),
         tuple(system.limits.row_names),
-        Asked(state, table, law.space),
+        Asked(state, table, law.space, law.clock.returns),
     )
 
 
@@ -167,6 +183,7 @@ def initial_state(
     start_position: ArrayLike | None = None,
     start_rotation: Rotation | None = None,
     duration: float | None = None,
+    amplitude: float = 1.0,
     project_start: ProjectStart = "velocity",
     pull_in: float | None = None,
     goal_form: GoalForm = "minimum-jerk",
@@ -199,7 +216,7 @@ def initial_state(
     goal_position = chosen(vector, "goal_position", goal_position, law.goal_position)
     goal_rotation = chosen(rotation, "goal_rotation", goal_rotation, law.goal_rotation)
     first_position, first_rotation = goal_position, goal_rotation
-    if goal_form == "minimum-jerk":
+    if goal_form == "minimum-jerk" and not law.clock.returns:
         # Where the learned way leads from the start; to the last bit, if both are the learned ones.
         first_position, first_rotation = law.goal_position, law.goal_rotation
         if start_position is not law.start_position:
@@ -208,7 +225,8 @@ def initial_state(
             first_rotation = first_rotation * (law.start_rotation.inv() * start_rotation)
     state = State(
         time=law.begin,
-        phase=1.0,
+        phase=law.clock.phase(0.0),
+        amplitude=_arguments.not_negative("amplitude", amplitude),
         position=start_position,
         rotation=start_rotation,
         linear_velocity=velocity[:n],
@@ -307,8 +325,8 @@ def _stepped(law: Law, rule: Rule, state: State, time_step: float) -> State:
         phase = float(law.clock.at(after_end))
     else:
         # A whole step would go beyond the end.
-        time_step = min(time_step, (1 - fraction) * state.duration)
-        phase = state.phase * law.clock.decay(time_step / state.duration)
+        time_step = min(time_step, law.clock.left(fraction) * state.duration)
+        phase = law.clock.later(state.phase, time_step / state.duration)
     table = steps_ahead(law, rule, state, 1, time_step)
     stepper, rows = stepper_of(rule), rule.system.equalities.size
     places = layouts(law.space)
@@ -391,6 +409,7 @@ def steps_ahead(law: Law, rule: Rule, state: State, steps: int, time_step: float
         state.first_goal_position,
         state.first_goal_rotation,
         state.previous_step / tau,
+        state.amplitude,
     )
     for name, values in targets.items():
         table[:, column[name]] = values
@@ -406,11 +425,9 @@ def _ahead(
     for steps, time_step in sections:
         times.append(at.time + time_step * np.arange(1, steps + 1, dtype=np.float64))
         tables.append(steps_ahead(law, rule, at, steps, time_step))
-        done = law.clock.fraction(at.phase) + steps * time_step / state.duration
-        at = replace(
-            at, time=times[-1][-1], phase=float(law.clock.at(done)), previous_step=time_step
-        )
-    times[-1][-1] = state.time + state.duration
+        after = law.clock.later(at.phase, steps * time_step / state.duration)
+        at = replace(at, time=times[-1][-1], phase=after, previous_step=time_step)
+    times[-1][-1] = state.time + sum(steps * seconds for steps, seconds in sections)
     return np.concatenate(times), tables[0] if len(tables) == 1 else np.vstack(tables)
 
 

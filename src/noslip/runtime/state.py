@@ -47,7 +47,7 @@ class State(Value):
     time : float
         Since the start (s).
     phase : float
-        From 1 down to ``exp(-alpha_s)`` at the end.
+        From 1 down to ``exp(-alpha_s)`` at the end; of a rhythm, from 0 to 1 in each period.
     position : array, shape (n,)
         Meters; 3 of a pose, else the coordinates in their own units.
     rotation : Rotation
@@ -63,6 +63,8 @@ class State(Value):
     goal_rotation : Rotation
     first_goal_position, first_goal_rotation : array, shape (n,), and Rotation
         From where the goal moves, see :mod:`noslip.law.entry`; the goal itself in the paper's form.
+    amplitude : float
+        Factor on the learned force: on the size of a rhythm.
     pull_in : float
         Rate at which a violation decays (1/s).
     braking : float
@@ -91,6 +93,7 @@ class State(Value):
     goal_rotation: _Turn = _Turn()
     first_goal_position: Floats
     first_goal_rotation: _Turn = _Turn()
+    amplitude: float = 1.0
     pull_in: float = 0.0
     braking: float = 0.0
     constraint_residuals: Floats = field(default_factory=lambda: np.zeros(0))

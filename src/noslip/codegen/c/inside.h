@@ -25,8 +25,20 @@
 static inline noslip_real smaller(noslip_real a, noslip_real b) { return a < b ? a : b; }
 static inline noslip_real larger(noslip_real a, noslip_real b) { return a > b ? a : b; }
 
+/* Whether it goes round and round. */
+static inline int is_cyclic(const noslip_primitive *p) { return !(p->alpha_s > 0); }
+
+/* A fraction of the motion, within one cycle. */
+static inline noslip_real within_cycle(noslip_real fraction) { return fraction - floor(fraction); }
+
 static inline noslip_real exponent_of(const noslip_primitive *p, int i, noslip_real phase) {
     const noslip_real apart = (phase - p->centers[i]) / p->widths[i];
+    if (is_cyclic(p)) {
+        /* Around the cycle, and without the cancellation of 1 - cos. */
+        const noslip_real turn = REAL(6.283185307179586), width = turn * p->widths[i];
+        const noslip_real sine = sin(turn / 2 * (phase - p->centers[i]));
+        return -2 * sine * sine / (width * width);
+    }
     return REAL(-0.5) * apart * apart;
 }
 
@@ -34,6 +46,10 @@ static inline noslip_real exponent_of(const noslip_primitive *p, int i, noslip_r
  * spaced in time. */
 static inline int nearest_function(const noslip_primitive *p, noslip_real fraction) {
     const noslip_real place = fraction * (noslip_real)(p->basis_functions - 1) + REAL(0.5);
+    if (is_cyclic(p)) {
+        const int found = (int)(within_cycle(fraction) * (noslip_real)p->basis_functions + REAL(0.5));
+        return found == p->basis_functions ? 0 : found;
+    }
     return place > 0 ? (int)smaller(place, (noslip_real)(p->basis_functions - 1)) : 0;
 }
 
@@ -82,6 +98,7 @@ static inline void winding_at(const noslip_primitive *p, int r, noslip_real frac
         for (i = 0; i < 4; ++i) rotation[i] = p->knot_quaternions[0][4 * r + i];
         return;
     }
+    if (is_cyclic(p)) fraction = within_cycle(fraction);
     if (!(fraction > 0)) fraction = 0;
     fraction = smaller(fraction, 1);
     interval = (int)(fraction * (noslip_real)(p->knots - 1));

@@ -30,20 +30,24 @@ static noslip_real entered_at(noslip_real fraction) {
 static void drive_at(const noslip_primitive *p, noslip_real fraction, noslip_real *drive) {
     const noslip_real t = smaller(larger(fraction, 0), 1);
     const noslip_real slope = 30 * t * t * (1 - t) * (1 - t), bend = 60 * t * (1 - t) * (1 - 2 * t);
-    const noslip_real phase = exp(-p->alpha_s * fraction);
+    const noslip_real phase = is_cyclic(p) ? within_cycle(fraction) : exp(-p->alpha_s * fraction);
     const int middle = nearest_function(p, fraction);
     const noslip_real nearest = exponent_of(p, middle, phase);
     noslip_real sum = 0, psi;
     int i, j, side;
     for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] = 0;
     for (side = 1; side >= -1; side -= 2) {
-        for (i = side > 0 ? middle : middle - 1; i >= 0 && i < p->basis_functions; i += side) {
+        /* Of a cycle half of them on each side, the nearest among those that follow. */
+        int most = is_cyclic(p) ? (p->basis_functions + (side > 0)) / 2 : p->basis_functions;
+        for (i = side > 0 ? middle : middle - 1; most > 0; i += side, --most) {
+            if (is_cyclic(p)) i = (i + p->basis_functions) % p->basis_functions;
+            if (i < 0 || i >= p->basis_functions) break;
             if (!((psi = gaussian(p, i, phase, nearest)) > 0)) break;
             sum += psi;
             for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] += psi * p->weights[i][j];
         }
     }
-    for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] *= phase / sum;
+    for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] *= (is_cyclic(p) ? 1 : phase) / sum;
     drive[DRIVE_DRAWN] = entered_at(fraction) + slope / p->beta + bend / (p->alpha * p->beta);
 }
 
@@ -180,6 +184,7 @@ static void stepping_drive(const noslip_primitive *p, noslip_state *s, noslip_re
         drive[j] = now[j] + factor[2] * (after[j] - before[j]) / 2
                    + factor[3] * (after[j] - 2 * now[j] + before[j]);
     }
+    for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] *= s->amplitude;
     stepping_winding(p, s, h, known, drive);
 }
 
@@ -191,6 +196,7 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
     state->duration = primitive->duration;
     state->pull_in = primitive->residual_rate / primitive->duration;
     state->braking = 0;
+    state->amplitude = 1;
     for (i = 0; i < NOSLIP_LINEAR; ++i) {
         state->position[i] = primitive->start_position[i];
         state->linear_velocity[i] = primitive->start_linear_velocity[i];
@@ -228,6 +234,12 @@ static noslip_real slowed(const noslip_state *s, noslip_real time_step, noslip_r
     return speed > 0 ? slower / speed : 0;
 }
 
+/* Fraction of a cycle, from 0 again after each; what rounding leaves before 1 is 0. */
+static noslip_real next_in_cycle(noslip_real fraction) {
+    const noslip_real whole = floor(fraction + REAL(1e-9));
+    return whole > 0 ? larger(0, fraction - whole) : fraction;
+}
+
 /* A step that is driven and led so; 1 and the state as it was if what comes of it is not finite. */
 static int advance(const noslip_primitive *p, noslip_state *state, noslip_real time_step,
                    const noslip_real *drive, const noslip_real *windings, const goal_lead *lead,
@@ -237,7 +249,7 @@ static int advance(const noslip_primitive *p, noslip_state *state, noslip_real t
     const noslip_real *factor = factors(p, state, h);
     noslip_real now[STATE_SIZE], step[STEP_SIZE], after[STATE_SIZE], output[NOSLIP_OUTPUTS];
     noslip_real decay = factor[0], gain = factor[1] / tau;
-    noslip_real fraction = state->fraction + h;
+    noslip_real fraction = is_cyclic(p) ? next_in_cycle(state->fraction + h) : state->fraction + h;
     noslip_real sum = 0, fast = 1, slip_rate = state->previous_step > 0 ? AT_ONCE : state->pull_in;
     int i;
 
@@ -321,7 +333,7 @@ static int step_by(const noslip_primitive *primitive, noslip_state *state, nosli
     if (!(time_step > 0) || !(h > 0) || !(h - h >= 0)) return 1;
     if (!noslip_done(state)) {
         /* The last step ends where the motion does; a whole one would go beyond. */
-        if (h > 1 - state->fraction) {
+        if (!is_cyclic(primitive) && h > 1 - state->fraction) {
             h = 1 - state->fraction;
             time_step = h * state->duration;
         }
@@ -346,7 +358,7 @@ int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_r
     if (share > LONGEST_STEP) {
         /* A late cycle is made good in steps as long as those of its own motion. */
         noslip_real left = share;
-        if (!noslip_done(state)) left = smaller(share, 1 - state->fraction);
+        if (!is_cyclic(primitive) && !noslip_done(state)) left = smaller(share, 1 - state->fraction);
         count = (int)ceil(left * (noslip_real)primitive->steps);
         time_step = left * state->duration / (noslip_real)count;
     }
