@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -70,7 +71,8 @@ class Bodies(Timed):
                 )
         if len(self.parts) < 2:
             raise InputError(f"{self.name}: give two bodies or more; one is a PoseTrajectory")
-        object.__setattr__(self, "parts", _in_step(self.name, self.parts))
+        # In another order they move in another space, and are not equal.
+        object.__setattr__(self, "parts", OrderedDict(_in_step(self.name, self.parts)))
 
     # ---------------------------------------------------------------- what it is
 

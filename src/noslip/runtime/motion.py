@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self, cast
@@ -342,7 +343,7 @@ class BodiesMotion(RolledOut, Bodies):
         place = layouts(space).state
         names = "position", "quaternion", "linear_velocity", "angular_velocity"
         columns = [np.split(states[:, place[name]], space.rotations, axis=1) for name in names]
-        parts = {}
+        parts: OrderedDict[str, PoseTrajectory] = OrderedDict()
         for body, p, q, v, w in zip(space.bodies, *columns, strict=True):
             turns = Rotation.from_quat(q, scalar_first=True)
             parts[body.name] = PoseTrajectory(times, p, turns, v, w, body.name)
