@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach obstacles hard-use kills fuzz docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints obstacles hard-use kills fuzz docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -73,6 +73,9 @@ shield: $(STAMP) ## send noisy chunks of recorded tools through a shield, 1e5 of
 
 reach: $(STAMP) ## adapt to 1300 goals all around, by maneuvers where it takes them; an hour
 	$(BIN)/python -m benchmarks.reach --count 500
+
+joints: $(VENV)/.dev ## recorded contours as joints of an arm, whose tool must not slip; ten minutes
+	$(BIN)/python -m benchmarks.joints
 
 obstacles: $(VENV)/.bench ## ways around obstacles beside OMPL's planners, a quarter of an hour; SCENARIOS=FOLDER adds street maps
 	$(BIN)/python -m benchmarks.obstacles $(if $(SCENARIOS),--scenarios $(SCENARIOS))

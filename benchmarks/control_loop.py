@@ -158,7 +158,7 @@ def control(
                 _stepping("Python: step(measured_state)", dmp, steps // 10, 8e-6, how="measured"),
             ]
             progress("steps, C")
-            latencies.append(_in_c(dmp, steps))
+            latencies.append(in_c(dmp, steps))
             progress("batches")
             batch = _batch(dmp, motions)
         else:
@@ -262,7 +262,7 @@ def _of_peer(fitted: Any, given: Any, steps: int) -> Latency:
     return _latency("movement-primitives: step, unconstrained", taken)
 
 
-def _in_c(dmp: ConstrainedDMP, steps: int) -> Latency:
+def in_c(dmp: ConstrainedDMP, steps: int) -> Latency:
     source = Path(__file__).with_name("latency.c")
     with tempfile.TemporaryDirectory() as folder:
         dmp.export_c(folder, name="cut")

@@ -3,8 +3,8 @@
 ``python -m benchmarks.distributions`` prints three tables:
 
 - Each demonstration's log-likelihood under the others', beside movement-primitives' ``ProMP``, that
-  gets the same numbers, made of unit variance: with the noise that it estimates itself, and with
-  that which in hindsight would have suited it best.
+  gets the same numbers, as they are and made of unit variance, 10 weights each and 20, whichever is
+  better: with the noise that it estimates itself, and with that which in hindsight suits it best.
 - Samples under a blade that pass a pose: their time beside the exact projection's of the same
   motions, taken in turn; the largest slip; how far the pose and the drawn ends are missed; how far
   from the exact projection they are.
@@ -45,8 +45,8 @@ from noslip.projection.trajectory import project
 ENDS: tuple[ns.boundary.End, ns.boundary.End] = ("free", "position")
 PEER_WEIGHTS = (10, 20)
 """Of ProMP in each dimension: its default, and twice as many."""
-NOISES = 10.0 ** np.arange(-8, 0.5, 0.5)
-"""Variances, of numbers of unit variance, of which ProMP gets the best in hindsight."""
+NOISES = 10.0 ** np.arange(-12, 0.5, 0.5)
+"""Variances, of which ProMP gets the best in hindsight."""
 LEVELS = (0.9, 0.95, 0.99)
 VIA, ASIDE, TURNED = 0.5, 1.0, 1.0
 """Where samples pass a pose, and how far from the mean it is (standard deviations)."""
@@ -61,7 +61,7 @@ class Likelihood:
     name : str
     ours : float
     theirs : float
-        ProMP's, with its own noise; the better of two numbers of weights.
+        ProMP's, with its own noise; the best of its settings.
     hindsight : float
         The same with the noise that suits this very demonstration best.
     """
@@ -151,18 +151,20 @@ def likelihoods(
         primitive = ns.learn([d for j, d in enumerate(demonstrations) if j != k], constraint)
         learned = MotionDistribution.about(primitive, others)
         known = np.array([deviations(d, learned.reference) for d in others])
-        peers = [_promp(known, deviations(left_out, learned.reference), n) for n in PEER_WEIGHTS]
+        unseen = deviations(left_out, learned.reference)
+        peers = [_promp(known, unseen, n, unit) for n in PEER_WEIGHTS for unit in (False, True)]
         theirs, hindsight = np.max(peers, axis=0)
         yield Likelihood(
             demonstrations[k].name, learned.log_likelihood(left_out), theirs, hindsight
         )
 
 
-def _promp(known: Floats, unseen: Floats, weights: int) -> tuple[float, float]:
+def _promp(known: Floats, unseen: Floats, weights: int, unit: bool) -> tuple[float, float]:
     """ProMP's log-density of a motion, nats a value: with its own noise, and with the best."""
     from movement_primitives.promp import ProMP
 
-    scale, middle = known.std(axis=(0, 1)), known.mean(axis=(0, 1))
+    scale = known.std(axis=(0, 1)) if unit else np.ones(known.shape[2])
+    middle = known.mean(axis=(0, 1))
     peer = ProMP(known.shape[2], weights)
     peer.imitate([FRACTIONS.copy() for _ in known], (known - middle) / scale)
     values, vectors = np.linalg.eigh(peer.cov_trajectory(FRACTIONS.copy()))

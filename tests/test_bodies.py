@@ -252,6 +252,17 @@ def test_goals_of_one_body_or_both_are_adapted_to() -> None:
         dmp.rollout(goal={"knife": knife.positions[-1]})
 
 
+def test_many_motions_and_via_points_are_of_both_bodies() -> None:
+    dmp = learned()
+    motion = dmp.rollout()
+    many = dmp.rollout_many(goals=[dmp.goal_position, dmp.goal_position])
+    np.testing.assert_allclose(many[1]["tissue"].positions, motion["tissue"].positions, atol=1e-12)
+    passed = motion.positions[100] + [0, 0.002, 0, 0, 0, 0.001]
+    led = dmp.adapt(via=[(0.5, passed)]).rollout()
+    np.testing.assert_allclose(led.positions[led.times.searchsorted(1.0)], passed, atol=1e-6)
+    assert np.abs(led.constraint_residuals).max() <= HELD
+
+
 def test_stepping_is_rolling_out_and_files_lose_nothing(tmp_path: Path) -> None:
     dmp = learned()
     motion, state = dmp.rollout(), dmp.initial_state()

@@ -1,7 +1,7 @@
 """Random goals of primitives from every source: reached without slip, rolled out at any step.
 
 The fast tests take a few goals of a few primitives; ``pytest -m slow tests/test_goals.py`` takes
-twenty of each, 500 in all.
+ten of each, 250 in all; ``make reach`` and ``make sweep`` take thousands.
 """
 
 from __future__ import annotations
@@ -183,28 +183,28 @@ def test_far_goals_are_reached_or_refused() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(8))
 def test_more_far_goals_of_an_excision_are_reached_or_refused(number: int) -> None:
-    reached, asked = assert_never_silently_missed(excision(number), 10, seed=number)
+    reached, asked = assert_never_silently_missed(excision(number), 5, seed=number)
     assert reached >= 0.8 * asked
 
 
 @pytest.mark.slow
 def test_more_far_goals_of_the_numerical_example_are_reached_or_refused() -> None:
-    reached, asked = assert_never_silently_missed(numerical(), 20, seed=2)
+    reached, asked = assert_never_silently_missed(numerical(), 10, seed=2)
     assert reached >= 0.8 * asked
 
 
-# -------------------------------------------------------------------- all 500
+# -------------------------------------------------------------------- all 250
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(8))
 def test_every_goal_of_an_excision_is_reached_at_any_step(number: int) -> None:
-    assert_reached(excision(number), 20, seed=1 + number)
+    assert_reached(excision(number), 10, seed=1 + number)
 
 
 @pytest.mark.slow
 def test_every_goal_of_the_numerical_example_is_reached_at_any_step() -> None:
-    assert_reached(numerical(), 20)
+    assert_reached(numerical(), 10)
 
 
 @pytest.mark.slow
@@ -214,4 +214,4 @@ def test_every_goal_of_the_numerical_example_is_reached_at_any_step() -> None:
 def test_every_goal_of_a_recorded_contour_is_reached_at_any_step(
     recordings: Path, run: str, rate: float
 ) -> None:
-    assert_reached(contour(recordings, run, rate), 20, seed=9 + RUNS.index(run))
+    assert_reached(contour(recordings, run, rate), 10, seed=9 + RUNS.index(run))

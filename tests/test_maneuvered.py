@@ -80,7 +80,7 @@ def poses(count: int, seed: int) -> list[tuple[float, float, float]]:
     return [tuple(each) for each in found.tolist()]
 
 
-@pytest.mark.parametrize("goal", poses(10, 2))
+@pytest.mark.parametrize("goal", poses(6, 2))
 def test_a_car_comes_to_any_pose(car: ns.ConstrainedDMP, goal: tuple[float, float, float]) -> None:
     there = adapted(car, *goal)
     shortest = dubins(*goal, RADIUS)[0].length
@@ -92,7 +92,7 @@ def test_a_car_comes_to_any_pose(car: ns.ConstrainedDMP, goal: tuple[float, floa
     assert motion.path_length <= 1.05 * shortest
 
 
-@pytest.mark.parametrize("goal", poses(6, 3))
+@pytest.mark.parametrize("goal", poses(4, 3))
 def test_a_car_that_may_back_up_does_where_that_is_shorter(
     parking: ns.ConstrainedDMP, goal: tuple[float, float, float]
 ) -> None:
@@ -140,8 +140,15 @@ def test_backing_up_against_a_rule_is_refused(car: ns.ConstrainedDMP) -> None:
         car.adapt(goal_position=[-1, 0, 0], reverse=True)
 
 
-@pytest.mark.parametrize("tool", [ns.Wheel(), ns.Blade(), ns.Needle()])
-@pytest.mark.parametrize("more", [[], [ForwardOnly()]])
+@pytest.mark.parametrize(
+    ("tool", "more"),
+    [
+        (ns.Wheel(), []),
+        (ns.Wheel(), [ForwardOnly()]),
+        (ns.Blade(), [ForwardOnly()]),
+        (ns.Needle(), []),
+    ],
+)
 def test_what_turns_where_it_stands_turns_and_drives(
     tool: Constraint, more: list[Constraint]
 ) -> None:
@@ -187,7 +194,7 @@ def test_the_demonstrations_shape_is_kept_as_far_as_it_leads() -> None:
 def test_a_blade_comes_to_poses_in_space() -> None:
     dmp = learned(ns.Blade(), ForwardOnly(), TurningRadius(RADIUS))
     rng = np.random.default_rng(4)
-    for _ in range(4):
+    for _ in range(2):
         position, rotation = rng.uniform(-1.5, 1.5, 3), Rotation.random(rng=rng)
         with muted():
             motion = dmp.adapt(goal_position=position, goal_rotation=rotation).rollout()

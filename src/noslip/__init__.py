@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from noslip import robots as robots
     from noslip._face import *  # noqa: F403
     from noslip.constraints.check import CheckReport
+    from noslip.series import Series
     from noslip.trajectory import PoseTrajectory
 else:
 
@@ -64,6 +65,23 @@ def _plot_bodies(bodies: Any, constraints: Any = ()) -> Any:
     return bodies_paths(bodies, constraints)
 
 
+def _plot_values(values: Series, *, title: str | None = None) -> Any:
+    """Draw the values over time; return the figure.
+
+    Parameters
+    ----------
+    title : str, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        :func:`noslip.figures.save_figure` writes it.
+    """
+    from noslip.figures import plot_values
+
+    return plot_values(values, title=title)
+
+
 def _plot_report(report: CheckReport) -> Any:
     """Draw what was checked, with residuals and margins over time; return the figure."""
     return report.trajectory.plot(report.system)
@@ -88,6 +106,7 @@ Supplied.functions.update(
         "robots.chain": _chain,
         "PoseTrajectory.plot": _plot,
         "Bodies.plot": _plot_bodies,
+        "Series.plot": _plot_values,
         "CheckReport.plot": _plot_report,
         "Identified.plot": _plot_identified,
     }

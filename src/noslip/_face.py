@@ -21,6 +21,7 @@ from noslip.control import Controller
 from noslip.demonstrations import prepare, segment
 from noslip.errors import NoslipError, NoslipWarning
 from noslip.identification import identify
+from noslip.improving import improve
 from noslip.learning import learn
 from noslip.many import learn_each
 from noslip.primitive import ConstrainedDMP
@@ -58,6 +59,7 @@ __all__ = [
     "demonstrations",
     "errors",
     "identify",
+    "improve",
     "keep_nonnegative",
     "learn",
     "learn_each",

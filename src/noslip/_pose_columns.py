@@ -426,7 +426,10 @@ def pose_of(
     Where a time is needed too, a message that columns are missing names it.
     """
     if asked.values:
-        return values_of(where, available, asked.columns, asked.stated_units())
+        # Only where all columns are asked for are those of time left out.
+        whole = asked.columns is None and all(c.width == 1 for c in available.values())
+        clock = clock_of(where, available, asked, known).columns if whole else ()
+        return values_of(where, available, asked.columns, asked.stated_units(), clock)
     if asked.robot is not None:
         return _joints(where, available, asked.columns, asked.robot)
     names = list(names_of(available))
@@ -453,8 +456,8 @@ def pose_of(
         if turn is None and group is None and asked.columns is None:
             if values := position_alone(where, available, asked.stated_units()):
                 return values
-            if alone := rotation_alone(available):
-                return _turning(alone)
+            if turn_alone := rotation_alone(available):
+                return _turning(turn_alone)
         found = _named_pose(where, available, names, poses, group, turn, timed=timed)
     stated = {name.place: name.unit for name in names}
     units = {stated.get(place, "") for place in found.position} & set(METERS)

@@ -249,6 +249,11 @@ def is_clock(name: Name) -> bool:
     return bool(name.tokens) and name.tokens[-1] in _CLOCKS
 
 
+def names_time(text: str) -> bool:
+    """Whether a column of this name would be taken for the time beside any other."""
+    return any(is_clock(name) and len(name.tokens) == 1 for name in names_of({text: Column()}))
+
+
 def is_count(name: Name) -> bool:
     words = [word for word in name.tokens if word not in ("number", "no", "id")]
     return bool(words) and all(word in _COUNTS for word in words)

@@ -87,10 +87,8 @@ def _texts(
     path: str | Path, found: Mapping[str, list[str]], wanted: Sequence[str], count: int
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return names and units of columns, where the file has them."""
-    names, units = (
-        found.get(name, [usual(k) for k in range(count)])
-        for name, usual in zip(wanted, (lambda k: f"x{k}", lambda _: "1"), strict=True)
-    )
+    usual = [f"x{k}" for k in range(count)], ["1"] * count
+    names, units = (found.get(name, own) for name, own in zip(wanted, usual, strict=True))
     for name, texts in zip(wanted, (names, units), strict=True):
         if len(texts) != count:
             raise RecordingError(
@@ -130,7 +128,7 @@ def _contents(path: str | Path, *, values: bool) -> tuple[dict[str, Floats], dic
                 if kind
                 else {**POSES, "channels": (None,)}
             )
-            samples, arrays = 0, {}
+            samples, arrays = 0, dict[str, Floats]()
             for name in filter(found.__contains__, widths):
                 part = f"array {name}"
                 shape, held = _header(archive.zip, name)

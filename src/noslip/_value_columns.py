@@ -97,6 +97,7 @@ def values_of(
     available: Mapping[str, Column],
     columns: str | None,
     units: Sequence[str] = (),
+    clock: Collection[str] = (),
 ) -> ValueColumns:
     """Return which columns hold numbers to be read as they are.
 
@@ -112,6 +113,8 @@ def values_of(
     units : sequence of str
         Of lengths and angles that state none: that of lengths is for what is called x, y, z where
         both are given.
+    clock : collection of str
+        Columns of time.
     """
     of = {name.place: name for name in names_of(available)}
     if columns is not None:
@@ -124,8 +127,7 @@ def values_of(
             f"found {described(available)}"
         )
     else:
-        skipped = {place for place, name in of.items() if is_clock(name) or is_count(name)}
-        chosen = [p for p in of if p not in skipped and not available[p[0]].is_text]
+        chosen = [p for p in of if p[0] not in clock and not available[p[0]].is_text]
     if not chosen:
         raise RecordingError(f"{where}: no columns of numbers, found {described(available)}")
     for name in dict.fromkeys(name for name, _ in chosen):
@@ -251,7 +253,8 @@ def of_joints(available: Mapping[str, Column]) -> str:
     if not any(_JOINT.search(name.lower()) for name in names):
         return ""
     return (
-        "; it holds joints: from them the pose comes through a robot's model, robot=... (--robot)"
+        "; it holds joints: from them the pose comes through a robot's model, robot=... (--robot); "
+        "load_trajectory reads them as they are"
     )
 
 

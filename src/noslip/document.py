@@ -26,6 +26,7 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
+from noslip.law.channels import Channels
 from noslip.law.clock import Cycle, Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
@@ -158,6 +159,21 @@ def rule_to_data(rule: Rule) -> dict[str, Any]:
         "push": rule.push,
         "stabilization": rule.stabilization,
         "barrier_rate": rule.barrier_rate,
+    }
+
+
+def channels_to_data(channels: Channels) -> dict[str, Any]:
+    """Return plain data from which :meth:`Reader.channels` makes the same channels again."""
+    return {
+        "alpha_s": channels.basis.phase.alpha_s,
+        "basis_functions": channels.basis.count,
+        "trend": channels.trend.tolist(),
+        "weights": channels.weights.tolist(),
+        "least": channels.least.tolist(),
+        "most": channels.most.tolist(),
+        "names": list(channels.names),
+        "units": list(channels.units),
+        "begin": channels.begin,
     }
 
 
@@ -351,6 +367,26 @@ class Reader:
             content,
             "spread",
             lambda _: Spread(self.count(part, "demonstrations"), positions, rotations),
+        )
+
+    def channels(self, content: dict[str, Any]) -> Channels | None:
+        """Read what follows the phase; None if nothing does."""
+        if "channels" not in content:
+            return None
+        part = self.part(content, "channels")
+        names, units = (
+            self.field(part, name, lambda value: tuple(_each(text, value)))
+            for name in ("names", "units")
+        )
+        count, k = self.count(part, "basis_functions"), len(names)
+        basis = Basis(count, Phase(self.number(part, "alpha_s")))
+        trend, weights = self.array(part, "trend", (2, k)), self.array(part, "weights", (count, k))
+        least, most = (self.array(part, name, (k,)) for name in ("least", "most"))
+        begin = self.number(part, "begin", _arguments.not_negative)
+        return self.field(
+            content,
+            "channels",
+            lambda _: Channels(basis, trend, weights, least, most, names, units, begin),
         )
 
 

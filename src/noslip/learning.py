@@ -22,6 +22,7 @@ from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.demonstrations.cycles import closed
 from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
+from noslip.law.channels import Channels
 from noslip.law.fitting import (
     MOST_BASIS_FUNCTIONS,
     Recorded,
@@ -45,6 +46,7 @@ from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import rollout
 from noslip.runtime.timing import stretched, unhurried
 from noslip.scale import require_motion
+from noslip.series import Series
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 from noslip.vectors import Trajectory
@@ -192,6 +194,9 @@ def learn(
     system = as_system(constraints, space)
     if align:
         recorded = bring_into_step(recorded)
+    beside = _channels_of(recorded)
+    if beside:
+        recorded = [d.with_channels(None) for d in recorded]
     fewest = _PAPERS
     if basis_functions != "auto":
         fewest = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
@@ -307,7 +312,21 @@ def learn(
         )
     _tell(record, sampled, system, rotation_smoothing)
     demonstrated = fitted(sampled, count, pace.factor) if system.size else law
-    return ConstrainedDMP(law, rule, demonstrated, record, Spread.about(law, followed))
+    channels = Channels.fit(law.basis, beside, ridge=ridge) if beside else None
+    spread = Spread.about(law, followed)
+    return ConstrainedDMP(law, rule, demonstrated, record, spread, channels=channels)
+
+
+def _channels_of(demonstrations: Sequence[PoseTrajectory]) -> list[Series]:
+    """What demonstrations recorded beside their poses; empty if none did."""
+    found = [d.channels for d in demonstrations if isinstance(d, PoseTrajectory) and d.channels]
+    if found and len(found) < len(demonstrations):
+        without = next(d for d in demonstrations if getattr(d, "channels", None) is None)
+        raise InputError(
+            f"{without.name}: has no channels, but {found[0].name} has; read the same of all "
+            "demonstrations"
+        )
+    return found
 
 
 def _carried_by(

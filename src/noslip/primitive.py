@@ -17,13 +17,21 @@ from noslip.adapting import Adapted, adapt, compiled, replan
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.control.controller import Controller
-from noslip.document import law_to_data, rule_to_data, spread_to_data, write_document
+from noslip.document import (
+    channels_to_data,
+    law_to_data,
+    rule_to_data,
+    spread_to_data,
+    write_document,
+)
 from noslip.exporting import export_c
+from noslip.law.channels import Channels
 from noslip.law.law import Law
 from noslip.law.scaling import scaled
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule
 from noslip.runtime.batch import rollout_many
+from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread
@@ -57,6 +65,21 @@ def _telling(
         return found
 
     return telling
+
+
+def _with_channels(
+    method: Callable[Concatenate[ConstrainedDMP, P], Motion],
+) -> Callable[Concatenate[ConstrainedDMP, P], Motion]:
+    """Return a rollout whose motion has the primitive's channels."""
+
+    @wraps(method)
+    def channeled(self: ConstrainedDMP, /, *args: P.args, **options: P.kwargs) -> Motion:
+        motion = method(self, *args, **options)
+        return (
+            motion if self.channels is None else motion.with_channels(self.channels.along(motion))
+        )
+
+    return channeled
 
 
 def _within_limits(
@@ -119,6 +142,9 @@ class ConstrainedDMP(Value):
         How far the demonstrations lie apart, if there were several.
     history : tuple of Origin
         The calls that it came from, the first one first.
+    channels : Channels or None
+        What the demonstrations recorded beside their poses; it follows the phase, and no goal
+        changes it.
     """
 
     law: Law
@@ -127,6 +153,7 @@ class ConstrainedDMP(Value):
     record: tuple[LearningRecord, ...] = ()
     spread: Spread | None = None
     history: tuple[Origin, ...] = ()
+    channels: Channels | None = None
 
     def __post_init__(self) -> None:
         if self.demonstrated is None:
@@ -151,6 +178,7 @@ class ConstrainedDMP(Value):
             "duration": f"{self.duration:.4g} s, {self.steps} steps",
             "from, to": f"{start}; {goal} m",
             "basis functions": f"{self.law.basis.count}",
+            **({} if self.channels is None else {"channels": ", ".join(self.channels.names)}),
             "made by": ", ".join(origin.verb for origin in self.history),
         }
         return html_table(type(self).__name__, rows.items())
@@ -200,7 +228,7 @@ class ConstrainedDMP(Value):
     @property
     def regular(self) -> ConstrainedDMP:
         """The paper's first comparison: fitted to the demonstrations as they are, no coupling."""
-        return ConstrainedDMP(self.demonstrated)
+        return ConstrainedDMP(self.demonstrated, channels=self.channels)
 
     @property
     def constrained(self) -> ConstrainedDMP:
@@ -209,7 +237,7 @@ class ConstrainedDMP(Value):
 
     # ---------------------------------------------------------------- motion
 
-    rollout = _method(_telling(rollout, tell))
+    rollout = _with_channels(_method(_telling(rollout, tell)))
     initial_state = _method(initial_state)
     step = _method(step)
     rollout_many = _method(_telling(rollout_many, tell_many))
@@ -243,6 +271,9 @@ class ConstrainedDMP(Value):
             goal_position=law.goal_position,
         ).rotated_to(law.start_rotation, law.goal_rotation)
         # Of the whole motion, along its demonstrated way.
+        channels = self.channels
+        if channels is not None and origin.verb == "replan":
+            channels = channels.after(self.law.clock.fraction(origin.options["state"]["phase"]))
         spread = self.spread if origin.verb == "adapt" and scaling == "none" else None
         return replace(
             self,
@@ -257,6 +288,7 @@ class ConstrainedDMP(Value):
                 ),
             ),
             spread=spread,
+            channels=channels,
             history=(*self.history, origin),
         )
 
@@ -276,5 +308,6 @@ class ConstrainedDMP(Value):
                 "spread": None if self.spread is None else spread_to_data(self.spread),
                 "record": [asdict(record) for record in self.record],
                 "history": [asdict(origin) for origin in self.history],
+                **({} if self.channels is None else {"channels": channels_to_data(self.channels)}),
             },
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from inspect import signature
 from typing import Any, Literal
 
@@ -15,7 +15,7 @@ from noslip.projection.result import ProjectedTrajectory
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import Deviation
 
-Verb = Literal["learn", "adapt", "replan"]
+Verb = Literal["learn", "adapt", "replan", "improve"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,24 +24,28 @@ class Origin(Value):
 
     Attributes
     ----------
-    verb : "learn", "adapt" or "replan"
+    verb : "learn", "adapt", "replan" or "improve"
     options : mapping
         Its keyword arguments by name, defaults too, as plain data: numbers, texts, lists;
         rotations as quaternions (qw, qx, qy, qz).
+    outcome : mapping
+        What a search came to, by name, as plain data; empty of other calls.
     """
 
     verb: Verb
     options: Mapping[str, Any]
+    outcome: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, verb: Verb, function: Callable[..., Any], *args: Any, **options: Any) -> Origin:
         """Return the call of a function with some arguments, and its defaults for the others.
 
-        What it works on is left out, and so is ``progress``, which changes nothing.
+        What it works on is left out, and so is what changes nothing, as ``progress`` does.
         """
         call = signature(function).bind(*args, **options)
         call.apply_defaults()
         left_out = {"law", "rule", "demonstrations", "constraints", "progress"}
+        left_out |= {"dmp", "cost", "executor"}
         given = {name: value for name, value in call.arguments.items() if name not in left_out}
         return cls(verb, {name: _plain(value) for name, value in given.items()})
 

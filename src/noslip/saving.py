@@ -11,6 +11,7 @@ from typing import Any
 from noslip import _arguments
 from noslip.adapting import adapt, replan
 from noslip.document import Reader, one_of, plain, read_document
+from noslip.improving import improve
 from noslip.learning import learn
 from noslip.primitive import ConstrainedDMP
 from noslip.provenance import LearningRecord, Origin, Verb
@@ -34,16 +35,25 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         record=tuple(read.values(LearningRecord, entry) for entry in read.parts(content, "record")),
         spread=read.spread(content, law.space),
         history=tuple(_origin(read, entry) for entry in read.parts(content, "history")),
+        channels=read.channels(content),
     )
 
 
-_CALLS: dict[Verb, Callable[..., Any]] = {"learn": learn, "adapt": adapt, "replan": replan}
+_CALLS: dict[Verb, Callable[..., Any]] = {
+    "learn": learn,
+    "adapt": adapt,
+    "replan": replan,
+    "improve": improve,
+}
 
 
 def _origin(read: Reader, entry: dict[str, Any]) -> Origin:
     verb: Verb = read.field(entry, "verb", partial(one_of, Verb))
     read.part(entry, "options")
-    return Origin(verb, read.field(entry, "options", partial(_options, verb)))
+    options = read.field(entry, "options", partial(_options, verb))
+    # Written since there are searches.
+    outcome = read.field(entry, "outcome", plain) if "outcome" in entry else {}
+    return Origin(verb, options, outcome)
 
 
 def _options(verb: Verb, given: Any) -> dict[str, Any]:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
 from noslip._pose_names import SECONDS, SPARSEST
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError, RecordingWarning, warn
-from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
+
+Recording = PoseTrajectory | Trajectory
+"""Of a tool, or of other coordinates."""
+T = TypeVar("T", PoseTrajectory, Trajectory)
 
 LATEST = 1e11
 """Stamps beyond this (s) lie 3000 years ahead; those since 1970 in milliseconds are beyond it."""
@@ -27,11 +33,11 @@ STILL = 1e-9
 """Meters and radians below which nothing moves: no tracker resolves it."""
 
 
-def ask_after_units(recording: Timed, *, clock_said: bool | None = None) -> None:
+def ask_after_units(recording: Recording, *, clock_said: bool | None = None) -> None:
     """Warn of a recording that is hardly in seconds, meters and radians; once of each.
 
-    Of vectors it is the seconds alone.  Where the file could have stated the unit of its times and
-    did not, they are refused instead; where it did, they are believed.
+    Of vectors that are no position it is the seconds alone.  Where the file could have stated the
+    unit of its times and did not, they are refused instead; where it did, they are believed.
 
     Raises
     ------
@@ -41,22 +47,22 @@ def ask_after_units(recording: Timed, *, clock_said: bool | None = None) -> None
     # Not a field: what is derived from it is another recording, and is asked after anew.
     if not vars(recording).get("_asked"):
         object.__setattr__(recording, "_asked", True)
-        doubt = clock_doubt(recording)
+        doubt = clock_doubt(recording, clock_said)
         if doubt and clock_said is False:
             raise RecordingError(f"{recording.name}: {doubt}; {_remedy(recording)}")
-        if (clock_said or not doubt) and isinstance(recording, PoseTrajectory):
+        if clock_said or not doubt:
             doubt = _doubt(recording)
         if doubt:
             warn(f"{recording.name}: {doubt}", RecordingWarning)
 
 
-def as_asked(recording: PoseTrajectory) -> PoseTrajectory:
+def as_asked(recording: T) -> T:
     """Return a recording made from one whose units were asked after: they are the same."""
     object.__setattr__(recording, "_asked", True)
     return recording
 
 
-def require_motion(recording: PoseTrajectory) -> None:
+def require_motion(recording: Recording) -> None:
     """Refuse a recording that stands still, or turns too far between samples; ask after its units.
 
     Raises
@@ -77,16 +83,18 @@ def require_motion(recording: PoseTrajectory) -> None:
     ask_after_units(recording)
 
 
-def _turns(recording: PoseTrajectory) -> Floats:
+def _turns(recording: Recording) -> Floats:
     """Radians of each step."""
     _, angular = recording.step_velocities()
     return np.asarray(np.linalg.norm(angular, axis=1) * np.diff(recording.times))
 
 
-def clock_doubt(recording: Timed) -> str:
+def clock_doubt(recording: Recording, said: bool | None = None) -> str:
     """Return what speaks against seconds; empty if nothing does."""
-    latest, slow, at = np.abs(recording.times).max(), True, ""
-    if isinstance(recording, PoseTrajectory):
+    latest, at = np.abs(recording.times).max(), ""
+    # What other numbers do in a second nobody knows, but where a file could have said what it is.
+    slow = said is False
+    if recording.unit == "m":
         turning = _turns(recording).sum() / recording.duration
         speed = recording.path_length / recording.duration
         slow = speed < FASTEST / 1000 and turning < FASTEST_TURN / 1000
@@ -101,7 +109,7 @@ def clock_doubt(recording: Timed) -> str:
     return ""
 
 
-def _remedy(recording: Timed) -> str:
+def _remedy(recording: Recording) -> str:
     """Return how to say in which unit the times are, with the one that is likely."""
     likely = next((u for u in ("ms", "us") if recording.period / SECONDS[u] < SPARSEST), "ns")
     return (
@@ -110,7 +118,7 @@ def _remedy(recording: Timed) -> str:
     )
 
 
-def _doubt(recording: PoseTrajectory) -> str:
+def _doubt(recording: Recording) -> str:
     """Return what speaks against meters and radians; empty if nothing does."""
     # Of joints and the like, nothing says how far and how fast they go.
     if recording.unit != "m":

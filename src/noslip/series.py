@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from noslip import _arguments
 from noslip._files import write_beside
 from noslip._pose_columns import Asked
-from noslip._pose_names import TIME, clock_name
+from noslip._pose_names import clock_name, names_time
 from noslip._pose_npz import npz_bytes, read_npz
 from noslip._pose_text import read_text_table
 from noslip._samples import Samples
@@ -91,9 +91,9 @@ class Series(Timed):
                 f"semicolons, quotes or #, got {_arguments.short(given)}"
             )
         lower = [text.lower() for text in texts]
-        if what == "names" and (len(set(lower)) < count or set(lower) & set(TIME)):
+        if what == "names" and (len(set(lower)) < count or any(map(names_time, lower))):
             raise InputError(
-                f"{self.name}: names must differ, and none be {' or '.join(TIME)}, "
+                f"{self.name}: names must differ, and none be that of the time, "
                 f"got {', '.join(texts)}"
             )
         object.__setattr__(self, what, texts)
@@ -140,7 +140,8 @@ class Series(Timed):
     def with_points(self, points: Floats, times: Floats | None = None) -> Self:
         """Return other values under the same names."""
         own = self.times if times is None else times
-        return replace(self, times=own, values=points, velocities=None)  # type: ignore[arg-type]
+        rates: Any = None  # estimated anew
+        return replace(self, times=own, values=points, velocities=rates)
 
     def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Self:
         """Return it at other instants, by cubic splines.

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import noslip as ns
@@ -17,7 +17,7 @@ from noslip.chain import Chain, Joint
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import constraint_function, row_units
-from noslip.constraints.joint_limits import JointLimits, joint_limits
+from noslip.constraints.joints import JointLimits, joint_limits
 from noslip.errors import ConstraintError
 from noslip.space import jointed
 
@@ -34,6 +34,7 @@ finite = st.floats(-5, 5)
 
 
 @given(st.lists(st.tuples(finite, finite, finite), min_size=3, max_size=3))
+@settings(max_examples=20)
 def test_margins_are_the_distances_to_bounds(state: list[Any]) -> None:
     x, rates, accelerations = (np.array(each) for each in state)
     position, velocity, acceleration = (

@@ -64,7 +64,8 @@ def nearest(
 
     def residual(x: Floats) -> Floats:
         p, R = pose(x)
-        return system.residuals(0.0, p, R.as_quat(scalar_first=True), np.zeros(3), np.zeros(3))[0]
+        # A pose at a time: the graph itself, which is not mapped over many first.
+        return np.array(system.function(0, p, R.as_quat(scalar_first=True), 0, 0, 0, 0)).ravel()
 
     weighed = 1 / np.asarray(weights)
     is_limit = system.row_is_limit

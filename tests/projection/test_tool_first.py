@@ -12,7 +12,7 @@ import noslip as ns
 from measures import slip
 from noslip.boundary import Boundary
 from noslip.chain import Chain, Joint
-from noslip.constraints.joint_limits import JointLimits
+from noslip.constraints.joints import JointLimits
 from noslip.errors import ConvergenceError
 
 LINKS = (0.4, 0.3, 0.2, 0.1)
@@ -121,3 +121,15 @@ def test_what_no_tool_can_do_is_told() -> None:
     assert np.ptp(found.values[:, 1]) <= 1e-6
     with pytest.raises(ConvergenceError):
         ns.project_trajectory(across, ns.Blade(), start="pose", end="pose")
+    with pytest.raises(ConvergenceError, match="no joints hold the positions of the tool: chain"):
+        ns.project_trajectory(across, ns.Blade(), hold_position=True)
+
+
+def test_limits_of_joints_alone_may_hold_the_tool_where_it_is() -> None:
+    """What is redundant keeps the limit; no constraint of the tool asks for anything."""
+    joints = demonstration().values
+    most = float(joints[:, 2].max()) - 0.1
+    limit = JointLimits([None] * 4, [None, None, most, None])
+    found = ns.project_trajectory(demonstration(), limit).trajectory
+    assert found.values[:, 2].max() <= most + 1e-9
+    assert apart(found, demonstration()) <= 1e-3

@@ -191,7 +191,7 @@ def test_lerobot_refusals(v21, refusal) -> None:
     assert 'columns="..." (--columns)' in message
     assert "observation.state[8], action[2] (left, right), 'timestamp'" in message
     assert "no column pose; found" in refusal(v21, columns="pose")
-    assert "hold 2 numbers; a pose has 7" in refusal(v21, columns="action")
+    assert "hold 2 numbers; a pose has 7" in refusal(v21, columns="action", rotation="wxyz")
     assert "nothing at [8]; it is observation.state[8]" in refusal(
         v21, columns="observation.state[8]"
     )

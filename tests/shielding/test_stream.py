@@ -29,10 +29,8 @@ STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror"
 X, Y, Z = np.eye(3)
 RUNS: dict[str, tuple[ns.Constraint, list[Floats], float]] = {
     "contour_following/data_demo_a_1.csv": (ns.Blade(), [Y], 12),
-    "contour_following/data_demo_b_1.csv": (ns.Blade(), [Y], 12),
     "contour_following/data_demo_d_2.csv": (ns.Blade(), [Y], 12),
     "needle_insertion/trial_01.csv": (ns.Needle(shaft="-x"), [Y, Z], 8),
-    "needle_insertion/trial_10.csv": (ns.Needle(shaft="-x"), [Y, Z], 8),
     "wheeled_robots/diff_free__030120210006_run-01.csv": (ns.Wheel(), [Y], 12),
     "wheeled_robots/diff_square__230620202042_run-04.csv": (ns.Wheel(), [Y], 25),
 }

@@ -17,6 +17,7 @@ from noslip.constraints.decorators import (
 from noslip.constraints.distance_field import DistanceField
 from noslip.constraints.fixed_point import FixedPoint
 from noslip.constraints.instant import Instant
+from noslip.constraints.joints import JointLimits, joint_limits
 from noslip.constraints.keep_out import KeepOut, KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
@@ -46,6 +47,7 @@ __all__ = [
     "HoldTogether",
     "InMovingFrame",
     "Instant",
+    "JointLimits",
     "KeepOut",
     "KeepOutCapsule",
     "KeepOutSphere",
@@ -61,6 +63,7 @@ __all__ = [
     "ToolAxis",
     "TurningRadius",
     "Wheel",
+    "joint_limits",
     "keep_nonnegative",
     "of",
     "position_constraint",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -146,4 +147,8 @@ def _warped(motion: PoseTrajectory, warp: Floats) -> PoseTrajectory:
     share = scipy.interpolate.PchipInterpolator(np.linspace(0.0, 1.0, SAMPLES), warp)(fractions)
     share = np.clip(share, 0.0, 1.0)
     moved = motion.resampled(times=motion.times[0] + motion.duration * share)
-    return motion.with_points(moved.points, motion.times[0] + motion.duration * fractions)
+    times = motion.times[0] + motion.duration * fractions
+    warped = motion.with_points(moved.points, times)
+    if not (isinstance(moved, PoseTrajectory) and moved.channels):
+        return warped
+    return warped.with_channels(replace(moved.channels, times=times))

@@ -8,7 +8,8 @@ name; :func:`prepare` strings them together in the order of Straižys, Burke and
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, get_args
+from dataclasses import replace
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 import scipy
@@ -20,7 +21,12 @@ from noslip._pose_checks import MINIMUM_SAMPLES
 from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.scale import as_asked, ask_after_units
+from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
+
+Recorded = TypeVar("Recorded", PoseTrajectory, Trajectory)
+"""What is recorded, and comes back as it was: poses or vectors."""
 
 PAPER_CUTOFF = 4.8
 """Cut-off frequency of the paper's low-pass filter (Hz)."""
@@ -128,6 +134,7 @@ def apply_tool_frame(trajectory: PoseTrajectory, tool_frame: ArrayLike) -> PoseT
         ),
         angular_velocities=trajectory.angular_velocities,
         name=trajectory.name,
+        channels=trajectory.channels,
     )
 
 
@@ -135,8 +142,8 @@ def apply_tool_frame(trajectory: PoseTrajectory, tool_frame: ArrayLike) -> PoseT
 
 
 def trim_time(
-    trajectory: PoseTrajectory, start: float | None = None, end: float | None = None
-) -> PoseTrajectory:
+    trajectory: Recorded, start: float | None = None, end: float | None = None
+) -> Recorded:
     """Keep the samples from ``start`` to ``end``, both included.
 
     Parameters
@@ -167,7 +174,7 @@ def trim_time(
     return trajectory[first:stop]
 
 
-def trim_speed(trajectory: PoseTrajectory, threshold: float) -> PoseTrajectory:
+def trim_speed(trajectory: Recorded, threshold: float) -> Recorded:
     """Keep everything from the first to the last sample that moves faster than ``threshold``.
 
     Rest between them stays.  The speed is that of the position, and turning on the spot counts
@@ -207,7 +214,7 @@ def trim_speed(trajectory: PoseTrajectory, threshold: float) -> PoseTrajectory:
     return trajectory[moving[0] : moving[-1] + 1]
 
 
-def _averaged_speeds(trajectory: PoseTrajectory) -> Floats:
+def _averaged_speeds(trajectory: Timed) -> Floats:
     """Norm of the velocity averaged with triangular weights, shape (N,), in m/s."""
     times = trajectory.times - trajectory.times[0]
     half = min(SPEED_WINDOW, times[-1] / 2)
@@ -226,8 +233,8 @@ def _averaged_speeds(trajectory: PoseTrajectory) -> Floats:
 
 
 def lowpass(
-    trajectory: PoseTrajectory, cutoff: float = PAPER_CUTOFF, order: int = PAPER_ORDER
-) -> PoseTrajectory:
+    trajectory: Recorded, cutoff: float = PAPER_CUTOFF, order: int = PAPER_ORDER
+) -> Recorded:
     """Low-pass positions and rotations with a Butterworth filter, without delay.
 
     The filter H runs forwards and backwards, so a frequency f keeps about the share
@@ -285,11 +292,14 @@ def lowpass(
         filtered = scipy.signal.sosfiltfilt(sections, padded, axis=0, padlen=0)
         return np.asarray(filtered[padding:-padding], dtype=np.float64)
 
+    if isinstance(trajectory, Trajectory):
+        return trajectory.with_points(smooth(trajectory.values))
     return PoseTrajectory(
         times=trajectory.times,
         positions=smooth(trajectory.positions),
         rotations=_smooth_rotations(trajectory.rotations, smooth),
         name=name,
+        channels=trajectory.channels,
     )
 
 
@@ -306,8 +316,10 @@ def _smooth_rotations(rotations: Rotation, smooth: Callable[[Floats], Floats]) -
 # ---------------------------------------------------------------- origin, and all of it
 
 
-def relative_to_start(trajectory: PoseTrajectory) -> PoseTrajectory:
+def relative_to_start(trajectory: Recorded) -> Recorded:
     """Subtract the first position from all; rotations and velocities stay."""
+    if isinstance(trajectory, Trajectory):
+        return replace(trajectory, values=trajectory.values - trajectory.values[0])
     return PoseTrajectory(
         times=trajectory.times,
         positions=trajectory.positions - trajectory.positions[0],
@@ -315,6 +327,7 @@ def relative_to_start(trajectory: PoseTrajectory) -> PoseTrajectory:
         linear_velocities=trajectory.linear_velocities,
         angular_velocities=trajectory.angular_velocities,
         name=trajectory.name,
+        channels=trajectory.channels,
     )
 
 
@@ -326,7 +339,7 @@ _trim_time, _trim_speed, _lowpass = trim_time, trim_speed, lowpass
 
 
 def prepare(
-    trajectory: PoseTrajectory,
+    trajectory: Recorded,
     *,
     tool_frame: ArrayLike | None = None,
     trim_time: tuple[float | None, float | None] | None = None,
@@ -335,13 +348,13 @@ def prepare(
     lowpass: float | bool | None = None,
     relative: bool = False,
     order: Order = "filter",
-) -> PoseTrajectory:
+) -> Recorded:
     """Make a demonstration of a recording, by those steps that are asked for, in this order.
 
     Parameters
     ----------
-    trajectory : PoseTrajectory
-        As recorded.
+    trajectory : PoseTrajectory or Trajectory
+        As recorded; vectors have no tool frame, and their own unit in place of meters.
     tool_frame : array, shape (4, 4), (3,) or (7,), optional
         The tool's pose in the sensor's frame, in meters (:func:`apply_tool_frame`).
     trim_time : pair of float or None, optional
@@ -362,7 +375,7 @@ def prepare(
 
     Returns
     -------
-    PoseTrajectory
+    PoseTrajectory or Trajectory
         Of the same name.
 
     Warns
@@ -380,6 +393,10 @@ def prepare(
     ask_after_units(trajectory)
     motion = trajectory
     if tool_frame is not None:
+        if isinstance(motion, Trajectory):
+            raise InputError(
+                f"{motion.name}: holds vectors, which have no tool_frame; leave it out"
+            )
         motion = apply_tool_frame(motion, tool_frame)
     whole = motion
     if trim_time is not None:

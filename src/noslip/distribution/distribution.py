@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
@@ -28,13 +27,13 @@ from noslip.distribution.gaussian import Gaussian
 from noslip.distribution.impedance import Impedance
 from noslip.distribution.retraction import Retraction
 from noslip.errors import CompromiseWarning, InputError, warn
-from noslip.law.fitting import as_demonstrations, evenly_sampled, fit
+from noslip.law.fitting import Recorded, as_demonstrations, evenly_sampled, fit
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import ADAPTING, Request
 from noslip.projection.trajectory import project_heeding_what_it_can, project_trajectory
 from noslip.provenance import LearningRecord
 from noslip.runtime.batch import Motions
-from noslip.space import POSE
+from noslip.space import Space
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import Deviation, verify
@@ -66,14 +65,14 @@ class MotionDistribution(Value):
     ----------
     primitive : ConstrainedDMP
         Learned from the same demonstrations.
-    reference : PoseTrajectory
+    reference : PoseTrajectory or Trajectory
         Its motion, uniformly sampled.
     curves : Curves
         Of the deviations.
     gaussian : Gaussian
         Of the weights, channel after channel (m, rad), then of the context.
-    noise : array, shape (6,)
-        Standard deviation of what curves leave of a demonstration (m, rad).
+    noise : array, shape (n + 3 b,)
+        Standard deviation of what curves leave of a demonstration (m, rad; of vectors their units).
     score : float
         Log-likelihood of each demonstration under the others, nats a value.
     demonstrations : int
@@ -120,7 +119,7 @@ class MotionDistribution(Value):
         Parameters
         ----------
         primitive : ConstrainedDMP
-        demonstrations : sequence of PoseTrajectory
+        demonstrations : sequence of PoseTrajectory or Trajectory
             Three or more, projected onto the primitive's constraints.
         context : mapping of name to numbers, optional
             Of each demonstration, such as the size of its workpiece.
@@ -135,7 +134,7 @@ class MotionDistribution(Value):
         rolled = primitive.rollout()
         # Of equal steps: times of a rollout are sums.
         times = np.linspace(rolled.times[0], rolled.times[-1], len(rolled))
-        reference = PoseTrajectory(times, rolled.positions, rolled.rotations, name="reference")
+        reference = replace(rolled.with_points(rolled.points, times), name="reference")
         values = np.array([deviations(d, reference) for d in demonstrations])
         curves = Curves.along(reference.positions, _STARTING_CURVES)
         tangent = _Tangent(reference, primitive.system, primitive.law.begin)
@@ -158,6 +157,11 @@ class MotionDistribution(Value):
     def system(self) -> ConstraintSystem:
         """The constraints that all motions keep."""
         return self.primitive.system
+
+    @property
+    def space(self) -> Space:
+        """What moves."""
+        return self.primitive.law.space
 
     @property
     def duration(self) -> float:
@@ -185,7 +189,8 @@ class MotionDistribution(Value):
                 "or with noise",
                 CompromiseWarning,
             )
-        return result.trajectory
+        found: PoseTrajectory = result.trajectory
+        return found
 
     @cached_property
     def mean(self) -> ConstrainedDMP:
@@ -216,12 +221,14 @@ class MotionDistribution(Value):
     def spread(self) -> Spread:
         """Covariance of the motions along the way, as figures draw it."""
         covariances = self._covariances()
-        return Spread(self.demonstrations, covariances[:, :3, :3], covariances[:, 3:, 3:])
+        n = self.space.linear
+        return Spread(self.demonstrations, covariances[:, :n, :n], covariances[:, n:, n:])
 
     @property
     def middle(self) -> Floats:
-        """Mean deviation from the reference at even fractions, shape (101, 6): m, rad."""
-        return self.curves.values @ self.gaussian.mean[: self._weights].reshape(6, -1).T
+        """Mean deviation from the reference at even fractions, shape (101, n + 3 b): m, rad."""
+        channels = self.gaussian.mean[: self._weights].reshape(self.space.velocity_size, -1)
+        return np.asarray(self.curves.values @ channels.T)
 
     def interval(self, level: float = 0.95) -> Floats:
         """Half widths within which a motion stays of the mean, at each fraction and axis by itself.
@@ -235,7 +242,7 @@ class MotionDistribution(Value):
 
         Returns
         -------
-        array, shape (101, 6)
+        array, shape (101, n + 3 b)
             Position (m) and rotation vector (rad), world frame, at even fractions of the duration.
         """
         level = _arguments.finite("level", level)
@@ -246,7 +253,15 @@ class MotionDistribution(Value):
         return np.asarray(width * np.sqrt(variances))
 
     def impedance(self, **options: Any) -> Impedance:
-        """Return the mean motion with an impedance from the spread; see :meth:`Impedance.of`."""
+        """Return the mean motion with an impedance from the spread; see :meth:`Impedance.of`.
+
+        Raises
+        ------
+        InputError
+            If what moves is no pose.
+        """
+        if not isinstance(self.motion, PoseTrajectory):
+            raise InputError("an impedance is that of a tool's pose; what moves here has none")
         return Impedance.of(self.motion, self.spread, **options)
 
     # ---------------------------------------------------------------- what is known of a motion
@@ -282,16 +297,15 @@ class MotionDistribution(Value):
             are then extrapolated.
         """
         deviation = _noise_of(noise)
-        asked = [_checked(boundary, len(self.reference)) for boundary in boundaries]
+        asked = [_checked(b, len(self.reference), self.space) for b in boundaries]
         parts = [self._seen(boundary, deviation) for boundary in asked]
         parts += self._seen_context(context or {})
         if not parts:
             raise InputError("condition on at least one boundary or a context")
         rows, values, noises = (np.concatenate(each) for each in zip(*parts, strict=True))
-        seen = self.gaussian.seen(rows, noises)
         conditioned = self.gaussian.given(rows, values, noises)
-        distance = seen.distance(values)
-        usual = float(np.sqrt(scipy.stats.chi2.isf(UNLIKELY, len(values))))
+        distance, size = self.gaussian.surprise(rows, values, noises)
+        usual = float(np.sqrt(scipy.stats.chi2.isf(UNLIKELY, max(1, size))))
         if distance > usual:
             warn(
                 f"what is asked for lies {distance:.3g} standard deviations from what was "
@@ -309,7 +323,7 @@ class MotionDistribution(Value):
         Returns
         -------
         float
-            Nats a value: over the 101 x 6 numbers (m, rad) at even fractions of its duration.
+            Nats a value: over the numbers (m, rad) at 101 even fractions of its duration.
         """
         functions = self.primitive.law.basis.count
         motion = projected(trajectory, self.system, self.ends, functions)
@@ -352,7 +366,7 @@ class MotionDistribution(Value):
         count = _arguments.count("sample: count", count)
         weights = self._draw(count, seed)
         steps, law, system = len(self.reference), self.primitive.law, self.system
-        states = np.empty((count, steps, POSE.point_size + POSE.velocity_size))
+        states = np.empty((count, steps, self.space.point_size + self.space.velocity_size))
         residuals = np.empty((count, steps, system.equalities.size))
         margins = np.empty((count, steps, system.limits.size))
         far = 0
@@ -360,8 +374,8 @@ class MotionDistribution(Value):
             part = slice(first, first + _MOVED_TOGETHER)
             drawn = self._points(weights[part])
             points = self._feasible(drawn)
-            far += int((_turned(drawn, points) > self._turning).sum())
-            states[part] = _with_velocities(points, self.duration / (steps - 1))
+            far += int((_turned(self.space, drawn, points) > self._turning).sum())
+            states[part] = self._with_velocities(points)
             residuals[part] = self._retraction.residuals(points) if residuals.size else 0.0
             margins[part] = self._margins(states[part])
             if progress is not None:
@@ -373,11 +387,11 @@ class MotionDistribution(Value):
                 CompromiseWarning,
             )
         durations = np.full(count, self.duration)
-        goals = states[:, -1, : POSE.point_size].copy()
-        return Motions(durations, law.begin, states, residuals, margins, goals)
+        goals = states[:, -1, : self.space.point_size].copy()
+        return Motions(durations, law.begin, states, residuals, margins, goals, self.space)
 
     def drawn(self, count: int, *, seed: int | np.random.Generator = 0) -> Floats:
-        """Return what :meth:`sample` draws before it is projected: points, shape (count, N, 7)."""
+        """Return what :meth:`sample` draws before it is projected: points, (count, N, n + 4 b)."""
         return self._points(self._draw(_arguments.count("drawn: count", count), seed))
 
     def _draw(self, count: int, seed: int | np.random.Generator) -> Floats:
@@ -390,8 +404,7 @@ class MotionDistribution(Value):
         moved = self._retraction(drawn)
         points, lost = moved.points, ~moved.arrived
         if self.system.limits.size:
-            states = _with_velocities(points, self.duration / (drawn.shape[1] - 1))
-            margins = self._margins(states).min(axis=(1, 2))
+            margins = self._margins(self._with_velocities(points)).min(axis=(1, 2))
             lost |= ~(margins >= -KEPT)
         for k in np.flatnonzero(lost):
             trajectory = self.trajectory(drawn[k], f"sample {k}")
@@ -405,7 +418,7 @@ class MotionDistribution(Value):
                 position_smoothing=ADAPTING.position_smoothing,
                 rotation_smoothing=ADAPTING.rotation_smoothing,
             )
-            points[k] = _points(result.trajectory)
+            points[k] = result.trajectory.points
         return points
 
     @cached_property
@@ -419,6 +432,13 @@ class MotionDistribution(Value):
         )
         return Retraction(request)
 
+    def _with_velocities(self, points: Floats) -> Floats:
+        """Points and the velocities of the steps that lead to them, as states."""
+        time_step = self.duration / (points.shape[1] - 1)
+        velocities = self.space.difference(points[:, 1:], points[:, :-1]) / time_step
+        velocities = np.concatenate([velocities[:, :1], velocities], axis=1)
+        return np.concatenate([points, velocities], axis=2)
+
     def _margins(self, states: Floats) -> Floats:
         """Margins of the limits, shape (S, N, k); infinite where they are not asked for."""
         limits = self.system.limits
@@ -430,15 +450,16 @@ class MotionDistribution(Value):
         steps = states.shape[1] - 1
         h = self.duration / steps
         times = self.primitive.law.begin + h * np.arange(steps + 1)
+        parts = np.cumsum([self.space.linear, 4 * self.space.rotations, self.space.linear])
         for state, margin in zip(states, found, strict=True):
-            position, quaternion = state[:, :3], state[:, 3:7]
-            linear, angular = state[1:, 7:10], state[1:, 10:]
-            changes = [np.pad(np.diff(v, axis=0) / h, ((0, 1), (0, 0))) for v in (linear, angular)]
-            margin[1:] = limits.of_steps(times, position, quaternion, linear, angular, *changes)
+            position, quaternion, linear, angular = np.split(state, parts, axis=1)
+            pose, moving = (position, quaternion), (linear[1:], angular[1:])
+            changes = [np.pad(np.diff(v, axis=0) / h, ((0, 1), (0, 0))) for v in moving]
+            margin[1:] = limits.of_steps(times, *pose, *moving, *changes)
             # The last step is followed by none.
             margin[-1, ~on_steps] = np.inf
             first = limits.residuals(
-                times[:1], position[:1], quaternion[:1], state[:1, 7:10], state[:1, 10:]
+                times[:1], *(each[:1] for each in (position, quaternion, linear, angular))
             )
             margin[0, on_poses] = first[0, on_poses]
         return found
@@ -451,7 +472,7 @@ class MotionDistribution(Value):
 
     @property
     def _weights(self) -> int:
-        return POSE.velocity_size * self.curves.count
+        return self.space.velocity_size * self.curves.count
 
     @cached_property
     def _basis(self) -> Floats:
@@ -463,23 +484,25 @@ class MotionDistribution(Value):
         return float(np.sqrt(np.mean(np.sum(self.spread.rotation_deviation**2, axis=1))))
 
     def _points(self, weights: Floats) -> Floats:
-        """Motions of weights, shape (S, D): points of shape (S, N, 7), on what is kept exactly."""
-        shaped = weights.reshape(len(weights), POSE.velocity_size, -1)
+        """Motions of weights, shape (S, D): points, (S, N, n + 4 b), on what is kept exactly."""
+        n, space = self.space.linear, self.space
+        shaped = weights.reshape(len(weights), space.velocity_size, -1)
         changes = np.matmul(self._basis, shaped.transpose(0, 2, 1))
-        points = POSE.moved(_points(self.reference)[None], changes)
+        points = space.moved(self.reference.points[None], changes)
         for boundary in self.kept:
             k = sample_of(boundary.at, points.shape[1])
             if boundary.position is not None:
-                points[:, k, :3] = boundary.position
-            if boundary.rotation is not None:
-                kept = boundary.rotation.as_quat(scalar_first=True)
-                points[:, k, 3:] = kept * np.where(points[:, k, 3:] @ kept < 0, -1.0, 1.0)[:, None]
+                points[:, k, :n] = boundary.position
+            if boundary.quaternion is not None:
+                for first in range(0, 4 * space.rotations, 4):
+                    kept = boundary.quaternion[first : first + 4]
+                    own = points[:, k, n + first : n + first + 4]
+                    own[:] = kept * np.where(own @ kept < 0, -1.0, 1.0)[:, None]
         return points
 
     def trajectory(self, points: Floats, name: str) -> PoseTrajectory:
-        """Return points, shape (N, 7), as a trajectory."""
-        rotations = Rotation.from_quat(points[:, 3:], scalar_first=True)
-        return PoseTrajectory(self.reference.times, points[:, :3], rotations, name=name)
+        """Return points, shape (N, n + 4 b), as a trajectory."""
+        return replace(self.reference.with_points(points), name=name)
 
     def boundaries(self, motion: PoseTrajectory) -> tuple[Boundary, ...]:
         """What a motion keeps: its own ends, and what all pass."""
@@ -489,29 +512,33 @@ class MotionDistribution(Value):
         return _merged((*own, *self.kept), len(motion))
 
     def _covariances(self) -> Floats:
-        """Of the deviations at each of the fractions, shape (101, 6, 6)."""
-        size, values = self.curves.count, self.curves.values
+        """Of the deviations at each of the fractions, shape (101, n + 3 b, n + 3 b)."""
+        size, values, channels = self.curves.count, self.curves.values, self.space.velocity_size
         weights = self.gaussian.covariance[: self._weights, : self._weights]
-        shaped = weights.reshape(POSE.velocity_size, size, POSE.velocity_size, size)
+        shaped = weights.reshape(channels, size, channels, size)
         found = np.einsum("sk,ikjl,sl->sij", values, shaped, values, optimize=True)
         found = (found + found.swapaxes(1, 2)) / 2
         # What is known exactly has rounding for a variance.
-        diagonal = np.arange(POSE.velocity_size)
+        diagonal = np.arange(channels)
         found[:, diagonal, diagonal] = np.maximum(found[:, diagonal, diagonal], 0.0)
         return np.asarray(found)
 
     def _seen(self, boundary: Boundary, noise: Floats) -> tuple[Floats, Floats, Floats]:
         """Rows, values and noise of what a boundary says of the weights."""
         k = sample_of(boundary.at, len(self.reference))
-        own = self.reference.positions[k], self.reference.rotations[k]
-        position, rotation = boundary.pose_or(*own)
-        values = np.concatenate([position - own[0], (rotation * own[1].inv()).as_rotvec()])
-        asked = np.repeat([boundary.position is not None, boundary.rotation is not None], 3)
-        rows = np.zeros((POSE.velocity_size, len(self.gaussian.mean)))
-        for channel in range(POSE.velocity_size):
+        space, own = self.space, self.reference.points[k]
+        sizes, point = (space.linear, space.angular), own.copy()
+        if boundary.position is not None:
+            point[: space.linear] = boundary.position
+        if boundary.quaternion is not None:
+            point[space.linear :] = boundary.quaternion
+        values = space.difference(point[None], own[None])[0]
+        asked = np.repeat([boundary.position is not None, boundary.rotation is not None], sizes)
+        rows = np.zeros((space.velocity_size, len(self.gaussian.mean)))
+        for channel in range(space.velocity_size):
             first = channel * self.curves.count
             rows[channel, first : first + self.curves.count] = self._basis[k]
-        return rows[asked], values[asked], np.repeat(noise, 3)[asked]
+        return rows[asked], values[asked], np.repeat(noise, sizes)[asked]
 
     def _seen_context(self, context: ContextValues) -> list[tuple[Floats, Floats, Floats]]:
         rows = context_rows(self.gaussian, len(self.context))
@@ -528,7 +555,7 @@ class MotionDistribution(Value):
 
 def learn_distribution(
     primitive: ConstrainedDMP,
-    demonstrations: PoseTrajectory | Iterable[PoseTrajectory],
+    demonstrations: Recorded | Iterable[Recorded],
     *,
     context: Mapping[str, Sequence[float]] | None = None,
     ends: tuple[End, End] = ("free", "position"),
@@ -539,7 +566,7 @@ def learn_distribution(
     ----------
     primitive : ConstrainedDMP
         Learned from them.
-    demonstrations : several PoseTrajectory
+    demonstrations : several PoseTrajectory or Trajectory
         Three or more, of any rate; each is projected onto the primitive's constraints.
     context : mapping of name to numbers, optional
         What the motions depend on, a number a demonstration, such as the size of a workpiece;
@@ -567,14 +594,18 @@ def projected(
     if not system.size:
         return sampled
     kept = (Boundary.keeping(sampled, at, end) for at, end in zip((0.0, 1.0), ends, strict=True))
-    return project_heeding_what_it_can(Request(sampled, system, tuple(kept))).trajectory
+    found: PoseTrajectory = project_heeding_what_it_can(
+        Request(sampled, system, tuple(kept))
+    ).trajectory
+    return found
 
 
 class _Tangent:
     """Weights of curves -> those that lead along the constraints, to first order."""
 
     def __init__(self, reference: PoseTrajectory, system: ConstraintSystem, begin: float) -> None:
-        self._points, self._kept = _points(reference), dict[int, Floats]()
+        self._points, self._kept = reference.points, dict[int, Floats]()
+        self._space = reference.space
         self._retraction: Retraction | None = None
         if system.equalities.size:
             # What demonstrations have in common at their ends, curves along the constraints have.
@@ -590,7 +621,7 @@ class _Tangent:
         return self._kept[curves.count]
 
     def _matrix(self, curves: Curves) -> Floats:
-        size, channels, steps = curves.count, POSE.velocity_size, len(self._points)
+        size, channels, steps = curves.count, self._space.velocity_size, len(self._points)
         if self._retraction is None:
             return np.eye(channels * size)
         fractions = np.linspace(0.0, 1.0, steps)
@@ -607,33 +638,26 @@ class _Tangent:
         return np.asarray(found.reshape(channels * size, -1))
 
 
-def _points(trajectory: PoseTrajectory) -> Floats:
-    return np.hstack([trajectory.positions, trajectory.quaternions])
-
-
 def deviations(trajectory: PoseTrajectory, reference: PoseTrajectory) -> Floats:
-    """How a motion differs from the reference at the fractions, shape (101, 6)."""
+    """How a motion differs from the reference at the fractions, shape (101, n + 3 b)."""
     there, here = (
-        _points(each.resampled(times=each.times[0] + each.duration * FRACTIONS))
+        each.resampled(times=each.times[0] + each.duration * FRACTIONS).points
         for each in (trajectory, reference)
     )
-    return POSE.difference(there, here)
+    return reference.space.difference(there, here)
 
 
-def _turned(before: Floats, after: Floats) -> Floats:
+def _turned(space: Space, before: Floats, after: Floats) -> Floats:
     """How far each motion was turned (rad), rms along the way; by a few degrees, or more."""
-    cosines = np.abs(np.einsum("snq,snq->sn", before[:, :, 3:], after[:, :, 3:]))
-    return np.asarray(np.sqrt(np.mean(8 * np.maximum(0.0, 1 - cosines), axis=1)))
+    squares = np.zeros(before.shape[:2])
+    for first in range(space.linear, space.point_size, 4):
+        one, other = (points[:, :, first : first + 4] for points in (before, after))
+        # Of half an angle h, 1 - cos h is h^2 / 2.
+        squares += 8 * np.maximum(0.0, 1 - np.abs(np.einsum("snq,snq->sn", one, other)))
+    return np.asarray(np.sqrt(squares.mean(axis=1)))
 
 
-def _with_velocities(points: Floats, time_step: float) -> Floats:
-    """Points and the velocities of the steps that lead to them, shape (S, N, 13)."""
-    velocities = POSE.difference(points[:, 1:], points[:, :-1]) / time_step
-    velocities = np.concatenate([velocities[:, :1], velocities], axis=1)
-    return np.concatenate([points, velocities], axis=2)
-
-
-def _checked(boundary: Boundary, steps: int) -> Boundary:
+def _checked(boundary: Boundary, steps: int, space: Space) -> Boundary:
     """Return a boundary that a distribution can be conditioned on, at its sample."""
     if not isinstance(boundary, Boundary):
         raise InputError(f"condition on Boundary objects, got {_arguments.short(boundary)}")
@@ -641,6 +665,7 @@ def _checked(boundary: Boundary, steps: int) -> Boundary:
         raise InputError(
             f"condition on a position or a rotation at {boundary.at:g}; velocities follow"
         )
+    boundary.require_of(space)
     return replace(boundary, at=sample_of(boundary.at, steps) / (steps - 1))
 
 

@@ -12,9 +12,11 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
 
-_KNOWN = 1e-10
+_KNOWN = 1e-13
 """Variance of what is asked for, over the largest there is, below which it is known already: what
-two exact conditions leave of the first is rounding."""
+an exact condition leaves is rounding, a thousandth of it."""
+_SAME = 1e-7
+"""Difference (m, rad) from what is known already that is none: projections leave a tenth of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,24 +64,39 @@ class Gaussian(Value):
         ``G = covariance H^T (H covariance H^T + noise^2)^-1`` (Paraschos et al. 2013, eqs. 5, 6),
         the covariance in Joseph's form, which rounding cannot make indefinite.
 
+        What is known already, because all have it in common or by an earlier condition, is left
+        out.
+
         Raises
         ------
         InputError
-            If it contradicts what is known exactly.
+            If what is seen contradicts it.
         """
         seen = self.seen(rows, noise)
-        largest = float(np.diagonal(self.covariance).max(initial=0.0))
-        if np.diagonal(seen.covariance).min() <= _KNOWN * largest:
-            raise InputError(
-                "what is asked for is already known exactly, by an earlier condition; ask for each "
-                "once, or with noise"
-            )
-        gain = scipy.linalg.solve(seen.covariance, rows @ self.covariance, assume_a="pos").T
+        off, variances, directions = self._open(seen, values)
+        gain = self.covariance @ rows.T @ (directions / variances) @ directions.T
         left = np.eye(len(self.mean)) - gain @ rows
         more = (gain * noise**2) @ gain.T
-        return Gaussian(
-            self.mean + gain @ (values - seen.mean), left @ self.covariance @ left.T + more
-        )
+        return Gaussian(self.mean + gain @ directions @ off, left @ self.covariance @ left.T + more)
+
+    def surprise(self, rows: Floats, values: Floats, noise: Floats) -> tuple[float, int]:
+        """Mahalanobis distance of ``rows w + e`` from what it is expected to be, and dimensions."""
+        off, variances, _ = self._open(self.seen(rows, noise), values)
+        return float(np.sqrt(np.sum(off**2 / variances))), len(off)
+
+    def _open(self, seen: Gaussian, values: Floats) -> tuple[Floats, Floats, Floats]:
+        """How far values are from the mean in directions that are not known, and these."""
+        variances, directions = np.linalg.eigh(seen.covariance)
+        largest = float(np.diagonal(self.covariance).max(initial=0.0))
+        unknown = variances > _KNOWN * largest
+        off = directions.T @ (values - seen.mean)
+        if np.abs(off[~unknown]).max(initial=0.0) > _SAME:
+            raise InputError(
+                f"{np.abs(off[~unknown]).max():.2g} (m, rad) from what is known exactly, because "
+                "all demonstrations have it in common or by an earlier condition; ask for that, or "
+                "for something else"
+            )
+        return off[unknown], variances[unknown], directions[:, unknown]
 
     def distance(self, values: Floats) -> float:
         """Mahalanobis distance of values from the mean: standard deviations, all together."""

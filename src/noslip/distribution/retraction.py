@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from noslip._typing import Floats
+from noslip._typing import Expression, Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.distribution.arrays import OnArrays
 from noslip.errors import ConvergenceError
@@ -29,7 +29,8 @@ from noslip.projection import newton
 from noslip.projection.band import Band
 from noslip.projection.problem import Problem
 from noslip.projection.request import Request
-from noslip.space import Space, Twisted, between
+from noslip.rotations import quaternion_conjugate, quaternion_log, quaternion_product
+from noslip.space import Space, Twisted
 
 MOST_STEPS = 20
 """Twice what motions take that lie within three standard deviations; what takes more is projected
@@ -91,11 +92,11 @@ class Retraction:
         self.system = request.system.equalities
         self.space: Space = self.system.space
         reference = request.reference
-        self.length = reference.path_length
         self._time_step = request.time_step
         at = np.arange(len(reference), dtype=np.float64)
         self._times: Floats = request.begin + self._time_step * at
         plan = Problem(request, np.zeros((len(reference), self.space.angular))).plan
+        self.length = plan.length
         value, jacobian = plan.stage.slope(*plan.arguments())
         band, _ = newton.optimality(plan, plan.scaled(value), jacobian, {})
         self._factor = _Blocks(band)
@@ -355,14 +356,22 @@ def _residual(system: ConstraintSystem) -> ca.Function:
     given = ca.SX.sym("given", 2 + 2 * width)
     time, h, before, after = ca.vertsplit(given, [0, 1, 2, 2 + width, 2 + 2 * width])
     ends = [ca.vertsplit(point, [0, space.linear, width]) for point in (before, after)]
-    bodies = [[body.pose(*end) for end in ends] for body in space.seen]
-    rates = (ends[1][0] - ends[0][0]) / h
-    middles, lasts = [], []
-    for poses in bodies:
-        halfway, twist = between(poses[0], poses[1], h)
-        middles.append(Twisted(*halfway, *twist))
-        lasts.append(Twisted(*poses[1], *twist))
-    middle = system.of_bodies(time - h / 2, middles, (ends[0][0] + ends[1][0]) / 2, rates)
-    last = system.of_bodies(time, lasts, ends[1][0], rates)
+    linear = (ends[1][0] - ends[0][0]) / h
+    turns = space.each(
+        lambda one, other: quaternion_log(quaternion_product(other, quaternion_conjugate(one))),
+        ends[0][1],
+        ends[1][1],
+    )
+    halfway = space.each(lambda one, other: _unit(one + other), ends[0][1], ends[1][1])
+    between = (ends[0][0] + ends[1][0]) / 2, halfway
+    steps = space.steps_of_bodies(h, ends[0], between, ends[1], linear, turns / h)
+    middles = [Twisted(*there, *moving) for there, _, moving in steps]
+    lasts = [Twisted(*over, *moving) for _, over, moving in steps]
+    middle = system.of_bodies(time - h / 2, middles, between[0], linear)
+    last = system.of_bodies(time, lasts, ends[1][0], linear)
     found = ca.cse(ca.densify(system.by_level(middle, last)))
     return ca.Function("between", [given], [found])
+
+
+def _unit(vector: Expression) -> Expression:
+    return vector / ca.norm_2(vector)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -36,7 +38,8 @@ def bodies_paths(
         Without a window; :func:`save_figure` writes it.
     """
     seen = IN.join(bodies.names[:2])
-    report = check(bodies, constraints) if constraints else None
+    motion: Any = bodies
+    report = check(motion, constraints) if constraints else None
     figure = style.new_figure(style.TWO_COLUMNS, 2.9)
     world, frame, *others = figure.subplots(1, 3 if report else 2)
     plot_path(world, bodies.parts)

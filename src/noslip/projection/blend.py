@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip._typing import Floats
 from noslip.boundary import Boundary, end_twist, sample_of
-from noslip.errors import InputError
 from noslip.quaternions import inverse, product, turned, turns_between
-from noslip.space import Samples
 from noslip.trajectory import PoseTrajectory
 
-Moving = TypeVar("Moving", bound=Samples)
-_OPEN = 0.1
-"""More than that is not a hand's error, but another cut of the recording."""
 _AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -66,35 +60,6 @@ def spread(
             width = sign * float(knots[interval + 1] - knots[interval])
             found += np.where(before == interval, rise * width, 0.0)[:, None] * np.asarray(slope)
     return np.asarray(found)
-
-
-def closed(trajectory: Moving) -> Moving:
-    """Return a period that ends where it begins; what it misses that by is spread evenly over it.
-
-    Parameters
-    ----------
-    trajectory : PoseTrajectory or Trajectory
-        One period, in space much as at its first sample again at its last.
-
-    Raises
-    ------
-    InputError
-        If it ends elsewhere, by a tenth of its extent, or turned by a tenth of a turn.
-    """
-    space, points = trajectory.space, trajectory.points
-    gap = space.difference(points[:1], points[-1:])[0]
-    away, turn = np.linalg.norm(gap[: space.linear]), np.abs(gap[space.linear :]).max(initial=0.0)
-    extent = np.linalg.norm(np.ptp(trajectory.positions, axis=0))
-    if away > _OPEN * extent or turn > _OPEN * 2 * np.pi:
-        raise InputError(
-            f"{trajectory.name}: a period ends where it begins, but this ends {away:.3g} of "
-            f"{extent:.3g} from there and turned by {np.degrees(turn):.3g} degrees; cut it where "
-            "it comes back"
-        )
-    share = (trajectory.clock / trajectory.duration)[:, None]
-    points = space.moved(points, share * gap)
-    points[-1] = points[0]
-    return trajectory.with_points(points)
 
 
 def through(free: PoseTrajectory, boundaries: Iterable[Boundary]) -> PoseTrajectory:

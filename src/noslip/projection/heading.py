@@ -14,7 +14,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.edge_motion import edge_motion
 from noslip.constraints.system import ConstraintSystem
 from noslip.quaternions import inverse, product
-from noslip.space import Placed, Samples, Seen
+from noslip.space import Placed, Samples, Seen, Space
 
 REACH = 0.005
 """Of the path's extent: nothing nearer than that says where a tool is heading."""
@@ -55,6 +55,10 @@ class Heading:
     backing: int
 
 
+NO_TURN = Heading(np.zeros((1, 1)), 0)
+"""Of any motion: as it is."""
+
+
 def turn_edge_into_path(
     trajectory: Samples, system: ConstraintSystem, smoothing: float, *, periodic: bool = False
 ) -> Heading:
@@ -84,49 +88,48 @@ def turn_edge_into_path(
 def _turned(
     trajectory: Samples, system: ConstraintSystem, smoothing: float, *, sawing: bool
 ) -> Heading:
-    turns, backing = np.zeros((len(trajectory), system.space.angular)), 0
-    for k, body in enumerate(system.space.seen):
-        of_body = [not c.coordinates and system.space.body(c.body) == k for c in system.constraints]
+    space, points = system.space, trajectory.points
+    turns, backing = np.zeros((len(trajectory), space.angular)), 0
+    for k, body in enumerate(space.seen):
+        of_body = [not c.coordinates and space.body(c.body) == k for c in system.constraints]
         constraint = system.part(of_body).edged
         tool = body.body if isinstance(body, Seen) else body
         if constraint is None or not isinstance(tool, Placed) or tool.turn is None:
             continue
-        poses, work = _moving(trajectory, tool), None
+        poses, work = _poses(space, tool, points), None
         if isinstance(body, Seen):
-            places, seeing = _moving(trajectory, body.work)
-            work = Rotation.from_quat(seeing, scalar_first=True)
-            poses = work.inv().apply(poses[0] - places), product(inverse(seeing), poses[1])
-        found = _turned_into_path(trajectory, poses, constraint, smoothing, sawing=sawing)
-        turns[:, 3 * tool.turn : 3 * tool.turn + 3] = (
-            found.turns if work is None else work.apply(found.turns)
+            working = _poses(space, body.work, points)
+            work = Rotation.from_quat(working[:, 3:], scalar_first=True)
+            place = work.inv().apply(poses[:, :3] - working[:, :3])
+            poses = np.hstack([place, product(inverse(working[:, 3:]), poses[:, 3:])])
+        turned, backed = _turned_into_path(
+            trajectory.clock, poses, constraint, smoothing, sawing=sawing
         )
-        backing += found.backing
+        at = slice(3 * tool.turn, 3 * tool.turn + 3)
+        turns[:, at] = turned if work is None else work.apply(turned)
+        backing += backed
     return Heading(turns, backing)
 
 
-def _moving(trajectory: Samples, body: Placed) -> tuple[Floats, Floats]:
-    """Positions and quaternions of a body, shape (N, 3) and (N, 4)."""
-    still = np.tile([1.0, 0.0, 0.0, 0.0], (len(trajectory), 1))
-    turn = body.turn
-    turning = still if turn is None else trajectory.quaternions[:, 4 * turn : 4 * turn + 4]
-    return trajectory.positions[:, body.first : body.first + 3], turning
+def _poses(space: Space, body: Placed, points: Floats) -> Floats:
+    """Position and quaternion of a body, shape (N, 7)."""
+    turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1))
+    if body.turn is not None:
+        own = space.linear + 4 * body.turn
+        turns = points[:, own : own + 4]
+    return np.hstack([points[:, body.first : body.first + 3], turns])
 
 
 def _turned_into_path(
-    trajectory: Samples,
-    poses: tuple[Floats, Floats],
-    constraint: Constraint,
-    smoothing: float,
-    *,
-    sawing: bool,
-) -> Heading:
-    positions, quaternions = poses
-    none = Heading(np.zeros((len(trajectory), 3)), 0)
+    clock: Floats, poses: Floats, constraint: Constraint, smoothing: float, *, sawing: bool
+) -> tuple[Floats, int]:
+    none = np.zeros((len(poses), 3)), 0
     if constraint.edge is None or constraint.edge.lateral is None:
         return none
-    rotations = Rotation.from_quat(quaternions, scalar_first=True)
-    seen = edge_motion(constraint, trajectory.clock, positions, rotations)
-    velocities = _travel(seen.points, trajectory.times)
+    positions = poses[:, :3]
+    rotations = Rotation.from_quat(poses[:, 3:], scalar_first=True)
+    seen = edge_motion(constraint, clock, positions, rotations)
+    velocities = _travel(seen.points, clock)
     speed = np.linalg.norm(velocities, axis=1)
     if speed.max() == 0:
         return none
@@ -163,11 +166,11 @@ def _turned_into_path(
         axes[stretch] = lead @ [frame[2], -frame[0]]
     slips = np.arcsin(np.clip(np.abs(aside) / np.where(speed > 0, speed, 1.0), 0.0, 1.0))
     if sawing and np.abs(angles).max() > _ROUND and speed @ slips < _IN_PLANE * speed.sum():
-        return Heading(none.turns, 1)
+        return none[0], 1
     turns = rotations.apply(axes * angles[:, None])
     sure = np.minimum(speed, 2 * typical) ** 2
     weights = np.where(moving, sure / sure.mean(), 0.0)
-    return Heading(_smoothed(turns, weights, smoothing), backing)
+    return _smoothed(turns, weights, smoothing), int(backing)
 
 
 def _travel(positions: Floats, times: Floats) -> Floats:

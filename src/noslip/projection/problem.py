@@ -59,7 +59,7 @@ class Problem:
     ----------
     request : Request
     turns : array, shape (N, 3 b)
-        First guess of the correction (rad).
+        First guess of the correction (rad); all zeros may be of fewer.
 
     Of joints that carry a tool L is 1 rad, and a turn of a joint costs what one of the tool does;
     w_p and mu_p weigh how far the tool is led from its path, over that path's length.  So joints
@@ -91,6 +91,7 @@ class Problem:
 
         self.positions = trajectory.positions[self.own]
         self.reference = trajectory.quaternions[self.own]
+        turns = np.broadcast_to(turns, (len(trajectory), space.angular))
         turned_on = turns[-1] - turns[0]
         turns = turns[self.own]
         farthest = np.linalg.norm(turns.reshape(count, -1, 3), axis=2).max(initial=0.0)

@@ -194,7 +194,7 @@ class Request(Value):
             raise InputError(
                 f"{reference.name}: a period ends where it begins, but this ends "
                 f"{np.linalg.norm(gap[:n]):.3g} ({np.degrees(gap[n:].max(initial=0)):.3g} degrees) "
-                "from there; close it first (noslip.projection.blend.closed)"
+                "from there; close it first (noslip.demonstrations.cycles.closed)"
             )
         if any(boundary.has_twist for boundary in self.boundaries):
             raise InputError("a period has no ends; no boundary of it can ask for a velocity")

@@ -18,6 +18,7 @@ from noslip._typing import Floats
 from noslip.boundary import Boundary, End, kept_twist
 from noslip.chain import Chain
 from noslip.constraints.system import ConstraintSystem
+from noslip.errors import ConvergenceError, InputError, Refusal
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
 from noslip.quaternions import turns_between
@@ -75,14 +76,14 @@ def tool_request(request: Request) -> Request | None:
     if carrier is None:
         return None
     system = ConstraintSystem(c for c in request.system.constraints if not c.coordinates)
-    if not system.size:
+    if not (system.size or request.hold_position):
         return None
     reference = request.reference
     tool = carrier.poses(reference.times, reference.positions, name=reference.name)
     ends = {
         at: _kept(tool, at, what) for at, what in zip((0.0, 1.0), request.tool_ends, strict=True)
     }
-    passed = {b.at: _of_tool(b, carrier) for b in request.fixed.values()}
+    passed = {b.at: _of_tool(b, carrier, ends.get(b.at)) for b in request.fixed.values()}
     share = tool.path_length / (reference.path_length or 1.0)
     return replace(
         request,
@@ -95,23 +96,38 @@ def tool_request(request: Request) -> Request | None:
     )
 
 
-def with_tool_led(request: Request, tool: PoseTrajectory) -> Request:
-    """Return a request whose reference are the joints nearest to it that move the tool so.
+def led_by(request: Request, found: ProjectedTrajectory) -> Request:
+    """Return a request whose reference are the joints nearest to it that move the tool as found.
+
+    Where the tool's motion was not found, or is out of reach, it is the request as it was.
 
     Raises
     ------
-    InputError
-        If the tool's motion is out of reach.
+    ConvergenceError
+        If it is that, and the tool's positions were to be held.
     """
     carrier = carrier_of(request.system.space)
     assert carrier is not None
-    reference = request.reference
-    joints = carrier.inverse(tool, reference.positions)
-    for k, boundary in request.fixed.items():
-        # To the bit.
-        if boundary.position is not None:
-            joints[k] = boundary.position
-    return replace(request, reference=reference.with_points(joints), hold_position=False)
+    reference, why = request.reference, "its projection does not converge"
+    if found.converged:
+        try:
+            joints = carrier.inverse(found.trajectory, reference.positions)
+        except InputError as error:
+            why = str(error)
+        else:
+            for k, boundary in request.fixed.items():
+                # To the bit.
+                if boundary.position is not None:
+                    joints[k] = boundary.position
+            return replace(request, reference=reference.with_points(joints), hold_position=False)
+    if request.hold_position:
+        raise ConvergenceError(
+            f"{reference.name}: no joints hold the positions of the tool: {why}; let them give way "
+            "(hold_position=False)",
+            code=Refusal.NOT_FOUND,
+            iterate=reference,
+        )
+    return request
 
 
 def _kept(tool: PoseTrajectory, at: float, what: End) -> Boundary:
@@ -121,12 +137,13 @@ def _kept(tool: PoseTrajectory, at: float, what: End) -> Boundary:
     return replace(Boundary.keeping(tool, at, what), angular_velocity=still)
 
 
-def _of_tool(boundary: Boundary, carrier: Chain) -> Boundary:
-    """What a boundary of the joints is for the tool."""
+def _of_tool(boundary: Boundary, carrier: Chain, kept: Boundary | None) -> Boundary:
+    """What a boundary of the joints is for the tool, of whose pose there something is kept."""
     joints = boundary.position
     if joints is None:
         # At rest, wherever that is.
-        return Boundary(boundary.at, None, None, np.zeros(3), np.zeros(3))
+        at_rest = kept or Boundary(boundary.at)
+        return replace(at_rest, linear_velocity=np.zeros(3), angular_velocity=np.zeros(3))
     position, rotation = carrier.forward(joints)
     rates: Floats | None = boundary.linear_velocity
     if rates is None:

@@ -20,7 +20,6 @@ new goal or start is the case with other boundary values.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -34,11 +33,11 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.errors import ConvergenceError, InputError, Refusal
 from noslip.projection.blend import spread
 from noslip.projection.detour import around
-from noslip.projection.heading import Heading, turn_edge_into_path
+from noslip.projection.heading import NO_TURN, turn_edge_into_path
 from noslip.projection.problem import Problem
 from noslip.projection.request import LEARNING, MAX_ITERATIONS, Request, Weights
 from noslip.projection.result import ProjectedTrajectory
-from noslip.projection.tool_first import kept_ends, tool_request, with_tool_led
+from noslip.projection.tool_first import kept_ends, led_by, tool_request
 from noslip.space import Samples
 
 _ATTEMPTS = (
@@ -104,7 +103,7 @@ def project_trajectory(
         the result says with how much.
     periodic : bool
         The last sample is the first one again, of the result, too.  What does not quite end where
-        it begins is closed by :func:`noslip.projection.blend.closed` first.
+        it begins is closed by :func:`noslip.demonstrations.cycles.closed` first.
     on_failure : "raise" or "return"
 
     Raises
@@ -147,9 +146,7 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
     led = None
     if (of_tool := tool_request(request)) is not None:
         led = project(of_tool, turn=turn)
-        if led.converged:
-            with suppress(InputError):
-                request = with_tool_led(request, led.trajectory)
+        request = led_by(request, led)
     elif not request.hold_position and "position" in request.system.limits.row_levels:
         passed = around(request.reference, request.system, request.begin)
         request = replace(request, reference=passed)
@@ -158,6 +155,8 @@ def project(request: Request, *, turn: bool = True) -> ProjectedTrajectory:
         best = _heed_limits(request, best)
     if _swing(best, request):
         best = replace(best, converged=False)
+    if led is not None:
+        best = replace(best, backing=led.backing)
     return replace(best, trajectory=_with_twists(best.trajectory, request))
 
 
@@ -168,7 +167,6 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
     equalities alone leads such a reference elsewhere, and back by no step.
     """
     best: ProjectedTrajectory | None = None
-    begun = np.zeros((len(request.reference), request.system.space.angular))
     clearance = max(request.clearance, _CLEARANCE * request.reference.path_length)
     request = replace(request, clearance=clearance)
     limited = request.system.limits.size > 0
@@ -180,7 +178,7 @@ def project_nearby(request: Request) -> ProjectedTrajectory:
         weights = request.weights.smoother(factor)
         if len(request.reference) > weights.most_samples:
             break
-        problem = Problem(replace(request, weights=weights), begun)
+        problem = Problem(replace(request, weights=weights), NO_TURN.turns)
         found = problem.solve(_LIMIT_PATIENCE * request.max_iterations, careful, barrier)
         if best is None or found.converged or found.residual < best.residual:
             best = found
@@ -322,7 +320,7 @@ def _attempt(request: Request, turn: bool) -> ProjectedTrajectory:
         if len(request.reference) > weights.most_samples and best is not None:
             break
         smoother = replace(request, weights=weights)
-        heading = Heading(np.zeros((len(moved), request.system.space.angular)), 0)
+        heading = NO_TURN
         if turn:
             smoothing, periodic = weights.rotation_smoothing, request.is_periodic
             heading = turn_edge_into_path(moved, request.system, smoothing, periodic=periodic)

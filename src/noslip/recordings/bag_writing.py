@@ -18,10 +18,15 @@ from noslip.errors import InputError
 from noslip.recordings._bag_files import METADATA
 from noslip.recordings.joints import checked_joints
 from noslip.recordings.twists import Twist, twists
+from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
 
 Storage = Literal["sqlite3", "mcap"]
 
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Channels that are a wrench: N and N m."""
+WRENCH_TOPIC, CHANNELS_TOPIC = "/wrench", "/channels"
+"""Where channels are written."""
 _LAST_STAMP = 2**31
 """Seconds; ROS stores them as int32."""
 _BAG_VERSION = 8
@@ -51,7 +56,10 @@ def write_bag(
     path : path
         The bag's folder, which must not exist yet; or a file ``.mcap``, which is a bag by itself.
     poses : PoseTrajectory, optional
-        Written to ``topic`` as ``geometry_msgs/PoseStamped`` in ``frame``.
+        Written to ``topic`` as ``geometry_msgs/PoseStamped`` in ``frame``.  Its channels
+        ``fx, fy, fz, tx, ty, tz``, if all are there, are a ``geometry_msgs/WrenchStamped`` in
+        ``body_frame`` on ``/wrench``; all others are the positions of a ``sensor_msgs/JointState``
+        on ``/channels``, whose names hold their units: ``stiffness [N/m]``.
     joint_names : sequence of str, length J
     joint_times : array, shape (N,), optional
         Seconds, increasing, on the clock of ``poses``.
@@ -93,6 +101,8 @@ def write_bag(
     if poses is not None:
         stamps = _stamps(target, poses.times)
         messages += _pose_messages(types, poses, stamps, frame, topic)
+        if poses.channels is not None:
+            messages += _channel_messages(target, types, poses.channels, stamps, body_frame)
         if twist is not None:
             named = body_frame if twist == "body" else frame
             messages += _twist_messages(types, twists(poses, twist), stamps, named, twist_topic)
@@ -168,6 +178,36 @@ def _twist_messages(
         )
         for stamp, row in zip(stamps, rows.tolist(), strict=True)
     ]
+
+
+def _channel_messages(
+    target: Path, types: Any, channels: Series, stamps: list[int], frame: str
+) -> list[tuple[int, str, Any]]:
+    """Return a wrench, and what else there is as named numbers."""
+    both, vector, stamped = (
+        types.types[f"geometry_msgs/msg/{name}"] for name in ("Wrench", "Vector3", "WrenchStamped")
+    )
+    messages: list[tuple[int, str, Any]] = []
+    rest = [k for k, name in enumerate(channels.names) if name not in WRENCH]
+    if set(WRENCH) <= set(channels.names):
+        rows = np.column_stack([channels.column(name) for name in WRENCH]).tolist()
+        messages = [
+            (
+                stamp,
+                WRENCH_TOPIC,
+                stamped(_header(types, stamp, frame), both(vector(*row[:3]), vector(*row[3:]))),
+            )
+            for stamp, row in zip(stamps, rows, strict=True)
+        ]
+    else:
+        rest = list(range(len(channels.names)))
+    if rest:
+        names = [f"{channels.names[k]} [{channels.units[k]}]" for k in rest]
+        values = np.ascontiguousarray(channels.values[:, rest])
+        messages += _joint_messages(
+            target, types, names, channels.times, values, None, CHANNELS_TOPIC
+        )
+    return messages
 
 
 def _joint_messages(

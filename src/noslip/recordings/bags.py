@@ -8,8 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from noslip._extras import need
-from noslip._pose_checks import require_few
+from noslip._pose_checks import Source, require_few
 from noslip._samples import Samples
 from noslip.errors import InputError, NoslipError, RecordingError, RecordingWarning, warn
 from noslip.named_columns import listed
@@ -27,6 +29,8 @@ from noslip.recordings.transforms import (
     merged,
     resolve,
 )
+from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 
 Integrate = Literal["body", "world"]
 """In which frame the velocities of a topic of twists are."""
@@ -37,6 +41,8 @@ POSE = "geometry_msgs/msg/Pose"
 """The type without a header: neither a stamp nor a frame."""
 TWIST = "geometry_msgs/msg/TwistStamped"
 """The type that is read as a motion only if that is asked for."""
+JOINTS = ("sensor_msgs/msg/JointState",)
+"""The type that holds joints."""
 TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 """The types of links in a tree of frames, of ROS 2 and of ROS 1 before tf2."""
 TYPES = (
@@ -143,8 +149,10 @@ def read_bag(
     publisher: str | None = None,
     element: int | None = None,
     integrate: Integrate | None = None,
+    values: bool | None = None,
+    columns: str | None = None,
 ) -> list[Samples]:
-    """Read the poses of one topic of a bag.
+    """Read the poses of one topic of a bag, or its joints.
 
     Parameters
     ----------
@@ -165,6 +173,12 @@ def read_bag(
     integrate : "body" or "world", optional
         Read a topic of ``TwistStamped``: its velocities, in the frame of the body or of the world,
         integrated from the origin.  Each holds until the next message.
+    values : bool, optional
+        Read a topic of ``sensor_msgs/JointState``: the positions of joints (rad, or m of a sliding
+        one).
+    columns : str, optional
+        Of these, names of the joints, separated by commas; by default those of the first message.
+        Messages without them all, of another part of the robot, are passed over.
 
     Warns
     -----
@@ -189,6 +203,8 @@ def read_bag(
         raise InputError(f"integrate is one of {', '.join(get_args(Integrate))}; got {integrate!r}")
     with reading(path, "a ROS bag"):
         topics = _topics(path)
+        if values or columns is not None:
+            return [_joints(path, topics, topic, publisher, columns)]
         kinds = (TWIST,) if integrate else TYPES
         readers, unread = _readers(path, topics, kinds)
         name = _chosen(path, topics, readers, topic, unread)
@@ -228,6 +244,63 @@ def read_bag(
         if integrate:
             return [replace(integrated(one, str(path), where, integrate), understood=told)]
         return [replace(one.samples(str(path), where), understood=told)]
+
+
+def _joints(
+    path: Path, topics: Topics, topic: str | None, publisher: str | None, columns: str | None
+) -> Samples:
+    """Read the positions of joints on one topic."""
+    readers, unread = _readers(path, topics, JOINTS)
+    name = _chosen(path, topics, readers, topic, unread, "joints")
+    where = f"{path}: {name}"
+    _require_publisher(where, topics[name], publisher)
+    wanted = {
+        channel: read
+        for channel, read in readers.items()
+        if channel.topic == name and publisher in (None, channel.publisher)
+    }
+    names = [] if columns is None else [one.strip() for one in columns.split(",")]
+    seen: dict[str, None] = {}
+    stamps, received, rows, own = [], [], [], dict[str, str]()
+    for channel, at, raw in _messages(path, wanted):
+        message = wanted[channel](raw)
+        pairs = zip(map(_with_unit, message.name), message.position, strict=False)
+        held, units = {}, {}
+        for (each, unit), position in pairs:
+            held[each], units[each] = position, unit
+        seen |= dict.fromkeys(held)
+        names = names or list(held)
+        if held and set(names) <= set(held):
+            stamp = message.header.stamp
+            stamps.append(int(stamp.sec) * 10**9 + int(stamp.nanosec))
+            received.append(at)
+            rows.append([float(held[each]) for each in names])
+            own = units
+            require_few(where, len(rows))
+    if not rows:
+        asked = "positions of joints" if columns is None else f"joints {columns}"
+        raise RecordingError(f"{where}: no message with {asked}; found {listed(seen, str)}")
+    told = "the headers' stamps"
+    if not any(stamps):
+        warn(f"{where}: all stamps are zero; times are those of receipt", RecordingWarning)
+        stamps, told = received, "of receipt"
+    values = np.array(rows, dtype=np.float64)
+    return Samples(
+        name=str(path),
+        source=Source(where, "stamp of the header", "positions of joints"),
+        times=np.array(stamps) / 1e9,
+        positions=values,
+        quaternions=np.zeros((len(values), 0)),
+        names=tuple(names),
+        units=tuple(own[each] for each in names),
+        understood=[f"{name} (sensor_msgs/JointState), {', '.join(names)}: times {told}"],
+    )
+
+
+def _with_unit(name: str) -> tuple[str, str]:
+    """Return name and unit of a channel; a joint's message does not say whether it slides."""
+    bare, bracket, unit = name.partition(" [")
+    return (bare, unit[:-1]) if bracket and unit.endswith("]") else (name, "rad")
 
 
 def _topics(path: Path) -> Topics:
@@ -301,7 +374,12 @@ def _deserialized(read: Callable[[bytes, str], Any], kind: str, raw: bytes) -> A
 
 
 def _chosen(
-    path: Path, topics: Topics, readers: Collection[Channel], topic: str | None, unread: str
+    path: Path,
+    topics: Topics,
+    readers: Collection[Channel],
+    topic: str | None,
+    unread: str,
+    what: str = "poses",
 ) -> str:
     """Return the topic to read."""
     holding = {
@@ -319,16 +397,16 @@ def _chosen(
     )
     if topic is None:
         if not holding:
-            found = sorted(topics)
+            found, types = sorted(topics), TYPES if what == "poses" else JOINTS
             twists = [n for n in found if any(c.type == TWIST for c in topics[n])]
             hints = [f"{listed(twists)}: {_TWISTS}"] if twists else []
             hints += [unread] if unread else []
             raise RecordingError(
-                f"{path}: no topic of poses, found {listed(found)}; known are "
-                f"{'; '.join([', '.join(map(_short, TYPES)), *hints])}"
+                f"{path}: no topic of {what}, found {listed(found)}; known are "
+                f"{'; '.join([', '.join(map(_short, types)), *hints])}"
             )
         raise RecordingError(
-            f'{path}: several topics hold poses; choose one with topic="..." (--topic): {choices}'
+            f'{path}: several topics hold {what}; choose one with topic="..." (--topic): {choices}'
         )
     known = {channel.topic for channel in readers}
     for name in (topic, f"/{topic}"):
@@ -340,8 +418,8 @@ def _chosen(
         kinds = sorted({channel.type for channel in topics[topic]})
         if kinds == [TWIST]:
             raise RecordingError(f"{path}: topic {topic} holds {_short(TWIST)}: {_TWISTS}")
-        problem = f"topic {topic} holds {_short(', '.join(kinds))}, no poses"
-    raise RecordingError(f"{path}: {problem}; those with poses are {choices or 'none'}")
+        problem = f"topic {topic} holds {_short(', '.join(kinds))}, no {what}"
+    raise RecordingError(f"{path}: {problem}; those with {what} are {choices or 'none'}")
 
 
 _TWISTS = 'velocities, of which integrate="body" or "world" (--integrate) makes a motion'
@@ -466,15 +544,36 @@ def _one(
     )
 
 
+def _written(trajectory: PoseTrajectory | Trajectory) -> dict[str, Any]:
+    """Return a trajectory as arguments of :func:`write_bag`: vectors are joints."""
+    if isinstance(trajectory, PoseTrajectory):
+        return {"poses": trajectory}
+    return {
+        "joint_names": trajectory.names,
+        "joint_times": trajectory.times,
+        "joint_positions": trajectory.values,
+        "joint_velocities": trajectory.velocities,
+    }
+
+
 BAG = Format(
     name="a ROS bag",
     read=read_bag,
-    options=("topic", "frame", "child_frame", "publisher", "element", "integrate"),
+    options=(
+        "topic",
+        "frame",
+        "child_frame",
+        "publisher",
+        "element",
+        "integrate",
+        "values",
+        "columns",
+    ),
     suffixes=(".bag", ".mcap", ".db3"),
     named_only=(".active", ".zstd"),
     folders="ROS 2 bags",
     is_folder=is_bag,
-    write=lambda trajectory, path, **named: write_bag(path, poses=trajectory, **named),
+    write=lambda trajectory, path, **named: write_bag(path, **_written(trajectory), **named),
     write_options=("frame", "topic", "twist"),
     written=(".mcap", ""),
     extra="bags",

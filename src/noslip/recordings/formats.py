@@ -15,6 +15,8 @@ from noslip._files import write_beside
 from noslip._pose_columns import Kinematics
 from noslip._pose_npz import read_npz
 from noslip._samples import Duplicates, Gaps, Interval, Lost, Mending, Samples, Unsorted
+from noslip._supplied import Supplied
+from noslip.chain import Chain
 from noslip.errors import InputError, RecordingError
 from noslip.named_columns import listed, numbers_text
 from noslip.recordings._format import VELOCITIES, Format
@@ -27,6 +29,7 @@ from noslip.recordings.tables import TABLE
 from noslip.recordings.text import TEXT
 from noslip.recordings.twists import Twist
 from noslip.scale import ask_after_units
+from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
 from noslip.vectors import Trajectory
 
@@ -35,7 +38,7 @@ NPZ = Format(
     read=lambda path, values=None: [read_npz(path, values=bool(values))],
     options=("values",),
     suffixes=(".npz",),
-    write=PoseTrajectory.to_npz,
+    write=lambda trajectory, path: trajectory.to_npz(path),
     written=(".npz",),
 )
 """Of arrays."""
@@ -128,10 +131,11 @@ def load_demonstrations(
         ``rotvec``, ``rpy``, ``euler:ZYX`` (capitals: about the moving axes; small letters: about
         the fixed ones; any order), ``matrix:rows``, ``matrix:columns`` (of 3 x 3, or with the
         position 3 x 4 or 4 x 4), ``planar``; followed by ``:deg`` if angles are in degrees.
-    robot : Robot, optional
+    robot : Robot or Chain, optional
         Of tables and data sets that hold joints: the pose is that of the tool of this robot (of
         :mod:`noslip.robots`).  Joints are found by its names, as ``q1``, ``q2``, ..., or as a
-        column of as many numbers; ``columns`` lists them otherwise.
+        column of as many numbers; ``columns`` lists them otherwise.  With ``values``, they are
+        read as they are, and are known to carry its tool.
     gaps : "refuse", "split" or "interpolate"
         More than 10 median periods without a sample: make a recording of each piece, or fill it
         with samples at the median period, on the straight line and the shortest turn.
@@ -227,7 +231,11 @@ def load_demonstrations(
         "rotation": rotation,
         "robot": robot,
     }
-    return [trajectory for _, trajectory in loaded(paths, options, mending)]
+    found = [trajectory for _, trajectory in loaded(paths, options, mending)]
+    if robot is None or not values:
+        return found
+    chain = robot if isinstance(robot, Chain) else Supplied.functions["robots.chain"](robot)
+    return [each.on(chain) for each in found]
 
 
 def load_trajectory(
@@ -289,7 +297,7 @@ def read_samples(
     formats = {file: format_of(file) for file in files.values()}
     _refuse_ignored(options, formats)
     for file, each in formats.items():
-        yield from each.read(file, **{name: options[name] for name in each.options})
+        yield from each.read(file, **{name: options.get(name) for name in each.options})
 
 
 def expand(path: str | Path) -> list[Path]:
@@ -344,7 +352,7 @@ def _refuse_ignored(options: dict[str, Any], formats: dict[Path, Format]) -> Non
 
 
 def write_recording(
-    trajectory: PoseTrajectory,
+    trajectory: PoseTrajectory | Series,
     path: str | Path,
     *,
     frame: str = "world",
@@ -353,11 +361,15 @@ def write_recording(
     planar: bool = False,
     wheels: Mapping[str, float] | None = None,
 ) -> Path:
-    """Write a trajectory's poses in the format that the suffix names; return the path.
+    """Write a trajectory in the format that the suffix names; return the path.
+
+    Channels beside the poses are written where the format has a place for them: as columns, as
+    arrays, as topics of a bag (see :func:`write_bag`).
 
     Parameters
     ----------
-    trajectory : PoseTrajectory
+    trajectory : PoseTrajectory or Trajectory
+        Vectors go into ``.csv``, ``.npz``, ``.parquet``, ``.feather`` and bags.
     path : path
         ``.csv``, ``.npz`` (with velocities), ``.tum``, ``.parquet``, ``.feather``, ``.mcap``, or
         without suffix for the folder of a ROS 2 bag (SQLite).
@@ -388,6 +400,8 @@ def write_recording(
         raise InputError(
             f"{target}: cannot write {target.suffix}; known are {listed_suffixes(WRITTEN)}"
         )
+    if isinstance(trajectory, Series) and target.suffix.lower() == ".tum":
+        raise InputError(f"{target}: TUM's format holds poses alone; write a CSV")
     options = {
         "frame": frame,
         "topic": topic,
@@ -396,6 +410,8 @@ def write_recording(
         "wheels": wheels,
     }
     for name in VELOCITIES:
+        if options[name] and isinstance(trajectory, Series):
+            raise InputError(f"{target}: {name} is of poses, and these are none; leave it out")
         if options[name] and name not in chosen.write_options:
             raise InputError(f"{target}: {chosen.name} has no place for {name}; write a CSV")
     return chosen.write(

@@ -22,6 +22,7 @@ from noslip.named_columns import plural
 from noslip.recordings._format import MAPPING, VELOCITIES, Format
 from noslip.recordings._reading import reading
 from noslip.recordings.twists import motion_columns
+from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
 
 FEATHER = b"ARROW1\0\0"
@@ -293,7 +294,7 @@ def write_columns(path: Path, table: Any, of: Mapping[str, Floats]) -> Path:
     return write_beside(path, sink.getvalue().to_pybytes())
 
 
-def write_table(trajectory: PoseTrajectory, path: Path, **asked: Any) -> Path:
+def write_table(trajectory: PoseTrajectory | Series, path: Path, **asked: Any) -> Path:
     """Write a trajectory as a Parquet or Feather file, by the path's suffix."""
     pyarrow = need(path, "pyarrow", "tables")
     of = motion_columns(trajectory, **asked)

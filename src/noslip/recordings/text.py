@@ -16,6 +16,7 @@ from noslip.errors import InputError
 from noslip.named_columns import numbers_text
 from noslip.recordings._format import MAPPING, VELOCITIES, Format
 from noslip.recordings.twists import motion_text
+from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
 
 TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -27,11 +28,11 @@ def read_text(path: Path, **asked: Any) -> list[Samples]:
     return [read_text_table(path, Asked(**asked))]
 
 
-def write_text(trajectory: PoseTrajectory, path: Path, **asked: Any) -> Path:
+def write_text(trajectory: PoseTrajectory | Series, path: Path, **asked: Any) -> Path:
     """Write a CSV, or TUM's format; a float read back is the float written."""
     if path.suffix.lower() == ".csv":
         return write_beside(path, motion_text(trajectory, **asked).encode())
-    if any(asked.values()):
+    if isinstance(trajectory, Series) or trajectory.channels or any(asked.values()):
         raise InputError(f"{path}: TUM's format holds poses alone; write a CSV")
     scalar_last = np.roll(trajectory.quaternions, -1, axis=1)
     table = np.column_stack([trajectory.times, trajectory.positions, scalar_last])

@@ -12,6 +12,7 @@ from noslip._pose_names import POSE, clock_name
 from noslip._typing import Floats
 from noslip.errors import CompromiseWarning, InputError, warn
 from noslip.named_columns import numbers_text
+from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
 
 Twist = Literal["body", "world"]
@@ -50,17 +51,18 @@ def twists(trajectory: PoseTrajectory, kind: Twist) -> Floats:
 
 
 def motion_columns(
-    trajectory: PoseTrajectory,
+    trajectory: PoseTrajectory | Series,
     *,
     twist: Twist | None = None,
     planar: bool = False,
     wheels: Mapping[str, float] | None = None,
 ) -> dict[str, Floats]:
-    """Return a motion as named columns, shape (N,) each.
+    """Return a motion as named columns, shape (N,) each; its channels follow.
 
     Parameters
     ----------
-    trajectory : PoseTrajectory
+    trajectory : PoseTrajectory or Series
+        Of vectors only the times and values.
     twist : "body" or "world", optional
         Add the twist of the step that follows each sample; of a planar motion ``v`` (m/s,
         forward) and ``omega`` (rad/s) whatever it says.
@@ -73,7 +75,8 @@ def motion_columns(
     Raises
     ------
     InputError
-        If the motion is not planar and should be, or the wheels lack a measure.
+        If the motion is not planar and should be, the wheels lack a measure, or a channel is called
+        as a column of the motion.
 
     Warns
     -----
@@ -85,6 +88,31 @@ def motion_columns(
     ``v`` is the speed along the arc of the step, so that a drive that holds ``v`` and ``omega``
     until the next sample arrives there.
     """
+    if isinstance(trajectory, Series):
+        return {clock_name(trajectory.times): trajectory.times} | _named(trajectory)
+    of = _pose_columns(trajectory, twist=twist, planar=planar, wheels=wheels)
+    if trajectory.channels is None:
+        return of
+    beside = _named(trajectory.channels)
+    if both := set(of) & set(beside):
+        raise InputError(
+            f"{trajectory.name}: channel {', '.join(sorted(both))} is called as a column of the "
+            "motion; rename it"
+        )
+    return of | beside
+
+
+def _named(series: Series) -> dict[str, Floats]:
+    return dict(zip(series.csv_columns(), series.values.T, strict=True))
+
+
+def _pose_columns(
+    trajectory: PoseTrajectory,
+    *,
+    twist: Twist | None,
+    planar: bool,
+    wheels: Mapping[str, float] | None,
+) -> dict[str, Floats]:
     times = {clock_name(trajectory.times): trajectory.times}
     if not planar and wheels is None:
         columns = np.column_stack([trajectory.positions, trajectory.quaternions])
@@ -109,7 +137,7 @@ def motion_columns(
     return of
 
 
-def motion_text(trajectory: PoseTrajectory, **asked: Any) -> str:
+def motion_text(trajectory: PoseTrajectory | Series, **asked: Any) -> str:
     """Return :func:`motion_columns` as the text of a CSV; a float read back is the one written."""
     of = motion_columns(trajectory, **asked)
     return numbers_text(of, np.column_stack(list(of.values())))

@@ -63,6 +63,9 @@ def commands(
             lines.append(["learn", *recordings, *preparation, *constraints, *given])
         elif origin.verb == "adapt":
             lines.append(["adapt", files[k - 1], *_options(origin, adapt)])
+        elif origin.verb == "improve":
+            comments.append("# then improved in Python: what a motion costs is no option")
+            break
         else:
             time = origin.options["state"]["time"]
             comments.append(f"# then re-planned in Python from its state at {time:g} s")

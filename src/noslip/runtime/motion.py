@@ -340,14 +340,19 @@ class BodiesMotion(RolledOut, Bodies):
     def _moving(
         cls, times: Floats, states: Floats, space: Space
     ) -> tuple[dict[str, Floats], dict[str, Any]]:
-        place = layouts(space).state
-        names = "position", "quaternion", "linear_velocity", "angular_velocity"
-        columns = [np.split(states[:, place[name]], space.rotations, axis=1) for name in names]
-        parts: OrderedDict[str, PoseTrajectory] = OrderedDict()
-        for body, p, q, v, w in zip(space.bodies, *columns, strict=True):
-            turns = Rotation.from_quat(q, scalar_first=True)
-            parts[body.name] = PoseTrajectory(times, p, turns, v, w, body.name)
-        return {}, {"parts": parts}
+        return {}, {"parts": parts_of(times, states, space)}
+
+
+def parts_of(times: Floats, states: Floats, space: Space) -> OrderedDict[str, PoseTrajectory]:
+    """Return the motion of each body of a space by its name, from states."""
+    place = layouts(space).state
+    names = "position", "quaternion", "linear_velocity", "angular_velocity"
+    columns = [np.split(states[:, place[name]], space.rotations, axis=1) for name in names]
+    parts: OrderedDict[str, PoseTrajectory] = OrderedDict()
+    for body, p, q, v, w in zip(space.bodies, *columns, strict=True):
+        turns = Rotation.from_quat(q, scalar_first=True)
+        parts[body.name] = PoseTrajectory(times, p, turns, v, w, body.name)
+    return parts
 
 
 def motion_class(space: Space) -> type[Motion]:
