@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, wraps
+from inspect import signature
 from itertools import compress
 from pathlib import Path
-from typing import Any, Literal, ParamSpec
+from typing import Any, Literal, ParamSpec, cast
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.demonstrations.cycles import closed
+from noslip.distribution import learn_distribution
 from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
 from noslip.law.channels import Channels
 from noslip.law.fitting import (
@@ -74,8 +76,18 @@ def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]
 
     @wraps(learning)
     def noted(*args: P.args, **options: P.kwargs) -> ConstrainedDMP:
+        call = signature(learning).bind(*args, **options).arguments
+        distribution, context = call.get("distribution", False), call.get("context")
+        if call.get("rhythmic") and distribution:
+            raise InputError("distribution=True is of motions that end; leave out rhythmic")
+        if context is not None and not distribution:
+            raise InputError("context is what a distribution depends on; give distribution=True")
         learned = learning(*args, **options)
-        return replace(learned, history=(Origin.of("learn", learning, *args, **options),))
+        learned = replace(learned, history=(Origin.of("learn", learning, *args, **options),))
+        if not distribution:
+            return learned
+        found = learn_distribution(learned, call["demonstrations"], context=context)
+        return cast("ConstrainedDMP", found)
 
     return noted
 
@@ -103,6 +115,8 @@ def learn(
     barrier_rate: float = BARRIER_RATE,
     align: bool = False,
     rhythmic: bool = False,
+    distribution: bool = False,
+    context: Mapping[str, Sequence[float]] | None = None,
     project_start: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> ConstrainedDMP:
@@ -158,6 +172,12 @@ def learn(
     rhythmic : bool
         Each demonstration is one period of a cycle, whose last sample is the first again: the
         primitive goes round for ever.  It is projected as a cycle, which closes.
+    distribution : bool
+        Return a :class:`noslip.distribution.MotionDistribution` of three demonstrations or more,
+        to condition and to sample; its ``mean`` is a primitive.
+    context : mapping of name to numbers, optional
+        What the motions of a distribution depend on, a number a demonstration, such as the size of
+        a workpiece.
     project_start : bool
         Begin with the demonstrated velocity projected onto the constraints at the start (the
         paper's eq. 22), as a rollout does by itself; the unconstrained law then does too.

@@ -44,7 +44,7 @@ class Origin(Value):
         """
         call = signature(function).bind(*args, **options)
         call.apply_defaults()
-        left_out = {"law", "rule", "demonstrations", "constraints", "progress"}
+        left_out = {"law", "rule", "demonstrations", "constraints", "progress", "context"}
         left_out |= {"dmp", "cost", "executor"}
         given = {name: value for name, value in call.arguments.items() if name not in left_out}
         return cls(verb, {name: _plain(value) for name, value in given.items()})

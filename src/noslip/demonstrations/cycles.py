@@ -28,9 +28,9 @@ def closed(period: PoseTrajectory) -> PoseTrajectory:
     turn = float(np.abs(gap[0, space.linear :]).max(initial=0.0))
     if away > OPEN * period.path_length or turn > OPEN_TURN:
         raise InputError(
-            f"{short(period.name)}: ends {away:.3g} {period.unit} and {np.degrees(turn):.3g} degrees "
-            "from where it begins; cut it to one period (trajectory[first:last]), or learn a motion "
-            "that ends, rhythmic=False"
+            f"{short(period.name)}: ends {away:.3g} {period.unit} and {np.degrees(turn):.3g} "
+            "degrees from where it begins; cut it to one period (trajectory[first:last]), or learn "
+            "a motion that ends, rhythmic=False"
         )
     if not gap.any():
         return period

@@ -11,12 +11,12 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.bodies import Bodies
 from noslip.errors import InputError
+from noslip.law import points as points_of
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.clock import Clock, Cycle, Phase
 from noslip.law.forcing import RIDGE, ForcingTerm
 from noslip.law.law import Law
-from noslip.law import points as points_of
 from noslip.law.points import Goal
 from noslip.space import POSE, Space
 from noslip.timed import Timed

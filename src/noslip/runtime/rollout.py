@@ -72,8 +72,8 @@ def rollout(
     goal_rotation, start_rotation : Rotation, optional
         Of a rhythm the goal is the baseline, what it goes around.
     duration : float, optional
-        tau (s); of a rhythm the period.  The motion keeps its shape; only its speed changes.  Soft limits on that speed
-        may then give way, with a warning.
+        tau (s); of a rhythm the period.  The motion keeps its shape; only its speed changes.  Soft
+        limits on that speed may then give way, with a warning.
     cycles : float
         Of a rhythm: how many periods.
     amplitude : float
@@ -117,8 +117,8 @@ def rollout(
     }
     if not law.clock.returns and (cycles != 1 or amplitude != 1):
         raise InputError(
-            "cycles and amplitude are for a rhythm; learn one with rhythmic=True, or scale a motion "
-            "to its goal with adapt(scaling=...)"
+            "cycles and amplitude are for a rhythm; learn one with rhythmic=True, or scale a "
+            "motion to its goal with adapt(scaling=...)"
         )
     options["amplitude"] = amplitude
     state = initial_state(law, rule, duration=duration, **options)
@@ -223,6 +223,11 @@ def initial_state(
             first_position = first_position + (start_position - law.start_position)
         if start_rotation is not law.start_rotation:
             first_rotation = first_rotation * (law.start_rotation.inv() * start_rotation)
+    if law.clock.returns:
+        # It begins on its way about the baseline, as far from it as it swings.
+        velocity = amplitude * velocity
+        if start_position is law.start_position:
+            start_position = goal_position + amplitude * (start_position - law.goal_position)
     state = State(
         time=law.begin,
         phase=law.clock.phase(0.0),
