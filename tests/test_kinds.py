@@ -7,6 +7,7 @@ reason, and the page says the same.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -15,13 +16,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from noslip.constraints.joint_limits import JointLimits
 
 import noslip as ns
 from motions import planar_cut
 from noslip._typing import Floats
 from noslip.chain import Chain, Joint
 from noslip.constraints.check import check
-from noslip.constraints.joint_limits import JointLimits
 
 PAGE = Path(__file__).parents[1] / "docs" / "kinds.md"
 HELD = 1e-10

@@ -21,6 +21,7 @@ from noslip.constraints.joints import JointLimits, joint_limits
 from noslip.constraints.keep_out import KeepOut, KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
+from noslip.constraints.of_body import HoldTogether, OfBody, of, relative_to
 from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
 from noslip.constraints.remote_center import RemoteCenter
@@ -43,6 +44,7 @@ __all__ = [
     "FixedPoint",
     "ForwardOnly",
     "HalfSpace",
+    "HoldTogether",
     "InMovingFrame",
     "Instant",
     "JointLimits",
@@ -50,6 +52,7 @@ __all__ = [
     "KeepOutCapsule",
     "KeepOutSphere",
     "Needle",
+    "OfBody",
     "PlaneContact",
     "RemoteCenter",
     "RollingDisc",
@@ -62,7 +65,9 @@ __all__ = [
     "Wheel",
     "joint_limits",
     "keep_nonnegative",
+    "of",
     "position_constraint",
+    "relative_to",
     "velocity_constraint",
 ]
 
