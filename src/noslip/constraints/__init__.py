@@ -25,6 +25,7 @@ from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedL
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
 from noslip.constraints.remote_center import RemoteCenter
 from noslip.constraints.rolling import RollingDisc, RollingSphere
+from noslip.constraints.slice_push import SlicePushRatio, slice_push_ratios
 from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.tool_axis import ToolAxis
 from noslip.constraints.travel import ForwardOnly, TurningRadius
@@ -54,6 +55,7 @@ __all__ = [
     "RemoteCenter",
     "RollingDisc",
     "RollingSphere",
+    "SlicePushRatio",
     "SpeedLimit",
     "SphereContact",
     "SurfaceContact",
@@ -63,6 +65,7 @@ __all__ = [
     "joint_limits",
     "keep_nonnegative",
     "position_constraint",
+    "slice_push_ratios",
     "velocity_constraint",
 ]
 
