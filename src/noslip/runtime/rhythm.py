@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip import _arguments
+from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.law.law import Law
-from noslip.law.periods import start_velocity
 from noslip.rule import Rule
 from noslip.runtime.rollout import rollout
 from noslip.runtime.state import State
@@ -44,8 +44,17 @@ def settled(law: Law, rule: Rule) -> Law:
         point = law.space.moved(points[-1], left)
         velocities = motion.linear_velocities, motion.angular_velocities
         first = law.duration * np.concatenate([v[-law.steps] for v in velocities])
-        law = replace(law, start=point, start_velocity=start_velocity(law, point, first))
+        begun = np.vstack([point, motion.points[-law.steps :]])
+        law = replace(law, start=point, start_velocity=_start_velocity(law, begun, first))
     return law
+
+
+def _start_velocity(law: Law, period: Floats, first_step: Floats) -> Floats:
+    """Velocity, per period, from which the first step has a given one; of points of a period."""
+    h = 1.0 / (len(period) - 1)
+    pull = law.goal.pull(period, law.attractor, 1, law.goal.point)[0]
+    pull = pull + law.forcing.at_start(h, law.attractor) / law.attractor.stiffness
+    return law.attractor.demonstrated_start(pull, first_step, h)
 
 
 def retimed(state: State, period: float) -> State:
@@ -109,7 +118,7 @@ def modulated(
     InputError
         If the law is no rhythm's, or a number is out of range.
     """
-    if not law.clock.is_cyclic:
+    if not law.clock.returns:
         raise InputError("modulated: this primitive runs once; learn it with rhythmic=True")
     step = _arguments.positive("time_step", time_step, "seconds")
     nearer = 1 - exp(-3 * step / _arguments.positive("within", within, "seconds"))
