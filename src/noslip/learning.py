@@ -45,6 +45,7 @@ from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule, no_rule
 from noslip.runtime.motion import Motion
+from noslip.runtime.rhythm import settled
 from noslip.runtime.rollout import rollout
 from noslip.runtime.timing import stretched, unhurried
 from noslip.scale import require_motion
@@ -305,6 +306,7 @@ def learn(
     rule = rule_along(followed)
     goal = Boundary(1.0, law.goal_position, law.goal_rotation)
     if rhythmic:
+        law = settled(law, rule)
         goal = Boundary(1.0, law.start_position, law.start_rotation)
     # With fewer basis functions than it takes, by choice, it comes as near as these can.
     by_choice = basis_functions != "auto" and off > FOLLOWED
