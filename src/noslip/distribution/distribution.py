@@ -202,9 +202,12 @@ class MotionDistribution(Value):
             If its own motion misses what is kept, or breaks a hard limit.
         """
         law, motion = self.primitive.law, self.motion
-        constants = {"alpha": law.attractor.alpha, "beta": law.attractor.beta}
         fitted = fit(
-            motion, basis_functions=law.basis.count, alpha_s=law.clock.alpha_s, **constants
+            motion,
+            basis_functions=law.basis.count,
+            alpha=law.attractor.alpha,
+            beta=law.attractor.beta,
+            alpha_s=law.clock.alpha_s,
         )
         fitted = replace(fitted, duration=law.duration, steps=law.steps, begin=law.begin)
         goal = Boundary(1.0, fitted.goal_position, fitted.goal_rotation)
