@@ -21,10 +21,12 @@ from noslip.constraints.joints import JointLimits, joint_limits
 from noslip.constraints.keep_out import KeepOut, KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
+from noslip.constraints.of_body import HoldTogether, OfBody, of, relative_to
 from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
 from noslip.constraints.remote_center import RemoteCenter
 from noslip.constraints.rolling import RollingDisc, RollingSphere
+from noslip.constraints.slice_push import SlicePushRatio, slice_push_ratios
 from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.tool_axis import ToolAxis
 from noslip.constraints.travel import ForwardOnly, TurningRadius
@@ -43,6 +45,7 @@ __all__ = [
     "FixedPoint",
     "ForwardOnly",
     "HalfSpace",
+    "HoldTogether",
     "InMovingFrame",
     "Instant",
     "JointLimits",
@@ -50,10 +53,12 @@ __all__ = [
     "KeepOutCapsule",
     "KeepOutSphere",
     "Needle",
+    "OfBody",
     "PlaneContact",
     "RemoteCenter",
     "RollingDisc",
     "RollingSphere",
+    "SlicePushRatio",
     "SpeedLimit",
     "SphereContact",
     "SurfaceContact",
@@ -62,7 +67,10 @@ __all__ = [
     "Wheel",
     "joint_limits",
     "keep_nonnegative",
+    "of",
     "position_constraint",
+    "relative_to",
+    "slice_push_ratios",
     "velocity_constraint",
 ]
 
