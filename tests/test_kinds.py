@@ -22,6 +22,7 @@ import noslip as ns
 from motions import planar_cut
 from noslip._typing import Floats
 from noslip.chain import Chain, Joint
+from noslip.constraints import JointLimits
 from noslip.constraints.check import check
 
 PAGE = Path(__file__).parents[1] / "docs" / "kinds.md"
@@ -200,9 +201,6 @@ OPEN = {
     ("vectors", "controller"): "it looks at what it does as a pose",
     ("joints", "controller"): "it looks at what it does as a pose",
     ("rhythms", "controller"): "it looks at what it does as a pose",
-    ("vectors", "figures"): "a path in space is drawn, which vectors have none of",
-    ("joints", "figures"): "a path in space is drawn, which vectors have none of",
-    ("rhythms", "figures"): "a path in space is drawn, which vectors have none of",
     ("rhythms", "adapt"): "a rhythm is led by its baseline, amplitude and period instead",
 }
 """Cells that are not there, and why."""
