@@ -45,6 +45,7 @@ from noslip.projection.trajectory import project_heeding_what_it_can
 from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule, no_rule
 from noslip.runtime.motion import Motion
+from noslip.runtime.rhythm import settled
 from noslip.runtime.rollout import rollout
 from noslip.runtime.timing import stretched, unhurried
 from noslip.scale import require_motion
@@ -133,8 +134,8 @@ def learn(
     Parameters
     ----------
     demonstrations : PoseTrajectory, Trajectory, or several of one kind
-        Any rate, any start time.  Of vectors, constraints are declared of the coordinates, or of
-        the tool that they carry as joints.
+        Any rate, any start time.  Their channels are learned in phase with them.  Of vectors,
+        constraints are declared of the coordinates, or of the tool that they carry as joints.
     constraints : Constraint or several
         Equalities, zero along the motion, and limits, not negative; none gives an ordinary pose
         primitive.
@@ -305,6 +306,7 @@ def learn(
     rule = rule_along(followed)
     goal = Boundary(1.0, law.goal_position, law.goal_rotation)
     if rhythmic:
+        law = settled(law, rule)
         goal = Boundary(1.0, law.start_position, law.start_rotation)
     # With fewer basis functions than it takes, by choice, it comes as near as these can.
     by_choice = basis_functions != "auto" and off > FOLLOWED

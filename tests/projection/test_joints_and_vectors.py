@@ -20,7 +20,7 @@ from noslip.boundary import rotations_of
 from noslip.chain import Chain, Joint
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.instant import Coordinates
-from noslip.constraints.joint_limits import JointLimits
+from noslip.constraints.joints import JointLimits
 from noslip.errors import InputError
 from noslip.projection import planner
 from noslip.projection.heading import NO_TURN

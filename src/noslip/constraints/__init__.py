@@ -26,6 +26,7 @@ from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedL
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
 from noslip.constraints.remote_center import RemoteCenter
 from noslip.constraints.rolling import RollingDisc, RollingSphere
+from noslip.constraints.slice_push import SlicePushRatio, slice_push_ratios
 from noslip.constraints.system import ConstraintSystem
 from noslip.constraints.tool_axis import ToolAxis
 from noslip.constraints.travel import ForwardOnly, TurningRadius
@@ -57,6 +58,7 @@ __all__ = [
     "RemoteCenter",
     "RollingDisc",
     "RollingSphere",
+    "SlicePushRatio",
     "SpeedLimit",
     "SphereContact",
     "SurfaceContact",
@@ -68,6 +70,7 @@ __all__ = [
     "of",
     "position_constraint",
     "relative_to",
+    "slice_push_ratios",
     "velocity_constraint",
 ]
 

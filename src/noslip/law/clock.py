@@ -202,11 +202,12 @@ class Cycle:
     def later_fraction(fraction: float, share: float) -> float:
         """Fraction of the cycle a share of the period later, from 0 again after each.
 
-        What rounding leaves before 1 is 0: so a cycle of equal steps is the same each time.
+        What rounding leaves before or beyond 1 is 0: so a cycle of equal steps is the same each
+        time, however many there were.
         """
         after = fraction + share
         whole = int(after + (1 - DONE))
-        return max(0.0, after - whole) if whole else after
+        return after if not whole else after - whole if after - whole > 1 - DONE else 0.0
 
     @staticmethod
     def left(fraction: float) -> float:

@@ -118,7 +118,8 @@ def demonstrated_forces(
     # The step before the first sample of a cycle is its last one.
     before = np.roll(velocities, 1, axis=0)[first : first + count]
     pull = attractor.demonstrated_pull(before, velocities[first : first + count], fraction)
-    led = goal.pull(points, attractor, len(points) - 1, own_goal(goal, points, space, clock))
+    own = own_goal(goal, points, space, clock)
+    led = goal.pull(points, attractor, len(points) - 1, own, 0.0 if first else fraction)
     return attractor.stiffness * (pull - led[first : first + count])
 
 

@@ -61,7 +61,9 @@ class Goal(Value):
         """Coordinates and quaternions, shape (n + 4 b,)."""
         return np.concatenate([self.position, self.quaternions])
 
-    def pull(self, points: Floats, attractor: Attractor, count: int, end: Floats) -> Floats:
+    def pull(
+        self, points: Floats, attractor: Attractor, count: int, end: Floats, before: float = 0.0
+    ) -> Floats:
         """Return what draws the first samples to where they end, by way of the windings.
 
         Parameters
@@ -73,6 +75,8 @@ class Goal(Value):
             How many samples, at most all but the last.
         end : array, shape (n + 4 b,)
             Their own goal: the last sample, or what a cycle goes around.
+        before : float
+            The step that led to the first sample, over the duration; 0 at the start of the motion.
 
         Returns
         -------
@@ -84,7 +88,7 @@ class Goal(Value):
         for k, winding in enumerate(self.windings):
             at = slice(n + 4 * k, n + 4 * k + 4)
             last = Rotation.from_quat(end[at], scalar_first=True)
-            rotations, left_out = winding.along(0.0, count, fraction, attractor, 0.0, last)
+            rotations, left_out = winding.along(0.0, count, fraction, attractor, before, last)
             found.append(turns_between(points[:count, at], rotations) + left_out)
         return np.hstack(found)
 

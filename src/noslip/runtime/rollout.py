@@ -228,6 +228,8 @@ def initial_state(
         velocity = amplitude * velocity
         if start_position is law.start_position:
             start_position = goal_position + amplitude * (start_position - law.goal_position)
+        if start_rotation is law.start_rotation and goal_rotation is not law.goal_rotation:
+            start_rotation = start_rotation * (law.goal_rotation.inv() * goal_rotation)
     state = State(
         time=law.begin,
         phase=law.clock.phase(0.0),

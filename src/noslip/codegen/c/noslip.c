@@ -234,10 +234,11 @@ static noslip_real slowed(const noslip_state *s, noslip_real time_step, noslip_r
     return speed > 0 ? slower / speed : 0;
 }
 
-/* Fraction of a cycle, from 0 again after each; what rounding leaves before 1 is 0. */
+/* Fraction of a cycle, from 0 again after each; what rounding leaves before or beyond 1 is 0. */
 static noslip_real next_in_cycle(noslip_real fraction) {
     const noslip_real whole = floor(fraction + REAL(1e-9));
-    return whole > 0 ? larger(0, fraction - whole) : fraction;
+    if (!(whole > 0)) return fraction;
+    return fraction - whole > REAL(1e-9) ? fraction - whole : 0;
 }
 
 /* A step that is driven and led so; 1 and the state as it was if what comes of it is not finite. */
