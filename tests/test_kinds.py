@@ -7,7 +7,6 @@ reason, and the page says the same.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -16,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from noslip.constraints.joint_limits import JointLimits
 
 import noslip as ns
 from motions import planar_cut
