@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from noslip.constraints.joint_limits import JointLimits
 
 import noslip as ns
 from motions import planar_cut
