@@ -39,20 +39,22 @@ samples = passing.sample(40, seed=1)
 slip = np.abs(samples.constraint_residuals).max()
 missed = np.linalg.norm(samples.positions[:, k] - place, axis=1).max()
 narrower = passing.interval()[45:70, 1].mean() / cutting.interval()[45:70, 1].mean()
-print(f"{len(samples)} samples slip by {slip:.1e} m/s and pass within {1e9 * missed:.2g} nm")
+print(f"{len(samples)} samples: residual {slip:.1e} m/s, {1e9 * missed:.2g} nm from the pose")
 print(f"each cut under the others: {cutting.score:.1f} nats a value")
 print(f"after the pose, intervals are {narrower:.2f} times as wide")
 
 figure = column_figure(2, 3.0)
 paths, widths = figure.subplots(1, 2, width_ratios=(1.6, 1))
-for number, motion in enumerate(cuts):
+for number, cut in enumerate(cuts):
     label = "demonstrations" if number == 0 else None
-    paths.plot(*1e3 * motion.positions[:, :2].T, color=style.PALETTE["gray"], lw=1.2, label=label)
-for number, motion in enumerate(samples.positions):
+    paths.plot(*1e3 * cut.positions[:, :2].T, color=style.PALETTE["gray"], lw=1.2, label=label)
+for number, path in enumerate(samples.positions):
     label = "samples through the pose" if number == 0 else None
-    paths.plot(*1e3 * motion[:, :2].T, color=style.PALETTE["sky"], lw=0.6, label=label)
-mean = passing.mean.rollout()
-paths.plot(*1e3 * mean.positions[:, :2].T, color=style.PALETTE["blue"], lw=1.6, label="their mean")
+    paths.plot(*1e3 * path[:, :2].T, color=style.PALETTE["sky"], lw=0.6, label=label)
+motion = passing.mean.rollout()
+paths.plot(
+    *1e3 * motion.positions[:, :2].T, color=style.PALETTE["blue"], lw=1.6, label="their mean"
+)
 mark = {"marker": "s", "ms": 6, "mfc": "none", "ls": "none", "color": "black", "zorder": 4}
 paths.plot(*1e3 * place[:2], label="the pose", **mark)
 style.dress(paths, "x (mm)", "y (mm)", title="paths")

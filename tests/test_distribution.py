@@ -20,7 +20,7 @@ import noslip as ns
 from motions import eased
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
-from noslip.distribution import MotionDistribution, learn_distribution
+from noslip.distribution import MotionDistribution, estimation, learn_distribution
 from noslip.distribution import retraction as moving
 from noslip.distribution.arrays import OnArrays
 from noslip.distribution.curves import FRACTIONS, Curves
@@ -54,9 +54,15 @@ def cuts(count: int = 6, seed: int = 1) -> list[ns.PoseTrajectory]:
     return found
 
 
+FEW = {"weights": (12, 16), "shrinkage": (0.2, 0.5, 0.8), "length": (0.1, 0.3)}
+"""Of the shapes that are tried: these motions are simple, and the time of tests is short."""
+
+
 @cache
 def learned() -> MotionDistribution:
-    return learn_distribution(ns.learn(cuts(), BLADE, basis_functions=30), cuts())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimation, "CHOICES", FEW)
+        return learn_distribution(ns.learn(cuts(), BLADE, basis_functions=30), cuts())
 
 
 def beside(distribution: MotionDistribution, at: float, share: float) -> ns.Boundary:
@@ -105,13 +111,12 @@ def test_what_is_known_exactly_is_not_to_be_otherwise() -> None:
 
 
 @given(seeds, st.integers(2, 12))
-@settings(max_examples=3)
+@settings(max_examples=2)
 def test_density_is_students_of_all_values(seed: int, freedom: int) -> None:
     rng = np.random.default_rng(seed)
     curves = Curves(np.linspace(0, 1, 50), 4)
-    mean, covariance, noise = rng.normal(size=8), spread(rng, 8), rng.uniform(0.1, 2, 2)
-    values = rng.normal(size=(len(FRACTIONS), 2))
-    basis = np.kron(np.eye(2), curves.values)
+    mean, covariance, noise = rng.normal(size=4), spread(rng, 4), rng.uniform(0.1, 2, 1)
+    values, basis = rng.normal(size=(len(FRACTIONS), 1)), curves.values
     shape = basis @ covariance @ basis.T + np.diag(np.repeat(noise**2, len(FRACTIONS)))
     oracle = scipy.stats.multivariate_t(basis @ mean, shape, df=freedom).logpdf(values.T.ravel())
     found = log_likelihood(Gaussian(mean, covariance), noise, values, curves, freedom)
@@ -288,7 +293,9 @@ def waves(count: int, seed: int, size: float | None = None) -> tuple[list[Trajec
 def waving() -> MotionDistribution:
     shown, sizes = waves(8, 0)
     primitive = ns.learn(shown, basis_functions=30)
-    return learn_distribution(primitive, shown, context={"size": sizes.tolist()})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimation, "CHOICES", FEW)
+        return learn_distribution(primitive, shown, context={"size": sizes.tolist()})
 
 
 def test_context_is_a_regression() -> None:

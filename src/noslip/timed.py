@@ -32,6 +32,7 @@ class Timed(Value):
     positions: Floats
     rotations: Rotation
     space: Space
+    tool: Any
     unit = "m"
     """Of :attr:`path_length`."""
 
@@ -94,6 +95,10 @@ class Timed(Value):
             "path": f"{self.path_length:.4g} {self.unit}",
             "from, to": f"{first}; {last} {self.unit}",
         }
+
+    def body(self, name: str) -> Any:
+        """Return the motion of a body by the name that constraints call it by: the tool's."""
+        return self.tool
 
     @property
     def duration(self) -> float:

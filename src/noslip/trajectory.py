@@ -49,7 +49,7 @@ class PoseTrajectory(Timed):
         Where the trajectory came from; error messages and figures use it.
     channels : Series, optional
         What goes with the pose at the same times: a gripper, a wrench, a stiffness; a
-        :class:`noslip.Trajectory` is one.
+        :class:`noslip.Trajectory` is one.  Slices, resampling, preparing and alignment keep them.
 
     Raises
     ------

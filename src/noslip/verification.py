@@ -18,6 +18,7 @@ from noslip.boundary import Boundary
 from noslip.constraints.check import quantity_text
 from noslip.errors import CompromiseWarning, MissedError, Refusal, warn
 from noslip.law.law import Law
+from noslip.law.points import rotation_of
 from noslip.projection.metric import inverse_metric
 from noslip.projection.pointwise import position_only
 from noslip.rule import Rule, no_rule
@@ -288,7 +289,7 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
         if boundary.position is not None:
             off = float(np.linalg.norm(position - boundary.position))
         if boundary.rotation is not None and motion.space.rotations:
-            turned = float((rotation * boundary.rotation.inv()).magnitude())
+            turned = float(np.max((rotation * boundary.rotation.inv()).magnitude()))
         if off <= TOLD * length + BROKEN and turned <= TOLD_TURN * turns:
             continue
         share = f" ({off / length:.2g} of its path)" if length else ""
@@ -315,10 +316,9 @@ def pose_at(motion: PoseTrajectory, fraction: float) -> tuple[Floats, Rotation]:
     time = motion.times[0] + fraction * motion.duration
     k = int(np.clip(np.searchsorted(motion.times, time, "right") - 1, 0, len(motion) - 2))
     share = (time - motion.times[k]) / (motion.times[k + 1] - motion.times[k])
-    before, after = motion.positions[k : k + 2]
-    first, second = motion.rotations[k], motion.rotations[k + 1]
-    turn = Rotation.from_rotvec(share * (second * first.inv()).as_rotvec())
-    return before + share * (after - before), turn * first
+    space, (before, after) = motion.space, motion.points[k : k + 2]
+    point = space.moved(before, share * space.difference(after, before))
+    return point[: space.linear], rotation_of(point[space.linear :])
 
 
 def _missed(

@@ -8,7 +8,7 @@ import pytest
 
 import noslip as ns
 from benchmarks import distributions
-from noslip.distribution import learn_distribution
+from noslip.distribution import estimation, learn_distribution
 from noslip.errors import NoslipWarning
 
 
@@ -18,6 +18,7 @@ def test_demo_excisions_are_likelier_than_to_promp_and_sampled_on_the_constraint
 ) -> None:
     pytest.importorskip("movement_primitives")
     monkeypatch.setattr(distributions, "PEER_WEIGHTS", (10,))
+    monkeypatch.setattr(estimation, "CHOICES", {"weights": (16, 24), "shrinkage": (0.5, 0.7)})
     shown = distributions.excisions(4)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NoslipWarning)

@@ -52,6 +52,7 @@ ELSEWHERE = {
     "noslip check arm/tool.csv": "tests/test_bag_to_arm.py runs this block",
     "git clone": "needs the network",
     "python -m benchmarks.obstacles": "takes minutes; tests/benchmarks has a cut of it",
+    "python -m benchmarks.improving": "takes minutes; tests/test_improving.py has what it asserts",
     "python -m benchmarks.filters": "reads recordings that lie beside the repository",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",
@@ -67,8 +68,8 @@ ILLUSTRATION = ("noslip learn --each", "noslip view excision.json")
 NEAR = 0.1, 1e-3
 """Numbers on a page are within this share of those printed, or both are smaller than the latter."""
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?(?![\w.]*\d)")
-SMALLER = {"jobs=8": "jobs=1", "--jobs 8": "--jobs 1"}
-"""A process takes a second to start, and the recordings are four."""
+SMALLER = {"jobs=8": "jobs=1", "--jobs 8": "--jobs 1", "evaluations=200": "evaluations=12"}
+"""A process takes a second to start, and the recordings are four; a search takes seconds."""
 
 
 def pages() -> list[Path]:

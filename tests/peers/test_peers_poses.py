@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import copy
-import pickle
 from functools import cache
 from typing import Any
 
@@ -17,13 +16,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import noslip as ns
 from learned import Goal
-from measures import apart, end_velocities
-from noslip._typing import Floats
+from measures import end_velocities
 from noslip.constraints import KeepOutSphere
 from noslip.errors import InputError
 from noslip.law.attractor import Attractor
-from noslip.law.basis import Basis
-from noslip.law.clock import Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from strategies import seeds, unit
@@ -48,60 +44,6 @@ def reaching(seed: int, *, count: int = 201, duration: float = 1.0) -> ns.PoseTr
 @cache
 def learned(seed: int) -> ns.ConstrainedDMP:
     return ns.learn(reaching(seed), basis_functions=50)
-
-
-@settings(max_examples=4)
-@given(seeds)
-def test_a_pose_demonstration_is_reproduced(seed: int) -> None:
-    demonstration = reaching(seed % 8)
-    motion = learned(seed % 8).rollout()
-    np.testing.assert_allclose(motion.times, demonstration.times, atol=1e-12)
-    moved, turned = apart(motion, demonstration)
-    # Theirs: two decimals.
-    assert moved <= 1e-4
-    assert turned <= 1e-2
-
-
-@pytest.mark.parametrize("steps", [100, 601, 999])
-def test_a_motion_has_a_sample_a_step_and_both_ends(steps: int) -> None:
-    dmp = ns.learn(reaching(1, duration=6.0), basis_functions=10)
-    motion = dmp.rollout(time_step=6.0 / steps)
-    assert len(motion) == steps + 1
-    assert motion.times[-1] == pytest.approx(6.0)
-
-
-@settings(max_examples=3)
-@given(seeds)
-def test_stepping_by_hand_is_the_rollout(seed: int) -> None:
-    dmp, rng = learned(seed % 8), np.random.default_rng(seed)
-    goal = Goal.beside(dmp, rng, 0.4)
-    options = {"goal_position": goal.position, "goal_rotation": goal.rotation}
-    motion = dmp.rollout(time_step=0.01, **options)
-    state = dmp.initial_state(**options)
-    for k in range(1, 101):
-        state = dmp.step(state, 0.01)
-        np.testing.assert_allclose(state.position, motion.positions[k], atol=1e-12)
-        assert (state.rotation * motion.rotations[k].inv()).magnitude() <= 1e-11
-    # Begun anew, it is the same motion: a state holds all there is.
-    again = dmp.step(dmp.initial_state(**options), 0.01)
-    np.testing.assert_array_equal(
-        again.position, dmp.step(dmp.initial_state(**options), 0.01).position
-    )
-
-
-@settings(max_examples=3)
-@given(seeds)
-def test_another_duration_is_the_same_path(seed: int) -> None:
-    dmp = learned(seed % 8)
-    own = dmp.rollout()
-    for factor in (0.5, 2.0, 7.0):
-        other = dmp.rollout(duration=factor * dmp.duration)
-        np.testing.assert_allclose(other.times, factor * own.times, atol=1e-12)
-        np.testing.assert_allclose(other.positions, own.positions, atol=1e-12)
-        assert (other.rotations * own.rotations.inv()).magnitude().max() <= 1e-11
-        np.testing.assert_allclose(
-            factor * other.linear_velocities, own.linear_velocities, atol=1e-10
-        )
 
 
 @settings(max_examples=3)
@@ -132,30 +74,6 @@ def test_a_motion_reaches_a_new_goal_from_a_new_start(seed: int) -> None:
     # Theirs, of vectors alone: three or four decimals.  Turns do not add up: half a degree.
     assert motion.end_error <= 1e-4
     assert motion.end_rotation_error <= 1e-2
-
-
-@settings(max_examples=3)
-@given(seeds)
-def test_without_a_learned_force_the_attractor_comes_to_its_goal(seed: int) -> None:
-    """Theirs of springs and dampers, for positions and quaternions."""
-    law, rng = learned(seed % 8).law, np.random.default_rng(seed)
-    fields = {name: getattr(law, name) for name in Law.__dataclass_fields__}
-    fields |= {
-        "forcing": ForcingTerm(law.basis, np.zeros_like(law.forcing.weights)),
-        "start_velocity": np.zeros(6),
-    }
-    still = ns.ConstrainedDMP(Law(**fields))
-    goal = Goal.beside(still, rng, 1.0)
-    motion = still.rollout(goal_position=goal.position, goal_rotation=goal.rotation)
-    assert motion.end_error <= 1e-3
-    assert motion.end_rotation_error <= 1e-3
-    # What has no force and no way to go rests.
-    at_rest = still.rollout(
-        goal_position=still.start_position,
-        goal_rotation=still.start_rotation,
-        goal_form="paper",
-    )
-    assert np.abs(at_rest.positions - still.start_position).max() <= 1e-12
 
 
 @settings(max_examples=2)
@@ -202,41 +120,6 @@ def test_obstacles_are_avoided(seed: int) -> None:
     away = np.linalg.norm(motion.positions - 0.5, axis=1)
     assert away.min() >= 0.13 - 1e-6
     assert motion.end_error <= 0.02
-
-
-def test_a_primitive_is_written_and_read(tmp_path: Any) -> None:
-    dmp = learned(2)
-    for back in (
-        pickle.loads(pickle.dumps(dmp)),
-        copy.deepcopy(dmp),
-        ns.load_primitive(dmp.save(tmp_path / "dmp.json")),
-    ):
-        assert back == dmp
-        assert np.array_equal(back.rollout().positions, dmp.rollout().positions)
-
-
-@given(seeds)
-def test_the_phase_falls_exponentially_from_one(seed: int) -> None:
-    rate = float(np.random.default_rng(seed).uniform(0.5, 6))
-    times = np.linspace(0, 1, 11)
-    np.testing.assert_allclose(Phase(rate).at(times), np.exp(-rate * times), rtol=1e-14)
-
-
-@given(seeds)
-def test_the_force_is_the_weighted_mean_of_its_activations(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    basis = Basis(int(rng.integers(2, 40)))
-    phases = basis.phase.at(np.sort(rng.uniform(0, 1, 50)))
-    weights = rng.normal(size=(basis.count, 2))
-    activations = basis.activations(phases)
-    assert activations.shape == (50, basis.count)
-    np.testing.assert_allclose(activations.sum(axis=1), phases, rtol=1e-12)
-
-    def gaussians() -> Floats:
-        return np.exp(-0.5 * ((phases[:, None] - basis.centers) / basis.widths) ** 2)
-
-    by_hand = phases[:, None] * (gaussians() @ weights) / gaussians().sum(axis=1)[:, None]
-    np.testing.assert_allclose(ForcingTerm(basis, weights)(phases), by_hand, atol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from noslip.constraints.joint_limits import JointLimits
 from scipy.spatial.transform import Rotation
 
 from motions import facing
@@ -21,6 +20,7 @@ from noslip.boundary import rotations_of
 from noslip.chain import Chain, Joint
 from noslip.constraints import ConstraintSystem
 from noslip.constraints.instant import Coordinates
+from noslip.constraints.joints import JointLimits
 from noslip.errors import InputError
 from noslip.projection import planner
 from noslip.projection.heading import NO_TURN

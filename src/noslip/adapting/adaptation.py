@@ -81,7 +81,8 @@ def adapt(
     law : Law
     rule : Rule
     goal : array, shape (n,), or a pair (position, Rotation), optional
-        A point of what moves: coordinates such as joints, or a pose.
+        A point of what moves: coordinates such as joints, or a pose; of several bodies a mapping of
+        names to such pairs, in which those that are left out stay where the law has them.
     goal_position, start_position : array, shape (n,), optional
         Meters, or the coordinates' own units; those of the law by default.
     goal_rotation, start_rotation : Rotation, optional
@@ -131,9 +132,7 @@ def adapt(
         duration = _arguments.positive("duration", duration, "seconds")
     if shape not in get_args(Shape):
         raise InputError(f"shape must be demonstrated or shortest, got {_arguments.short(shape)}")
-    goal_position, goal_rotation = point_or_parts(
-        law.space, "goal", goal, goal_position, goal_rotation
-    )
+    goal_position, goal_rotation = point_or_parts(law, "goal", goal, goal_position, goal_rotation)
     named = {
         "start": (start_position, start_rotation, start_velocity),
         "goal": (goal_position, goal_rotation, goal_velocity),

@@ -304,7 +304,7 @@ def _aimed_past(aimed: Request, asked: Sequence[Boundary], motion: Motion) -> Re
             past = replace(past, position=past.position + missed)
         if boundary.rotation is not None and past.rotation is not None:
             turn = boundary.rotation * rotation.inv()
-            exact &= bool(turn.magnitude() <= _EXACT_TURN)
+            exact &= bool(np.all(turn.magnitude() <= _EXACT_TURN))
             past = replace(past, rotation=turn * past.rotation)
         corrected[boundary.at] = past
     return None if exact else replace(aimed, boundaries=tuple(corrected.values()))

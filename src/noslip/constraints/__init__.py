@@ -21,6 +21,7 @@ from noslip.constraints.joints import JointLimits, joint_limits
 from noslip.constraints.keep_out import KeepOut, KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
 from noslip.constraints.needle import Needle
+from noslip.constraints.of_body import HoldTogether, OfBody, of, relative_to
 from noslip.constraints.rates import AccelerationLimit, AngularRateLimit, SpeedLimit
 from noslip.constraints.region import Box, DepthLimit, HalfSpace
 from noslip.constraints.remote_center import RemoteCenter
@@ -44,6 +45,7 @@ __all__ = [
     "FixedPoint",
     "ForwardOnly",
     "HalfSpace",
+    "HoldTogether",
     "InMovingFrame",
     "Instant",
     "JointLimits",
@@ -51,6 +53,7 @@ __all__ = [
     "KeepOutCapsule",
     "KeepOutSphere",
     "Needle",
+    "OfBody",
     "PlaneContact",
     "RemoteCenter",
     "RollingDisc",
@@ -64,7 +67,9 @@ __all__ = [
     "Wheel",
     "joint_limits",
     "keep_nonnegative",
+    "of",
     "position_constraint",
+    "relative_to",
     "slice_push_ratios",
     "velocity_constraint",
 ]

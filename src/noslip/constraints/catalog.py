@@ -71,6 +71,34 @@ def build(name: str, arguments: dict[str, Any]) -> Constraint:
     return factory(**arguments)
 
 
+def resolved(name: str, constraint: Any) -> Constraint:
+    """Return what a rule is about: a constraint, or one by name as on the command line.
+
+    Parameters
+    ----------
+    name : str
+        Of the rule, for the error.
+    constraint : Constraint or str
+    """
+    if isinstance(constraint, Constraint):
+        return constraint
+    if not isinstance(constraint, str):
+        hint = f"; call it: {constraint.__name__}()" if isinstance(constraint, type) else ""
+        raise ConstraintError(
+            f"{name}: constraint must be a constraint or its name, got {constraint!r}{hint}"
+        )
+    if ".py:" in constraint:
+        # Kept as text, it would be saved as text, and reading a file would run another one.
+        raise ConstraintError(
+            f"{name}: constraint {constraint!r} names a file; declare {name} with it in that "
+            "file and name that"
+        )
+    try:
+        return parse_constraint(constraint)
+    except ConstraintError as error:
+        raise ConstraintError(f"{name}: constraint: {error}") from None
+
+
 def specification(constraint: Constraint) -> dict[str, Any]:
     """Return plain data from which :func:`restore` makes the same constraint again."""
     identity = declared(constraint)

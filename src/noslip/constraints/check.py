@@ -279,7 +279,7 @@ def check(
         raise InputError("check needs at least one constraint")
     report = checked(trajectory, system, tolerance=tolerance, slip_share=slip_share)
     found = (
-        replace(each, better_point=better_point(trajectory.tool, constraint))
+        replace(each, better_point=better_point(trajectory.body(constraint.body), constraint))
         if each.verdict == "violated" and not constraint.coordinates
         else each
         for each, constraint in zip(report.constraints, system.constraints, strict=True)
@@ -367,9 +367,9 @@ def _speeds(trajectory: PoseTrajectory, constraint: Constraint) -> Floats:
     if constraint.coordinates:
         velocities = trajectory.step_velocities()[0]
     elif constraint.edge is None:
-        velocities = trajectory.tool.step_velocities()[0]
+        velocities = trajectory.body(constraint.body).step_velocities()[0]
     else:
-        velocities = edge_steps(trajectory.tool, constraint).velocities
+        velocities = edge_steps(trajectory.body(constraint.body), constraint).velocities
     return np.asarray(np.linalg.norm(velocities, axis=1))
 
 

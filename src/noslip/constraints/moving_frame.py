@@ -12,7 +12,7 @@ import numpy as np
 from noslip import _arguments
 from noslip._typing import Expression
 from noslip.constraints.blade import Blade
-from noslip.constraints.catalog import parse_constraint
+from noslip.constraints.catalog import resolved
 from noslip.constraints.declaration import Constraint, of_a_user, register
 from noslip.constraints.expression import Instructions
 from noslip.constraints.fields import ORIGIN, Triple, number, point, settle
@@ -21,7 +21,7 @@ from noslip.errors import ConstraintError
 from noslip.rotations import quaternion_exp, rotation_matrix
 
 NAME = "in-moving-frame"
-_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority", "radii")
+_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority", "radii", "body")
 _LISTS = (list, tuple, np.ndarray)
 
 
@@ -84,7 +84,7 @@ class InMovingFrame(Constraint):
             rotation_amplitude=_rotation_vector,
             velocity=_velocity,
         )
-        inner = _resolved(self.constraint)
+        inner = resolved(NAME, self.constraint)
         if inner.level == "acceleration":
             raise ConstraintError(
                 f"{NAME}: constraint {inner.name!r} is a limit on accelerations; only those on "
@@ -166,27 +166,6 @@ def _frame_instructions(frame: Any) -> Instructions:
             )
     column = ca.densify(ca.vertcat(origin, ca.vec(rotation)))
     return Instructions.of(ca.Function("frame", [t], [column]))
-
-
-def _resolved(constraint: Any) -> Constraint:
-    """The constraint itself, where it may be given as text."""
-    if isinstance(constraint, Constraint):
-        return constraint
-    if not isinstance(constraint, str):
-        hint = f"; call it: {constraint.__name__}()" if isinstance(constraint, type) else ""
-        raise ConstraintError(
-            f"{NAME}: constraint must be a constraint or its name, got {constraint!r}{hint}"
-        )
-    if ".py:" in constraint:
-        # Kept as text, it would be saved as text, and reading a file would run another one.
-        raise ConstraintError(
-            f"{NAME}: constraint {constraint!r} names a file; declare InMovingFrame(...) in that "
-            "file and name that"
-        )
-    try:
-        return parse_constraint(constraint)
-    except ConstraintError as error:
-        raise ConstraintError(f"{NAME}: constraint: {error}") from None
 
 
 def _is_pair(value: Any) -> bool:

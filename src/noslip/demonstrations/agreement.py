@@ -56,7 +56,8 @@ def require_agreement(demonstrations: list[PoseTrajectory], *, aligned: bool = F
         return
     sampled = [at_fractions(d, SAMPLES) for d in demonstrations]
     turned = np.array([s.rotations.as_matrix().reshape(-1) for s in sampled])
-    cosines = (turned @ turned.T / SAMPLES - 1) / 2
+    # Mean of the traces, of all samples and bodies.
+    cosines = (turned @ turned.T / (turned.shape[1] / 9) - 1) / 2
     _refuse_pair(demonstrations, cosines < HELD_OPPOSITE, "hold the tool opposite ways")
     paths = np.array([s.positions for s in sampled])
     length = float(np.median([d.path_length for d in demonstrations]))

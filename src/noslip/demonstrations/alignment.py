@@ -92,9 +92,9 @@ def _features(motions: list[PoseTrajectory]) -> list[Floats]:
         sampled = at_fractions(motion, SAMPLES)
         if not motion.path_length > 0:
             raise InputError(f"{motion.name}: stands still; align needs motions")
-        steps = (sampled.rotations[1:] * sampled.rotations[:-1].inv()).as_rotvec()
+        steps = sampled.step_velocities()[1] * np.diff(sampled.times)[:, None]
         paths.append(sampled.positions - sampled.positions[0])
-        turns.append(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]))
+        turns.append(np.cumsum(np.vstack([0 * steps[:1], steps]), axis=0))
     path = _rms(paths)
     turn = max(_rms(turns), LEAST_TURN)
     return [np.hstack([p / path, t / turn]) for p, t in zip(paths, turns, strict=True)]
@@ -148,10 +148,7 @@ def _warped(motion: PoseTrajectory, warp: Floats) -> PoseTrajectory:
     share = np.clip(share, 0.0, 1.0)
     moved = motion.resampled(times=motion.times[0] + motion.duration * share)
     times = motion.times[0] + motion.duration * fractions
-    return PoseTrajectory(
-        times=times,
-        positions=moved.positions,
-        rotations=moved.rotations,
-        name=motion.name,
-        channels=moved.channels and replace(moved.channels, times=times),
-    )
+    warped = motion.with_points(moved.points, times)
+    if not (isinstance(moved, PoseTrajectory) and moved.channels):
+        return warped
+    return warped.with_channels(replace(moved.channels, times=times))

@@ -5,6 +5,7 @@ The others draw into axes and return what they drew.
 """
 
 from noslip.figures.arm import executed_slip, joint_limits
+from noslip.figures.bodies import bodies_paths
 from noslip.figures.family import adapted_family
 from noslip.figures.history import constraint_history, plot_constraint
 from noslip.figures.identified import identified_constraint
@@ -27,6 +28,7 @@ from noslip.figures.values import plot_values
 __all__ = [
     "adapted_family",
     "blade_snapshots",
+    "bodies_paths",
     "column_figure",
     "compare_motions",
     "constraint_history",

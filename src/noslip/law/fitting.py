@@ -9,6 +9,7 @@ import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.bodies import Bodies
 from noslip.errors import InputError
 from noslip.law import points as points_of
 from noslip.law.attractor import Attractor
@@ -22,7 +23,7 @@ from noslip.timed import Timed
 from noslip.trajectory import PoseTrajectory
 from noslip.vectors import Trajectory
 
-Recorded = PoseTrajectory | Trajectory
+Recorded = PoseTrajectory | Trajectory | Bodies
 """What a law is learned from."""
 SAMPLES_PER_BASIS_FUNCTION = 4
 """A demonstration with fewer samples is splined to a multiple of its own before fitting: with fewer
@@ -53,7 +54,7 @@ def fit(
 
     Parameters
     ----------
-    demonstrations : PoseTrajectory, Trajectory, or several of one kind
+    demonstrations : PoseTrajectory, Trajectory, Bodies, or several of one kind
         Any rate and start time; irregular ones are splined to their median rate, short ones
         to 4 samples a basis function.
     basis_functions : int
@@ -161,7 +162,7 @@ def as_demonstrations(demonstrations: Recorded | Iterable[Recorded]) -> list[Pos
     for item in recorded:
         if not isinstance(item, Timed):
             raise InputError(
-                "demonstrations are PoseTrajectory or Trajectory objects, got "
+                "demonstrations are PoseTrajectory, Trajectory or Bodies objects, got "
                 f"{type(item).__name__}; read files with load_demonstrations"
             )
         if item.space != recorded[0].space:

@@ -15,7 +15,7 @@ from noslip.law.basis import Basis
 from noslip.law.clock import Clock
 from noslip.law.entry import goal_entry
 from noslip.law.forcing import ForcingTerm
-from noslip.law.points import Goal, frozen, rotation_of
+from noslip.law.points import Goal, each_of, frozen, quaternions_of, rotation_of
 from noslip.law.winding import Winding
 from noslip.space import POSE, Space
 from noslip.trajectory import continuous_quaternions
@@ -162,7 +162,7 @@ class Law(Value):
             entered, drawn = (column[:, None] for column in entry)
             position = goal_position + moved * (drawn - 1)
         goals, pulls = [np.zeros((steps, 0))], [np.zeros((steps, 0))]
-        firsts = [first_goal_rotation] if first_goal_rotation.single else first_goal_rotation
+        firsts = each_of(first_goal_rotation)
         for k, (winding, turn) in enumerate(zip(self.goal.windings, turns, strict=True)):
             rotations, left_out = winding.along(
                 begin, steps, step_fraction, self.attractor, before, firsts[k]
@@ -207,12 +207,14 @@ class Law(Value):
         """Return the law with another rotation at its start and goal; the learned force stays."""
         if not self.space.rotations:
             return self
-        turn = self.goal_rotation.inv() * goal
-        knots = Rotation.from_quat(self.goal.winding.quaternions, scalar_first=True) * turn
+        turns = self.goal_rotation.inv() * goal
+        windings = []
+        for winding, turn in zip(self.goal.windings, each_of(turns), strict=True):
+            knots = Rotation.from_quat(winding.quaternions, scalar_first=True) * turn
+            windings.append(Winding(continuous_quaternions(knots), winding.is_cyclic))
         point = np.array(self.start)
-        point[self.space.linear :] = start.as_quat(scalar_first=True)
-        winding = Winding(continuous_quaternions(knots), self.goal.winding.is_cyclic)
-        return replace(self, start=point, goal=Goal(self.goal_position, winding))
+        point[self.space.linear :] = quaternions_of(self.space, start)
+        return replace(self, start=point, goal=Goal(self.goal_position, *windings))
 
 
 def _turns(begins: Rotation, ends: Rotation, count: int) -> Floats:

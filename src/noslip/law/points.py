@@ -136,12 +136,17 @@ def goal(space: Space, demonstrations: Sequence[Floats]) -> Goal:
     """Mean of where demonstrations end, with what leads the one to it that turns farthest."""
     n = space.linear
     point = mean(space, [points[-1] for points in demonstrations])
-    windings = []
+    turned = []
     for k in range(space.rotations):
         at = slice(n + 4 * k, n + 4 * k + 4)
         farthest = max((points[:, at] for points in demonstrations), key=farthest_from_goal)
         led = product(inverse(farthest[-1]), point[at])
-        windings.append(Winding.around(product(farthest, led)))
+        turned.append(product(farthest, led))
+    windings = [Winding.around(each) for each in turned]
+    # Of as many knots, for C.
+    most = max((len(winding.quaternions) for winding in windings), default=1)
+    if any(len(winding.quaternions) < most for winding in windings):
+        windings = [Winding.around(each, most - 1) for each in turned]
     return Goal(point[:n], *windings)
 
 
@@ -152,6 +157,11 @@ def rotation_of(quaternions: Floats) -> Rotation:
     if not quaternions.size:
         return Rotation.identity()
     return Rotation.from_quat(quaternions.reshape(-1, 4), scalar_first=True)
+
+
+def each_of(rotation: Rotation) -> list[Rotation]:
+    """Rotations one by one, of one or several."""
+    return [rotation] if rotation.single else list(rotation)
 
 
 def quaternions_of(space: Space, rotation: Rotation) -> Floats:

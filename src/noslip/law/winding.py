@@ -68,14 +68,21 @@ class Winding(Value):
         object.__setattr__(self, "quaternions", quaternions)
 
     @classmethod
-    def around(cls, quaternions: Floats) -> Winding:
-        """Fewest knots, in powers of two or all, that keep the logarithm away from its jump."""
-        if farthest_from_goal(quaternions) <= FARTHEST_FROM_GOAL:
+    def around(cls, quaternions: Floats, least: int = 0) -> Winding:
+        """Fewest knots, in powers of two or all, that keep the logarithm away from its jump.
+
+        Parameters
+        ----------
+        quaternions : array, shape (N, 4)
+        least : int
+            Intervals between knots, at least; 0 lets a single knot do.
+        """
+        if not least and farthest_from_goal(quaternions) <= FARTHEST_FROM_GOAL:
             return cls(quaternions[-1:])
         count, continuous = len(quaternions), without_flips(quaternions)
         fractions = np.linspace(0.0, 1.0, count)
         most = min(_MOST_KNOTS, count - 1)
-        intervals, nearest, winding = min(2, most), np.inf, None
+        intervals, nearest, winding = min(max(least, 2), most), np.inf, None
         while True:
             samples = np.round(np.linspace(0, count - 1, intervals + 1)).astype(int)
             candidate = cls(without_flips(continuous[samples]))

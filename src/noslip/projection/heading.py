@@ -13,7 +13,8 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.edge_motion import edge_motion
 from noslip.constraints.system import ConstraintSystem
-from noslip.space import Placed, Samples
+from noslip.quaternions import inverse, product
+from noslip.space import Placed, Samples, Seen, Space
 
 REACH = 0.005
 """Of the path's extent: nothing nearer than that says where a tool is heading."""
@@ -69,7 +70,8 @@ def turn_edge_into_path(
     rest), it was moved backwards on purpose and the edge stays behind.  Directions are smoothed
     with weights that vanish with the speed, so that the noise of a tool at rest turns nothing.
 
-    Constraints that name no edge get no turn, nor do tools that joints carry.  A period is turned
+    Constraints that name no edge get no turn, nor do tools that joints carry.  A tool under a rule
+    about its motion as another body sees it is turned into its path there.  A period is turned
     as in the middle of several; one that is sawn to and fro within the blade's plane stays so.
     """
     if periodic:
@@ -88,18 +90,34 @@ def _turned(
 ) -> Heading:
     space, points = system.space, trajectory.points
     turns, backing = np.zeros((len(trajectory), space.angular)), 0
-    for k, body in enumerate(space.bodies):
+    for k, body in enumerate(space.seen):
         of_body = [not c.coordinates and space.body(c.body) == k for c in system.constraints]
         constraint = system.part(of_body).edged
-        if constraint is None or not isinstance(body, Placed) or body.turn is None:
+        tool = body.body if isinstance(body, Seen) else body
+        if constraint is None or not isinstance(tool, Placed) or tool.turn is None:
             continue
-        own = space.linear + 4 * body.turn
-        poses = np.hstack([points[:, body.first : body.first + 3], points[:, own : own + 4]])
-        turns[:, 3 * body.turn : 3 * body.turn + 3], backed = _turned_into_path(
+        poses, work = _poses(space, tool, points), None
+        if isinstance(body, Seen):
+            working = _poses(space, body.work, points)
+            work = Rotation.from_quat(working[:, 3:], scalar_first=True)
+            place = work.inv().apply(poses[:, :3] - working[:, :3])
+            poses = np.hstack([place, product(inverse(working[:, 3:]), poses[:, 3:])])
+        turned, backed = _turned_into_path(
             trajectory.clock, poses, constraint, smoothing, sawing=sawing
         )
+        at = slice(3 * tool.turn, 3 * tool.turn + 3)
+        turns[:, at] = turned if work is None else work.apply(turned)
         backing += backed
     return Heading(turns, backing)
+
+
+def _poses(space: Space, body: Placed, points: Floats) -> Floats:
+    """Position and quaternion of a body, shape (N, 7)."""
+    turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1))
+    if body.turn is not None:
+        own = space.linear + 4 * body.turn
+        turns = points[:, own : own + 4]
+    return np.hstack([points[:, body.first : body.first + 3], turns])
 
 
 def _turned_into_path(

@@ -31,7 +31,7 @@ from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.projection.pointwise import holdable_rows, position_only
-from noslip.trajectory import PoseTrajectory, continuous_quaternions
+from noslip.trajectory import PoseTrajectory
 
 Metric = Literal["auto", "position", "shared"] | Sequence[float]
 
@@ -85,7 +85,7 @@ def inverse_metric(
         name: str = metric
         if name == "auto":
             position = not space.rotations or (
-                space.is_pose
+                space.is_placed
                 and all(holdable_rows(system, position_only(space)))
                 and not _limits_turning(system.limits)
                 and not _must_steer(system)
@@ -122,29 +122,32 @@ def _position_holds(equalities: ConstraintSystem, motion: PoseTrajectory) -> boo
     if not equalities.size or not moving.any():
         return True
     moving = np.flatnonzero(moving)[:: -(-len(moving) // _LOOKED_AT)]
-    quaternions = continuous_quaternions(motion.rotations)
-    middles = quaternions[1:] + quaternions[:-1]
+    quaternions, space = motion.quaternions, equalities.space
+    middles = (quaternions[1:] + quaternions[:-1]).reshape(len(linear), -1, 4)
+    middles /= np.linalg.norm(middles, axis=2, keepdims=True)
     at = np.column_stack(
         [
             (motion.clock[1:] + motion.clock[:-1])[moving] / 2,
             (motion.positions[1:] + motion.positions[:-1])[moving] / 2,
-            (middles / np.linalg.norm(middles, axis=1, keepdims=True))[moving],
+            middles.reshape(len(linear), -1)[moving],
             linear[moving],
             angular[moving],
         ]
     )
     # A radian weighs what the path would turn by, were it a circle.
-    scale = np.repeat([1.0, 2 * np.pi / motion.path_length], 3)
+    scale = np.repeat([1.0, 2 * np.pi / motion.path_length], [space.linear, space.angular])
     rows = equalities.rows_at(at) * scale
-    return bool(_in_position(rows).min() >= _ROBUST)
+    return bool(_in_position(rows, space.linear).min() >= _ROBUST)
 
 
-def _in_position(rows: Floats) -> Floats:
+def _in_position(rows: Floats, n: int) -> Floats:
     """Least singular value of the linear part of rows' orthonormal basis.
 
     Parameters
     ----------
-    rows : array, shape (N, m, 6)
+    rows : array, shape (N, m, n + 3 b)
+    n : int
+        How many columns are linear.
 
     Returns
     -------
@@ -154,10 +157,10 @@ def _in_position(rows: Floats) -> Floats:
     _, sizes, basis = np.linalg.svd(rows / np.where(norms > 0, norms, 1.0), full_matrices=False)
     kept = (sizes > _SAME_ROW * sizes[:, :1]) & (sizes > 0)
     # What repeats other rows is left out; it then comes last, as zeros.
-    held = np.linalg.svd((basis * kept[:, :, None])[:, :, :3], compute_uv=False)
+    held = np.linalg.svd((basis * kept[:, :, None])[:, :, :n], compute_uv=False)
     count = kept.sum(axis=1)
     least = np.take_along_axis(held, np.clip(count, 1, held.shape[1])[:, None] - 1, axis=1)[:, 0]
-    return np.where(count == 0, 1.0, np.where(count > 3, 0.0, least))
+    return np.where(count == 0, 1.0, np.where(count > n, 0.0, least))
 
 
 def _must_steer(system: ConstraintSystem) -> bool:

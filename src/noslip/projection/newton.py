@@ -126,6 +126,9 @@ class Plan:
     slack: Floats = field(init=False)
 
     def __post_init__(self) -> None:
+        # Machine code reads them where they are.
+        for name in ("positions", "quaternions", "turn_weights", "turn_slopes", "clearance"):
+            setattr(self, name, np.ascontiguousarray(getattr(self, name)))
         count, rows = self.active.shape
         self.heeded = self.active & (np.arange(rows) >= self.stage.equalities)
         self.multipliers, self.slack = np.zeros((count, rows)), np.ones((count, rows))

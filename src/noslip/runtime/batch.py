@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import Value
+from noslip.bodies import Bodies
 from noslip.codegen.library import Library
 from noslip.errors import InputError
 from noslip.law.entry import GoalForm
@@ -23,6 +24,7 @@ from noslip.law.layout import STATE, layouts
 from noslip.law.points import rotation_of
 from noslip.rule import Rule
 from noslip.runtime.lost import require_defined
+from noslip.runtime.motion import parts_of
 from noslip.runtime.numbers import Struct
 from noslip.runtime.rollout import ProjectStart, initial_state, steps_ahead
 from noslip.runtime.stepper import stepper_of
@@ -130,7 +132,7 @@ class Motions(Value):
         return np.asarray(np.linalg.norm(turns, axis=2).max(axis=1, initial=0.0))
 
     def __getitem__(self, index: int) -> PoseTrajectory:
-        """One of them; of vectors a Trajectory."""
+        """One of them; of vectors a Trajectory, of several bodies Bodies."""
         states = self.states[index]
         fractions = np.linspace(0.0, 1.0, len(states))
         times = self.begin + self.durations[index] * fractions
@@ -142,6 +144,9 @@ class Motions(Value):
                 times, values, space.coordinates, rates, space.units, name, space.carrier
             )
             return cast("PoseTrajectory", found)
+        if self.space.rotations > 1:
+            both = Bodies(parts_of(times, states, self.space), name=f"rollout {index}")
+            return cast("PoseTrajectory", both)
         return PoseTrajectory(
             times,
             states[:, STATE["position"]],

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip._values import Value
+from noslip.bodies import Bodies
 from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.law.layout import STATE, layouts
@@ -195,7 +197,7 @@ class RolledOut(Timed):
         rows, values = len(constraint_names), states[:, layouts(space).state.size :]
         multipliers = outputs["multipliers"]
         motion = object.__new__(cls)
-        own, others = cls._moving(states, space)
+        own, others = cls._moving(times, states, space)
         arrays = own | {
             "times": times,
             "constraint_residuals": values[:, :rows],
@@ -220,7 +222,9 @@ class RolledOut(Timed):
         return motion
 
     @classmethod
-    def _moving(cls, states: Floats, space: Space) -> tuple[dict[str, Floats], dict[str, Any]]:
+    def _moving(
+        cls, times: Floats, states: Floats, space: Space
+    ) -> tuple[dict[str, Floats], dict[str, Any]]:
         """Arrays of what moves, and other fields, from states of a space."""
         raise NotImplementedError
 
@@ -231,8 +235,9 @@ class RolledOut(Timed):
 
     @property
     def end_rotation_error(self) -> float:
-        """The same of the rotation (rad)."""
-        return float((self.rotations[-1] * self.asked.goal[1].inv()).magnitude())
+        """The same of the rotation (rad); of several the largest."""
+        last = self.rotations[-max(1, self.space.rotations) :]
+        return float(np.max((last * self.asked.goal[1].inv()).magnitude()))
 
     @property
     def path_error(self) -> float:
@@ -297,7 +302,9 @@ class Motion(RolledOut, PoseTrajectory):
     """
 
     @classmethod
-    def _moving(cls, states: Floats, space: Space) -> tuple[dict[str, Floats], dict[str, Any]]:
+    def _moving(
+        cls, times: Floats, states: Floats, space: Space
+    ) -> tuple[dict[str, Floats], dict[str, Any]]:
         arrays = {
             "positions": states[:, STATE["position"]],
             "linear_velocities": states[:, STATE["linear_velocity"]],
@@ -313,7 +320,9 @@ class VectorMotion(RolledOut, Trajectory):
     """The same of coordinates: ``values[k+1] == values[k] + dt * velocities[k+1]``."""
 
     @classmethod
-    def _moving(cls, states: Floats, space: Space) -> tuple[dict[str, Floats], dict[str, Any]]:
+    def _moving(
+        cls, times: Floats, states: Floats, space: Space
+    ) -> tuple[dict[str, Floats], dict[str, Any]]:
         place = layouts(space).state
         arrays = {
             "values": states[:, place["position"]],
@@ -321,3 +330,33 @@ class VectorMotion(RolledOut, Trajectory):
         }
         named = {"names": space.coordinates, "units": space.units, "carrier": space.carrier}
         return arrays, named
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class BodiesMotion(RolledOut, Bodies):
+    """The same of several bodies; ``motion["knife"]`` is the motion of one, without forces."""
+
+    @classmethod
+    def _moving(
+        cls, times: Floats, states: Floats, space: Space
+    ) -> tuple[dict[str, Floats], dict[str, Any]]:
+        return {}, {"parts": parts_of(times, states, space)}
+
+
+def parts_of(times: Floats, states: Floats, space: Space) -> OrderedDict[str, PoseTrajectory]:
+    """Return the motion of each body of a space by its name, from states."""
+    place = layouts(space).state
+    names = "position", "quaternion", "linear_velocity", "angular_velocity"
+    columns = [np.split(states[:, place[name]], space.rotations, axis=1) for name in names]
+    parts: OrderedDict[str, PoseTrajectory] = OrderedDict()
+    for body, p, q, v, w in zip(space.bodies, *columns, strict=True):
+        turns = Rotation.from_quat(q, scalar_first=True)
+        parts[body.name] = PoseTrajectory(times, p, turns, v, w, body.name)
+    return parts
+
+
+def motion_class(space: Space) -> type[Motion]:
+    """Return what holds a motion of a space; they have the same attributes but for rotations."""
+    if space.is_pose:
+        return Motion
+    return cast("type[Motion]", BodiesMotion if space.rotations else VectorMotion)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Any, Literal, TypeVar, cast, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,15 +18,16 @@ from noslip.errors import InputError
 from noslip.law.entry import GoalForm
 from noslip.law.law import Law
 from noslip.law.layout import CLOCK, layouts
+from noslip.law.points import rotation_of
 from noslip.projection.feasibility import project_pose
 from noslip.projection.pointwise import project_velocities
 from noslip.rule import Rule
 from noslip.runtime.lost import require_defined
-from noslip.runtime.motion import Asked, Motion, VectorMotion
+from noslip.runtime.motion import Asked, Motion, motion_class
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 from noslip.runtime.timing import require_time, timed
-from noslip.space import Space
+from noslip.space import Placed, Space
 
 T = TypeVar("T")
 
@@ -64,7 +65,8 @@ def rollout(
     law : Law
     rule : Rule
     goal, start : array, shape (n,), or a pair (position, Rotation), optional
-        A point of what moves: coordinates such as joints, or a pose.
+        A point of what moves: coordinates such as joints, or a pose; of several bodies a mapping of
+        names to such pairs, in which those that are left out stay where the law has them.
     goal_position, start_position : array, shape (n,), optional
         Meters, or the coordinates' own units; the demonstrated ones by default.
     goal_rotation, start_rotation : Rotation, optional
@@ -160,9 +162,7 @@ def integrate(law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, 
     stepper.run(states[0], table, states[1:], outputs[1:])
     require_defined(system, times, states)
     outputs[0] = outputs[1]
-    # Of vectors it is another class, with the same attributes but for those of rotations.
-    kind = Motion if law.space.is_pose else cast("type[Motion]", VectorMotion)
-    return kind.of_steps(
+    return motion_class(law.space).of_steps(
         times,
         states,
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
@@ -208,7 +208,7 @@ def initial_state(
     ends = {"goal": (goal, goal_position, goal_rotation)}
     ends["start"] = start, start_position, start_rotation
     (goal_position, goal_rotation), (start_position, start_rotation) = (
-        point_or_parts(law.space, name, *given) for name, given in ends.items()
+        point_or_parts(law, name, *given) for name, given in ends.items()
     )
     velocity = law.start_velocity / tau
     start_position = chosen(vector, "start_position", start_position, law.start_position)
@@ -264,18 +264,47 @@ def _turn(space: Space, name: str, value: Any) -> Rotation:
 
 
 def point_or_parts(
-    space: Space, name: str, point: Any, position: ArrayLike | None, rotation: Rotation | None
+    law: Law, name: str, point: Any, position: ArrayLike | None, rotation: Rotation | None
 ) -> tuple[ArrayLike | None, Rotation | None]:
-    """Parts of a point that is given whole, or the parts as they are given."""
+    """Parts of a point that is given whole, or the parts as they are given.
+
+    Parameters
+    ----------
+    law : Law
+        Of whose bodies those stay as they are that a mapping of names leaves out.
+    name : "goal" or "start"
+    point : array, pair (position, Rotation), or mapping of names to such pairs
+    """
+    space = law.space
     if point is None:
         return position, rotation
     if position is not None or rotation is not None:
         raise InputError(f"{name} is given twice; give {name}, or its position and rotation")
     if not space.rotations:
         return point, None
+    if isinstance(point, Mapping):
+        own = np.concatenate([law.start] if name == "start" else [law.goal.point])
+        known = {placed.name: placed for placed in space.bodies}
+        for body, pose in point.items():
+            what = f"{name} of {body}"
+            if (placed := known.get(body)) is None:
+                raise InputError(f"{name}: no body {body!r}; there are {', '.join(known)}")
+            if not (isinstance(pose, tuple) and len(pose) == 2):
+                raise InputError(
+                    f"{what} is a pair (position, Rotation), got {_arguments.short(pose)}"
+                )
+            assert isinstance(placed, Placed)
+            own[placed.first : placed.first + 3] = _arguments.vector(what, pose[0])
+            if placed.turn is not None:
+                at = space.linear + 4 * placed.turn
+                turn = _arguments.rotation(f"{what}, its rotation,", pose[1])
+                own[at : at + 4] = turn.as_quat(scalar_first=True)
+        return own[: space.linear], rotation_of(own[space.linear :])
     if not (isinstance(point, tuple) and len(point) == 2):
+        of = "a pose" if space.rotations == 1 else "several bodies"
+        form = " or a mapping of names to such pairs" if space.rotations > 1 else ""
         raise InputError(
-            f"{name} of a pose is a pair (position, Rotation), got {_arguments.short(point)}"
+            f"{name} of {of} is a pair (position, Rotation){form}, got {_arguments.short(point)}"
         )
     return point
 

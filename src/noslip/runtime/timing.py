@@ -218,12 +218,9 @@ def stretched(trajectory: PoseTrajectory, factor: float) -> PoseTrajectory:
     """Return a trajectory run through so much slower."""
     if factor == 1:
         return trajectory
-    return replace(
-        trajectory,
-        times=trajectory.times[0] + factor * (trajectory.times - trajectory.times[0]),
-        linear_velocities=trajectory.linear_velocities / factor,
-        angular_velocities=trajectory.angular_velocities / factor,
-    )
+    times = trajectory.times[0] + factor * (trajectory.times - trajectory.times[0])
+    rates = trajectory.linear_velocities / factor, trajectory.angular_velocities / factor
+    return trajectory.with_points(trajectory.points, times).with_velocities(*rates)
 
 
 def timed(system: ConstraintSystem) -> list[bool]:
