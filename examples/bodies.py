@@ -37,4 +37,5 @@ place, turn = dmp.goal_position[:3], dmp.goal_rotation[0]
 there = dmp.adapt(goal={"knife": (place + [0.004, 0.006, 0], Rotation.from_euler("z", 0.2) * turn)})
 motion = there.rollout()
 print(ns.check(motion, rule))
+print(f"largest residual {np.abs(motion.constraint_residuals).max():.1e} m/s")
 save_figure(motion.plot(rule), out)

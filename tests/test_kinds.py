@@ -7,7 +7,6 @@ reason, and the page says the same.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -16,12 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from noslip.constraints.joint_limits import JointLimits
 
 import noslip as ns
 from motions import planar_cut
 from noslip._typing import Floats
 from noslip.chain import Chain, Joint
+from noslip.constraints import JointLimits
 from noslip.constraints.check import check
 
 PAGE = Path(__file__).parents[1] / "docs" / "kinds.md"
@@ -200,9 +199,6 @@ OPEN = {
     ("vectors", "controller"): "it looks at what it does as a pose",
     ("joints", "controller"): "it looks at what it does as a pose",
     ("rhythms", "controller"): "it looks at what it does as a pose",
-    ("vectors", "figures"): "a path in space is drawn, which vectors have none of",
-    ("joints", "figures"): "a path in space is drawn, which vectors have none of",
-    ("rhythms", "figures"): "a path in space is drawn, which vectors have none of",
     ("rhythms", "adapt"): "a rhythm is led by its baseline, amplitude and period instead",
 }
 """Cells that are not there, and why."""
