@@ -140,7 +140,7 @@ class PushedRun:
 
     def __init__(self, dmp: ConstrainedDMP) -> None:
         self.dmp = dmp
-        self.controller = dmp.controller(time_step=dmp.duration / dmp.steps, follows=True)
+        self.controller = Controller(dmp, time_step=dmp.duration / dmp.steps, follows=True)
         self.states: list[State] = [self.controller.reset()]
         self._held: State | None = None
         self._plans, self._let_go = 0, 0.0
