@@ -60,7 +60,7 @@ COMES_BACK = 0.8
 SILENT = 0.2
 """s without a sample after which what was measured is not known any more: the clock waits."""
 EASE = 0.05
-"""Of the duration: time constant of the clock's changes and of goals.  The attractor's own is 0.08."""
+"""Of the duration: time constant of the clock's changes and of goals; the attractor's is 0.08."""
 SLOWEST = 1e-3
 """Sigma of a clock that waits: creeping, since velocities of none could not be scaled up again."""
 LEFT = 1e-3
@@ -207,7 +207,7 @@ class SpaceController:
     @property
     def speed(self) -> float:
         """Sigma: of the motion, over its own; 1 undisturbed."""
-        return self._sigma.value
+        return float(self._sigma.value)
 
     @property
     def reason(self) -> str:
@@ -398,7 +398,8 @@ class SpaceController:
         if self.law.clock.returns:
             return 0.0
         fading = _FADED < self._force.value < self._amplitude
-        return max(self._left.needed(self.law.attractor, self._tolerances), EASE * fading)
+        needed = self._left.needed(self.law.attractor, self._tolerances)
+        return float(max(needed, EASE * fading))
 
 
 class _Moving:

@@ -12,6 +12,7 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.boundary import Boundary
 from noslip.constraints.check import residual_text
+from noslip.control import Controller
 from noslip.errors import NoslipError
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
