@@ -248,7 +248,7 @@ class ConstrainedDMP(Value):
         """Return what steps this primitive in a control loop.
 
         Of a pose that comes to an end a :class:`noslip.Controller`, which plans; of all else a
-        :class:`noslip.control.SpaceController`.
+        :class:`~noslip.control.coordinates.SpaceController`.
         """
         plans = self.law.space.is_pose and not self.law.clock.returns
         return (Controller if plans else SpaceController)(self, time_step=time_step, **options)

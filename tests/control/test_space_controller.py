@@ -216,7 +216,7 @@ def test_joints_hold_their_blade_whatever_happens(seed: int) -> None:
     for k in range(round(2.5 * dmp.duration / H)):
         robot.held = pushed <= k * H < pushed + 0.4
         if robot.held and not was_held:
-            robot.at = robot.at + rng.uniform(-0.2, 0.2, 4)
+            robot.at = robot.at + 0.2 * rng.choice([-1, 1], 4)
         was_held = robot.held
         goal = dmp.goal_position + 0.05 if k * H > pushed else None
         robot.cycle(1e-3 * rng.normal(size=4), goal)

@@ -176,10 +176,10 @@ class SpaceController:
         none = np.zeros(self.law.space.velocity_size)
         self.memory.set(begun)
         self._duration, self._amplitude, self.taken_over = begun.duration, begun.amplitude, 0
-        self._sigma, self._force = _Damped(1.0), _Damped(begun.amplitude)
+        self._sigma, self._force = _Damped(1.0, 1.0), _Damped(begun.amplitude, begun.amplitude)
         goal = np.append(begun.goal_position, begun.goal_quaternion)
         # The goal asked for; where the one that leads is besides; what the motion has left to do.
-        self._goal, self._aside, self._left = goal, _Damped(none), _Led(none)
+        self._goal, self._aside, self._left = goal, _Damped(none, 0.0), _Led(none)
         # Over the tolerance: how far off it was measured, and by no lag.
         self._off = self._beyond = 0.0
         self._clock = 0.0
@@ -367,7 +367,7 @@ class SpaceController:
                 return
         point = np.append(moved.position, moved.quaternion)
         self.memory.set(moved)
-        self._left.value = self._left.value + space.difference(point, now)
+        self._left.shift(space.difference(point, now))
         self._kept[:] = point
         self._off = float(np.abs(space.difference(measured, point) / self._tolerances).max())
         self.taken_over += 1
@@ -380,8 +380,8 @@ class SpaceController:
             return
         farther = self.law.space.difference(self._goal, goal)
         self._goal = goal
-        self._aside.value = self._aside.value + farther
-        self._left.value = self._left.value + farther
+        self._aside.shift(farther)
+        self._left.shift(farther)
 
     def _lead_goal(self, h: float) -> None:
         """Lead the goal of the law a step nearer to the one asked for."""
@@ -406,7 +406,11 @@ class _Moving:
     """What is on its way: numbers and their rate."""
 
     def __init__(self, value: Any) -> None:
-        self.value, self._rate = value, 0.0 * value
+        self.value, self._rate, self.rests = value, 0.0 * value, True
+
+    def shift(self, change: Any) -> None:
+        """Displace it."""
+        self.value, self.rests = self.value + change, False
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
@@ -418,17 +422,22 @@ class _Moving:
 
 
 class _Damped(_Moving):
-    """Leads numbers to others, critically damped; exact of any step."""
+    """Leads numbers to one, critically damped; exact of any step."""
+
+    def __init__(self, value: Any, aim: float) -> None:
+        super().__init__(value)
+        self._aim = aim
 
     def step(self, aim: float, share: float) -> bool:
         """Step, over so much of the time constant; whether it is on its way."""
-        off = self.value - aim
-        if not np.any(off) and not np.any(self._rate):
+        if self.rests and self._aim == aim:
             return False
+        off, self._aim = self.value - aim, aim
         push, decay = self._rate + off, exp(-share)
         self.value = aim + decay * (off + share * push)
         self._rate = decay * (self._rate - share * push)
-        if np.abs(off).max() < _SETTLED and np.abs(self._rate).max() < _SETTLED:
+        self.rests = bool(np.abs(off).max() < _SETTLED and np.abs(self._rate).max() < _SETTLED)
+        if self.rests:
             self.value, self._rate = aim + 0.0 * off, 0.0 * off
         return True
 
@@ -438,17 +447,18 @@ class _Led(_Moving):
 
     def step(self, attractor: Attractor, aim: Floats, share: float) -> None:
         """Step, over so much of the duration, to where the goal leads."""
-        if not (self.value.any() or self._rate.any()):
+        if self.rests:
             return
         product, gain = attractor.factors(share, share)
         self._rate = product * self._rate + gain * (aim - self.value)
         self.value = self.value + share * self._rate
-        if max(np.abs(self.value).max(), np.abs(self._rate).max()) < _SETTLED:
+        self.rests = max(np.abs(self.value).max(), np.abs(self._rate).max()) < _SETTLED
+        if self.rests:
             self.value, self._rate = 0.0 * self.value, 0.0 * self._rate
 
     def needed(self, attractor: Attractor, tolerances: Floats) -> float:
         """Of the duration, until less than :data:`LEFT` is left: ``(1 + y) exp(-y) d = LEFT``."""
-        if not (self.value.any() or self._rate.any()):
+        if self.rests:
             return 0.0
         root = (attractor.alpha**2 / 4 - attractor.stiffness) ** 0.5
         rate = attractor.alpha / 2 - complex(root).real
