@@ -128,6 +128,7 @@ def adapt(
         If the law's motion misses the goal, a via point or a hard limit, or such a limit cannot be
         kept in the duration given; the message says in which it can.
     """
+    law.require_end("adapt")
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
     if shape not in get_args(Shape):

@@ -77,6 +77,11 @@ def replan(
     Adapted
         The ``initial_state`` of its law is the state to go on from.
     """
+    law.require_end("replan")
+    if not law.space.is_pose:
+        raise InputError(
+            "replan is for poses; of coordinates, adapt to the goal with start_position=the state's"
+        )
     samples = samples_of(law.basis.count, law.steps, samples)
     require_state(state)
     system = rule.system

@@ -620,14 +620,14 @@ def _named(
 
 
 def as_system(
-    constraints: ConstraintSystem | Constraint | Sequence[Constraint], space: Space = POSE
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint], space: Space | None = None
 ) -> ConstraintSystem:
-    """Return the constraints as a system of a space; a system passes through."""
+    """Return the constraints as a system of a space, a pose's by default; a system passes."""
     if isinstance(constraints, ConstraintSystem):
-        if constraints.space != space:
+        if space not in (None, constraints.space):
             raise InputError("these constraints are a system of another space; give them alone")
         return constraints
-    return ConstraintSystem(constraints, space)
+    return ConstraintSystem(constraints, space or POSE)
 
 
 def _require_seen(constraint: Constraint, space: Space) -> None:

@@ -75,7 +75,8 @@ def export_c(
         (the loop); ``inside.h`` (what they share); ``grids.c``, where constraints look up fields
         of distances; ``NAME.h`` and ``NAME.c`` (this primitive's
         numbers); ``example.c``, ``example_replan.c``, ``example_controller.cpp``, ``test.c`` and
-        ``CMakeLists.txt``.  Of anything but a pose, planner and controller are left out.
+        ``CMakeLists.txt``.  Of anything but a pose that comes to an end, planner and controller are
+        left out.
 
     Raises
     ------
@@ -91,7 +92,7 @@ def export_c(
     texts = named(_texts(law, rule, _PLACEHOLDER), _PLACEHOLDER, name)
     instructions = _instructions(texts, name, "example", "noslip_step")
     planning = None
-    if law.space.is_pose:
+    if _plans(law):
         planning = _instructions(texts, name, "example_replan", "noslip_replan")
     more = (
         ";\n * undisturbed: who pushes is found only where a limit may stop it." if rows[1] else "."
@@ -104,7 +105,7 @@ def export_c(
         else "\n * Instructions a step were not counted (that takes a C compiler and valgrind)."
     )
     texts["noslip.h"] = c99.header(*rows, counted, law.space)
-    if law.space.is_pose:
+    if _plans(law):
         texts["replan.h"] = texts["replan.h"].replace("@BOUND@", _planning_text(planning, name))
     texts = prefixed(texts, prefix)
     folder.mkdir(parents=True, exist_ok=True)
@@ -119,6 +120,11 @@ def _planning_text(instructions: int | None, name: str) -> str:
         f"At most {instructions} instructions in any unit of a plan of {name} with 101 knots, in\n"
         " * example_replan.c (callgrind, x86-64, -O2)."
     )
+
+
+def _plans(law: Law) -> bool:
+    """Whether there is something to plan: of poses, to an end."""
+    return law.space.is_pose and not law.clock.returns
 
 
 def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
@@ -143,7 +149,7 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         "FUNCTIONS": str(law.basis.count),
         "FIT_STEPS": str(fewest_steps(law.basis.count)),
         "COLUMNS": ",".join(["t", *space.coordinates, *_quaternion_names(space)]),
-        "PLANNER": " plan.c replan.c controller.c" if space.is_pose else "",
+        "PLANNER": " plan.c replan.c controller.c" if _plans(law) else "",
         "ASIDE": "{" + ", ".join(map(repr, aside.tolist())) + "}",
         "LENGTH": repr(motion.path_length or 1.0),
     }
@@ -154,13 +160,13 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         "inside.h": c99.template("inside.h"),
         # Forces and values, without each row's own part.
         "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False, space=space),
-        **(sources(rule) | controller_sources(law, rule) if space.is_pose else {}),
+        **(sources(rule) | controller_sources(law, rule) if _plans(law) else {}),
         f"{name}.h": declared,
         f"{name}.c": numbers.text(law, rule, name),
     }
     values["GRIDS"] = " grids.c" if "grids.c" in texts else ""
     examples = ["example.c"]
-    if space.is_pose:
+    if _plans(law):
         examples += ["example_replan.c", "example_controller.cpp"]
     for file in (*examples, "test.c", "CMakeLists.txt"):
         text = c99.template(file)

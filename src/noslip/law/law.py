@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip._values import Value
+from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.clock import Clock
@@ -107,6 +108,24 @@ class Law(Value):
     def offset_weights(self) -> Floats:
         """Weights over ``alpha beta``: what they add to the goals, shape (K, n + 3 b)."""
         return self.forcing.weights / self.attractor.stiffness
+
+    def require_end(self, what: str) -> None:
+        """Refuse a rhythm, which comes to no goal.
+
+        Parameters
+        ----------
+        what : str
+            That needs one.
+
+        Raises
+        ------
+        InputError
+        """
+        if self.clock.returns:
+            raise InputError(
+                f"{what} needs a motion with an end, and a rhythm goes round for ever; give "
+                "rollout or step another goal (its baseline), amplitude or duration (its period)"
+            )
 
     def targets(
         self,

@@ -48,8 +48,7 @@ def project_pose(
     ConstraintError
         If none is found; the message names the constraints.
     """
-    given = constraints if isinstance(constraints, ConstraintSystem) else as_system(constraints)
-    system = given.of_poses
+    system = as_system(constraints).of_poses
     metric = _everything(system) if inverse_metric is None else inverse_metric
     pose, residual = _nearest_pose(system, time, position, quaternion, metric)
     if residual > _APART:

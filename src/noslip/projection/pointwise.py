@@ -112,7 +112,7 @@ def gauss_acceleration(
 
 
 def coupling(
-    constraints: ConstraintSystem,
+    constraints: ConstraintSystem | Constraint | Sequence[Constraint],
     *,
     inverse_metric: Sequence[float] | None = None,
     push: Push = "force",
@@ -125,7 +125,7 @@ def coupling(
 
     Parameters
     ----------
-    constraints : ConstraintSystem
+    constraints : ConstraintSystem or constraints
         Equalities and limits.
     inverse_metric : n + 3 b numbers
         Diagonal of M^-1; position only by default, as in the paper.
@@ -137,7 +137,8 @@ def coupling(
     Coupling
         For :class:`noslip.runtime.stepper.Stepper`; rows of equalities first.
     """
-    system, space = constraints, constraints.space
+    system = as_system(constraints)
+    space = system.space
     metric = _arguments.inverse_metric(
         position_only(space) if inverse_metric is None else inverse_metric, space.velocity_size
     )
@@ -763,7 +764,7 @@ def project_velocities(
     residual : array, shape (m,)
         Of the equalities at this pose and the projected velocities.
     """
-    system = constraints if isinstance(constraints, ConstraintSystem) else as_system(constraints)
+    system = as_system(constraints)
     n = system.space.linear
     metric = position_only(system.space) if inverse_metric is None else inverse_metric
     levels = np.array(system.row_levels, dtype=object)

@@ -122,7 +122,8 @@ class Problem:
         bending[0] += weights.position_smoothing * self.tools.lever
         self.plan = Plan(
             stage,
-            positions,
+            # C reads it row after row; a filter leaves it column after column.
+            np.ascontiguousarray(positions),
             quaternions,
             turn_weights,
             turn_slopes,
