@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,88 +16,12 @@ import numpy as np
 import pytest
 
 import noslip as ns
-from motions import planar_cut
+from kinds import KINDS, learned
 from noslip._typing import Floats
-from noslip.chain import Chain, Joint
-from noslip.constraints import JointLimits
 from noslip.constraints.check import check
 
 PAGE = Path(__file__).parents[1] / "docs" / "kinds.md"
 HELD = 1e-10
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What one kind is learned from, and what its motion is made of.
-
-    Attributes
-    ----------
-    demonstration : callable
-    limit : Constraint
-        That its motion does not touch.
-    rule : tuple of Constraint
-    options : mapping
-        Of learning.
-    """
-
-    demonstration: Callable[[], Any]
-    limit: Any
-    rule: tuple[Any, ...] = ()
-    options: dict[str, Any] = field(default_factory=dict)
-
-
-def reached(joints: int) -> ns.Trajectory:
-    """Vectors from rest to rest."""
-    s = np.linspace(0, 1, 201)
-    u = s**3 * (10 - 15 * s + 6 * s**2)
-    each = [0.5 * (k + 1) * u + 0.1 * np.sin(2 * np.pi * u) for k in range(joints)]
-    return ns.Trajectory(2 * s, np.column_stack(each), names=[f"q{k}" for k in range(joints)])
-
-
-ARM = Chain(
-    [Joint(f"j{k}", position=(length, 0, 0)) for k, length in enumerate((0.0, 0.4, 0.3, 0.2))],
-    (0.1, 0, 0),
-    name="planar",
-)
-"""Four hinges in a plane: one more than a pose of the plane takes."""
-
-
-def joint_cut() -> ns.Trajectory:
-    """Joints of that arm along a bent cut, whose edge is a little off its path."""
-    cut = planar_cut(0.3, wavering=0.1, count=101)
-    tool = cut.with_points(cut.points + [0.45, 0.1, 0, 0, 0, 0, 0])
-    joints = ARM.inverse(tool, [-0.8, 1.2, 1.0, -1.0])
-    return ns.Trajectory(tool.times, joints, ARM.joint_names, carrier=ARM)
-
-
-def loop() -> ns.Trajectory:
-    """Vectors once around a closed curve."""
-    t = np.linspace(0, 2, 201)
-    turn = np.pi * t
-    each = [np.cos(turn), np.sin(turn) + 0.2 * np.sin(2 * turn)]
-    return ns.Trajectory(t, np.column_stack(each), names=["x", "y"])
-
-
-def joint_limit(size: int) -> Any:
-    return JointLimits(lower=(-3.0,) * size, upper=(6.0,) * size)
-
-
-KINDS = {
-    "poses": Kind(
-        lambda: planar_cut(count=81),
-        ns.KeepOutSphere(center=(0.0, 0.0, 1.0), radius=0.1),
-        (ns.Blade(),),
-    ),
-    "vectors": Kind(lambda: reached(3), joint_limit(3)),
-    "joints": Kind(joint_cut, joint_limit(4), (ns.Blade(),)),
-    "rhythms": Kind(loop, joint_limit(2), (), {"rhythmic": True}),
-}
-
-
-@cache
-def learned(name: str) -> ns.ConstrainedDMP:
-    kind = KINDS[name]
-    return ns.learn(kind.demonstration(), list(kind.rule), basis_functions=30, **kind.options)
 
 
 def points(motion: Any) -> Floats:
@@ -153,17 +75,15 @@ def limits(name: str, tmp_path: Path) -> None:
 
 
 def controller(name: str, tmp_path: Path) -> None:
-    """Stepped in a loop it comes to its goal under its rule."""
+    """Stepped in a loop it comes to its goal under its rule; a rhythm goes on as in a rollout."""
     dmp = learned(name)
-    loop, residual = dmp.controller(time_step=0.01), 0.0
-    for _ in range(2 * round(dmp.duration / 0.01)):
-        if loop.done:
-            break
-        command = loop.step()
-        residual = max(residual, np.abs(command.constraint_residuals).max(initial=0))
-    assert loop.done
-    assert residual <= HELD
-    assert np.abs(command.position - dmp.goal_position).max() <= 1e-3
+    loop, returns = dmp.controller(time_step=0.01), dmp.law.clock.returns
+    commands = [loop.step() for _ in range(2 * round(dmp.duration / 0.01))]
+    assert loop.done != returns
+    residuals = [np.abs(command.constraint_residuals).max(initial=0) for command in commands]
+    assert max(residuals) <= HELD
+    motion = dmp.rollout(time_step=0.01, cycles=2 if returns else 1)
+    assert np.abs(commands[-1].position - motion.positions[-1]).max() <= 1e-3
 
 
 def export(name: str, tmp_path: Path) -> None:
@@ -197,9 +117,6 @@ ELSEWHERE = {
 }
 """Cells that many tests fill, and where."""
 OPEN = {
-    ("vectors", "controller"): "it looks at what it does as a pose",
-    ("joints", "controller"): "it looks at what it does as a pose",
-    ("rhythms", "controller"): "it looks at what it does as a pose",
     ("rhythms", "adapt"): "a rhythm is led by its baseline, amplitude and period instead",
 }
 """Cells that are not there, and why."""

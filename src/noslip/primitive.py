@@ -17,6 +17,7 @@ from noslip.adapting import Adapted, adapt, compiled, replan
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.control.controller import Controller
+from noslip.control.coordinates import SpaceController
 from noslip.document import (
     channels_to_data,
     law_to_data,
@@ -243,9 +244,14 @@ class ConstrainedDMP(Value):
     rollout_many = _method(_telling(rollout_many, tell_many))
     export_c = _method(_within_limits(export_c))
 
-    def controller(self, *, time_step: float, **options: Any) -> Controller:
-        """Return what steps this primitive in a control loop; see :class:`noslip.Controller`."""
-        return Controller(self, time_step=time_step, **options)
+    def controller(self, *, time_step: float, **options: Any) -> Controller | SpaceController:
+        """Return what steps this primitive in a control loop.
+
+        Of a pose that comes to an end a :class:`noslip.Controller`, which plans; of all else a
+        :class:`~noslip.control.coordinates.SpaceController`.
+        """
+        plans = self.law.space.is_pose and not self.law.clock.returns
+        return (Controller if plans else SpaceController)(self, time_step=time_step, **options)
 
     def compile(self) -> bool:
         """Compile the step, and what plans, and wait for it; whether a C compiler was there.

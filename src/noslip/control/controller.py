@@ -230,6 +230,11 @@ class Controller:
         real_time: bool = False,
         braking: float = 0.0,
     ) -> None:
+        if not dmp.law.space.is_pose or dmp.law.clock.returns:
+            raise InputError(
+                "Controller plans for a pose that comes to an end; dmp.controller(time_step=...) "
+                "returns what steps this primitive"
+            )
         self.law, self.rule = dmp.law, dmp.rule
         self.follows, self.replans, self.real_time = follows, replan, real_time
         self.time_step = _arguments.positive("time_step", time_step, "seconds")

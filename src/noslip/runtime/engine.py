@@ -58,6 +58,7 @@ class _Places:
         self.goal_quaternion = memory["goal_quaternion"]
         self.first_goal_position = memory["first_goal_position"]
         self.first_goal_quaternion = memory["first_goal_quaternion"]
+        self.asked = memory.span("amplitude", "first_goal_quaternion")
         self.acceleration, self.force = memory["acceleration"], memory["force"]
         self.state_size, self.velocity = table.state.size, table.velocity
         self.kick = table.step.index("kick")
@@ -230,11 +231,15 @@ class Virtual:
         self._ahead = max(1, ceil(min(1.0, law.clock.left(fraction)) * duration / time_step))
         self._table = steps_ahead(law, rule, memory.state(), self._ahead, time_step)
         self._next, self._expected = 0, (fraction, duration, time_step)
+        self._asked = memory.data[at.asked].tobytes()
 
     def step(self, time_step: float) -> None:
         """Carry the state over a step (s)."""
         data, at = self._memory.data, self._memory.at
         fraction, duration = data.item(at.fraction), data.item(at.duration)
+        if self._asked != (asked := data[at.asked].tobytes()):
+            # Rows of the table hold what was asked for when they were made.
+            self._asked, self._next = asked, len(self._table)
         count, seconds = self._law.clock.made_good(fraction, time_step, duration, self._law.steps)
         kept = data.copy() if count > 1 else data
         try:

@@ -203,7 +203,7 @@ def initial_state(
     tau = law.duration
     if duration is not None:
         tau = _arguments.positive("duration", duration, "seconds")
-    n, rotation = law.space.linear, partial(_turn, law.space)
+    n, rotation = law.space.linear, partial(turn_of, law.space)
     vector = partial(_arguments.vector, size=n)
     ends = {"goal": (goal, goal_position, goal_rotation)}
     ends["start"] = start, start_position, start_rotation
@@ -246,10 +246,10 @@ def initial_state(
         first_goal_rotation=first_rotation,
         pull_in=chosen(_arguments.not_negative, "pull_in", pull_in, rule.stabilization / tau),
     )
-    return _admissible(rule, state, project_start) if rule.system.size else state
+    return admissible(rule, state, project_start) if rule.system.size else state
 
 
-def _turn(space: Space, name: str, value: Any) -> Rotation:
+def turn_of(space: Space, name: str, value: Any) -> Rotation:
     """Check a rotation of a space with one."""
     if space.rotations == 1:
         return _arguments.rotation(name, value)
@@ -438,7 +438,7 @@ def _ahead(
     return np.concatenate(times), tables[0] if len(tables) == 1 else np.vstack(tables)
 
 
-def _admissible(rule: Rule, state: State, project: ProjectStart) -> State:
+def admissible(rule: Rule, state: State, project: ProjectStart) -> State:
     """Return the state with its velocities, or its pose too, projected onto the constraints."""
     system = rule.system
     position, quaternion = state.position, state.quaternion

@@ -12,6 +12,7 @@ from noslip import _arguments
 from noslip._typing import Floats
 from noslip.boundary import Boundary
 from noslip.constraints.check import residual_text
+from noslip.control import Controller
 from noslip.errors import NoslipError
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.metric import inverse_metric
@@ -140,7 +141,7 @@ class PushedRun:
 
     def __init__(self, dmp: ConstrainedDMP) -> None:
         self.dmp = dmp
-        self.controller = dmp.controller(time_step=dmp.duration / dmp.steps, follows=True)
+        self.controller = Controller(dmp, time_step=dmp.duration / dmp.steps, follows=True)
         self.states: list[State] = [self.controller.reset()]
         self._held: State | None = None
         self._plans, self._let_go = 0, 0.0
