@@ -1,11 +1,14 @@
-"""To and from other libraries: pytransform3d, SciPy's RigidTransform, movement_primitives.
+"""To and from other libraries: pytransform3d, SciPy's RigidTransform, movement_primitives, pydmps.
 
-Poses carry over as they are.  Primitives of movement_primitives obey the same equations with other
-basis functions; their weights are fitted anew, which leaves a difference that each function states.
+Poses carry over as they are.  Primitives of movement_primitives and pydmps obey the same equations
+with other basis functions; their weights are fitted anew, which leaves a difference that each
+function states.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,28 +23,32 @@ from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
-from noslip.law.clock import Phase
+from noslip.law.clock import Cycle, Phase
 from noslip.law.fitting import FEWEST_STEPS, MOST_BASIS_FUNCTIONS
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
-from noslip.law.layout import FORCE
 from noslip.law.points import Goal
 from noslip.law.winding import Winding
 from noslip.primitive import ConstrainedDMP
+from noslip.rule import no_rule
+from noslip.runtime.rhythm import settled
+from noslip.space import POSE, Space, vectors
 from noslip.trajectory import PoseTrajectory
 
 if TYPE_CHECKING:
-    from movement_primitives.dmp import CartesianDMP
+    from movement_primitives.dmp import DMP, CartesianDMP
 
 SAMPLES_PER_FUNCTION = 10
 """Samples of a force, of the finer basis, when it is fitted in another one."""
 WEIGHTS_PER_BASIS_FUNCTION = 2
-"""Of a CartesianDMP, whose functions are wider than ours: as many of them leave 4e-4 of the path of
+"""Of movement_primitives, whose functions are wider than ours: as many of them leave 4e-4 of the path of
 a noisy force, twice as many 3e-7."""
 BASIS_FUNCTIONS_PER_WEIGHT = 4
 """The other way: so many leave 7e-5 of the path where weights follow noise."""
 FEWEST_BASIS_FUNCTIONS = 200
 """However few the weights: so many follow their wide functions to 1e-6 of the path."""
+APART = 1e-4
+"""By so much pydmps moves a goal that is equal to its start, since its force is scaled by the way."""
 UNIT = 4 * np.finfo(np.float64).eps
 """A quaternion whose norm is 1 to within this is kept to the bit."""
 
@@ -163,24 +170,26 @@ def _check(name: str, found: Floats, what: str, good: NDArray[np.bool_], wanted:
 
 def to_movement_primitives(
     dmp: ConstrainedDMP, *, weights: int | None = None, time_step: float | None = None
-) -> CartesianDMP:
-    """Return the primitive as movement_primitives' CartesianDMP.
+) -> CartesianDMP | DMP:
+    """Return the primitive as movement_primitives' CartesianDMP, that of vectors as its DMP.
 
     Both obey ``tau^2 y'' = alpha (beta (g - y) - tau y') + f(s)``, with the same logarithm for the
     orientation, so start, goal, duration, alpha and beta carry over as they are and a new goal has
-    the same effect.  The forcing terms are not spanned by the same functions: CartesianDMP's phase
-    always falls to 0.01 and its Gaussians are 1.5 distances wide, ours fall to ``exp(-alpha_s)``
-    and are one distance wide.  Its weights are fitted to our force, densely sampled.
+    the same effect.  The forcing terms are not spanned by the same functions: theirs have a phase
+    that always falls to 0.01 and Gaussians 1.5 distances wide, ours fall to ``exp(-alpha_s)`` and
+    are one distance wide.  Its weights are fitted to our force, densely sampled.
 
     How much differs: with twice as many weights as basis functions, the default, the exact
     solutions of both are 3e-7 of the path and 1e-4 degrees apart, also for a noisy recording; with
-    as many weights 2e-7 for a smooth one and 4e-4 for a noisy one, with half as many 3e-3.  Its own
-    integration adds an error of first order: with 1000 steps 0.002 of the path and 0.2 degrees
-    where the motion is smooth, up to 0.03 and 2 degrees where it is noisy.
+    as many weights 2e-7 for a smooth one and 4e-4 for a noisy one, with half as many 3e-3.  The
+    integration of a CartesianDMP adds an error of first order: with 1000 steps 0.002 of the path
+    and 0.2 degrees where the motion is smooth, up to 0.03 and 2 degrees where it is noisy.  That of
+    a DMP (Runge and Kutta) adds 1e-6.
 
-    What does not carry over: constraints (those of a ConstrainedDMP hold in noslip only); and, in
-    ``open_loop``, the velocity at the start, which CartesianDMP always begins without.  It is
-    stored, and kept by ``cartesian.step(y, yd)`` from ``reset()`` on.
+    What does not carry over: constraints (those of a ConstrainedDMP hold in noslip only; joints
+    leave theirs and their robot behind); and, in ``open_loop``, the velocity at the start, which
+    theirs always begin without.  It is stored, and kept by ``theirs.step(y, yd)`` from ``reset()``
+    on.
 
     Parameters
     ----------
@@ -193,22 +202,32 @@ def to_movement_primitives(
 
     Returns
     -------
-    CartesianDMP
-        In seconds, meters and radians, quaternions (qw, qx, qy, qz); ``smooth_scaling`` is off.
+    CartesianDMP or DMP
+        In seconds, meters and radians, quaternions (qw, qx, qy, qz), or the coordinates' own units;
+        ``smooth_scaling`` is off.
 
     Raises
     ------
     MissingDependencyError
         If movement_primitives is not installed.
     InputError
-        If the motion turns more than 135 degrees away from its goal: noslip leads it there by a
-        goal that moves, CartesianDMP has none.
+        If it has no such primitive: of a rhythm or several tools; or if the motion turns more than
+        135 degrees away from its goal: noslip leads it there by a goal that moves, CartesianDMP has
+        none.
     """
-    cartesian_dmp = need("interop", "movement_primitives.dmp", "interop").CartesianDMP
-    if not isinstance(dmp, ConstrainedDMP):
-        raise InputError(f"dmp must be a ConstrainedDMP, got {_arguments.short(dmp)}")
-    law, tau = dmp.law, dmp.duration
-    if len(law.goal.winding.quaternions) > 1:
+    library = need("interop", "movement_primitives.dmp", "interop")
+    law = _law(dmp)
+    space, tau = law.space, dmp.duration
+    if law.clock.returns:
+        raise InputError(
+            "dmp is a rhythm, of which movement_primitives has none; to_pydmps takes those of "
+            "vectors"
+        )
+    if space.rotations and (space.linear, space.rotations) != (POSE.linear, POSE.rotations):
+        raise InputError(
+            f"dmp moves {space.rotations} tools, a CartesianDMP one; learn a primitive of each"
+        )
+    if space.rotations and len(law.goal.winding.quaternions) > 1:
         raise InputError(
             "dmp turns more than 135 degrees away from its goal, which a CartesianDMP with its "
             "fixed goal does not follow; cut the demonstration into parts that turn less"
@@ -219,21 +238,22 @@ def to_movement_primitives(
         count = _arguments.count("weights", weights, MOST_BASIS_FUNCTIONS)
         if count < 2:
             raise InputError("weights must be 2 or more, got 1")
-    step = tau / law.steps
-    if time_step is not None:
-        step = _arguments.positive("time_step", time_step, "seconds")
-    made = cartesian_dmp(
-        execution_time=tau,
-        dt=step,
-        n_weights_per_dim=count,
-        alpha_y=law.attractor.alpha,
-        beta_y=law.attractor.beta,
-    )
+    options = {
+        "execution_time": tau,
+        "dt": _step(time_step, tau / law.steps),
+        "n_weights_per_dim": count,
+        "alpha_y": law.attractor.alpha,
+        "beta_y": law.attractor.beta,
+    }
+    if space.rotations:
+        made = library.CartesianDMP(**options)
+    else:
+        made = library.DMP(space.linear, **options)
     fractions = _fractions(own, count)
     forces = law.forcing(law.clock.at(fractions))
-    for theirs, part in ((made.forcing_term_pos, "linear"), (made.forcing_term_rot, "angular")):
+    for theirs, columns in zip(_terms(made), _parts(space), strict=True):
         activations = theirs.design_matrix(fractions * tau).T
-        theirs.weights_[:, :] = _fitted(activations, forces[:, FORCE[part]]).T
+        theirs.weights_[:, :] = _fitted(activations, forces[:, columns]).T
     made.configure(
         t=0.0, start_y=law.start, start_yd=law.start_velocity / tau, goal_y=law.goal.point
     )
@@ -241,9 +261,12 @@ def to_movement_primitives(
 
 
 def from_movement_primitives(
-    dmp: CartesianDMP, *, basis_functions: int | None = None
+    dmp: CartesianDMP | DMP,
+    *,
+    basis_functions: int | None = None,
+    names: Sequence[str] | None = None,
 ) -> ConstrainedDMP:
-    """Return movement_primitives' CartesianDMP as a primitive without constraints.
+    """Return movement_primitives' CartesianDMP or DMP as a primitive without constraints.
 
     Start, goal, duration, alpha, beta and the phase carry over as they are; the weights are fitted
     to its force, densely sampled, since its Gaussians are wider (see
@@ -257,11 +280,13 @@ def from_movement_primitives(
 
     Parameters
     ----------
-    dmp : CartesianDMP
+    dmp : CartesianDMP or DMP
         With a start and a goal (``imitate`` and ``configure`` set them).  ``start_yd`` is the
         velocity the motion starts with; its own ``open_loop`` leaves it out.
     basis_functions : int, optional
         By default four a weight, 200 or more.
+    names : sequence of str, optional
+        Of the coordinates of a DMP; by default "x0", "x1", ...
 
     Returns
     -------
@@ -276,49 +301,265 @@ def from_movement_primitives(
         If start or goal are missing, a number is not finite, or alpha_y or beta_y differ between
         dimensions, which we have one of.
     """
-    if not isinstance(dmp, need("interop", "movement_primitives.dmp", "interop").CartesianDMP):
-        raise InputError(f"dmp must be a CartesianDMP, got {_arguments.short(dmp)}")
+    library = need("interop", "movement_primitives.dmp", "interop")
+    if not isinstance(dmp, (library.CartesianDMP, library.DMP)):
+        raise InputError(f"dmp must be a CartesianDMP or a DMP, got {_arguments.short(dmp)}")
+    kind = type(dmp).__name__
     tau = _arguments.positive("execution_time_", dmp.execution_time_, "seconds")
     own_step = _arguments.positive("dt_", dmp.dt_, "seconds")
-    attractor = Attractor(_single("alpha_y", dmp.alpha_y), _single("beta_y", dmp.beta_y))
-    # A CartesianDMP that was never configured has zeros in place of quaternions.
-    ends = from_pqs([0.0, tau], [dmp.start_y, dmp.goal_y], name="CartesianDMP (start, goal)")
+    attractor = Attractor(*(_single(kind, name, getattr(dmp, name)) for name in _CONSTANTS))
+    velocity = tau * _finite(kind, "start_yd", dmp.start_yd)
+    if isinstance(dmp, library.CartesianDMP):
+        if names is not None:
+            raise InputError("names: are those of a DMP's coordinates; a CartesianDMP has poses")
+        # A CartesianDMP that was never configured has zeros in place of quaternions.
+        ends = from_pqs([0.0, tau], [dmp.start_y, dmp.goal_y], name=f"{kind} (start, goal)")
+        space, (start, last) = POSE, to_pqs(ends)
+        goal = Goal(last[:3], Winding(last[None, 3:]))
+    else:
+        space = _space(names, len(velocity))
+        start, last = (_finite(kind, name, getattr(dmp, name)) for name in ("start_y", "goal_y"))
+        goal = Goal(last)
     usual = max(FEWEST_BASIS_FUNCTIONS, BASIS_FUNCTIONS_PER_WEIGHT * dmp.n_weights_per_dim)
-    count = min(usual, MOST_BASIS_FUNCTIONS)
-    if basis_functions is not None:
-        count = _arguments.count("basis_functions", basis_functions, MOST_BASIS_FUNCTIONS)
-    phase = Phase(float(dmp.forcing_term_pos.alpha_z))
-    basis = Basis(count, phase)
-    fractions = _fractions(count, dmp.n_weights_per_dim)
-    phases = phase.at(fractions)
-    activations = basis.activations(phases)
-
-    def weights(theirs: Any, way: Floats) -> Floats:
-        forces = theirs(fractions * tau).T
-        if dmp.smooth_scaling:
-            forces = forces - attractor.stiffness * np.outer(phases, way)
-        if not np.isfinite(forces).all():
-            raise InputError("CartesianDMP: a weight is not finite; imitate a demonstration first")
-        return _fitted(activations, forces)
-
-    velocity = np.array(dmp.start_yd, dtype=np.float64) * tau
-    if not np.isfinite(velocity).all():
-        raise InputError("CartesianDMP: start_yd is not finite")
-    start, goal = to_pqs(ends)
-    turn = ends.rotations[1] * ends.rotations[0].inv()
-    own = max(1, round(tau / own_step))
-    moved = weights(dmp.forcing_term_pos, goal[:3] - start[:3])
-    turned = weights(dmp.forcing_term_rot, turn.as_rotvec())
+    basis = _basis(basis_functions, usual, Phase(float(_terms(dmp)[0].alpha_z)))
+    fractions = _fractions(basis.count, dmp.n_weights_per_dim)
+    phases = basis.phase.at(fractions)
+    forces = np.vstack([theirs(fractions * tau) for theirs in _terms(dmp)]).T
+    if dmp.smooth_scaling:
+        way = space.difference(goal.point[None], start[None])[0]
+        forces = forces - attractor.stiffness * np.outer(phases, way)
+    if not np.isfinite(forces).all():
+        raise InputError(f"{kind}: a weight is not finite; imitate a demonstration first")
     law = Law(
         attractor,
-        ForcingTerm(basis, np.hstack([moved, turned])),
+        ForcingTerm(basis, _fitted(basis.activations(phases), forces)),
         start,
         velocity,
-        Goal(goal[:3], Winding(goal[None, 3:])),
+        goal,
         duration=tau,
-        steps=own * -(-FEWEST_STEPS // own),
+        steps=_enough_steps(tau / own_step),
+        space=space,
     )
-    return ConstrainedDMP(law)
+    return ConstrainedDMP(law, no_rule(space))
+
+
+_CONSTANTS = ("alpha_y", "beta_y")
+"""Of the attractor, as movement_primitives calls them."""
+
+
+def _terms(theirs: Any) -> tuple[Any, ...]:
+    """Forcing terms of a primitive of movement_primitives."""
+    if hasattr(theirs, "forcing_term_pos"):
+        return theirs.forcing_term_pos, theirs.forcing_term_rot
+    return (theirs.forcing_term,)
+
+
+def _parts(space: Space) -> tuple[slice, ...]:
+    """Columns of our force that each of them has."""
+    moved, turned = slice(space.linear), slice(space.linear, None)
+    return (moved, turned) if space.rotations else (moved,)
+
+
+# -------------------------------------------------------------------- pydmps
+
+
+def to_pydmps(
+    dmp: ConstrainedDMP, *, functions: int | None = None, time_step: float | None = None
+) -> dict[str, Any]:
+    """Return what makes pydmps' DMPs_discrete, or of a rhythm its DMPs_rhythmic, of vectors.
+
+    ``DMPs_discrete(**to_pydmps(dmp)).rollout(tau=1 / dmp.duration)`` moves alike, and of a rhythm
+    ``DMPs_rhythmic(**to_pydmps(dmp)).rollout(tau=2 * np.pi / dmp.duration)`` a period.  noslip
+    needs no pydmps for it.
+
+    Both obey the same equation, a rhythm in radians of its phase, which starts at 1 there.  Start,
+    goal, alpha, beta and alpha_s carry over as they are; the weights are fitted to our force,
+    densely sampled.
+
+    How much differs: the exact solutions are 1e-6 of the path apart for smooth motions, with as
+    many functions as ours.  Its own integration is of first order: 0.01 of the path with 500 steps,
+    twice as many half of it.
+
+    What does not carry over: constraints, those of joints as well; the velocity at the start, which
+    theirs always begins without; and the effect of a new goal, by which it stretches the motion of
+    each coordinate.  A goal equal to the start, which that cannot have, is 1e-4 off it there, and
+    reached where it is all the same.
+
+    Parameters
+    ----------
+    dmp : ConstrainedDMP
+        Of vectors or joints.
+    functions : int, optional
+        Its ``n_bfs``; by default as many as ours.
+    time_step : float, optional
+        Its ``dt`` (s); by default that of our rollouts.
+
+    Returns
+    -------
+    dict
+        Arguments by name; arrays of shape (n,), weights of shape (n, n_bfs).
+
+    Raises
+    ------
+    InputError
+        If something turns: pydmps knows vectors alone.
+    """
+    law = _law(dmp)
+    if law.space.rotations:
+        raise InputError(
+            "dmp has rotations, which pydmps has not; to_movement_primitives takes poses"
+        )
+    own, size = law.basis.count, law.space.linear
+    count = own
+    if functions is not None:
+        count = _arguments.count("functions", functions, MOST_BASIS_FUNCTIONS)
+    start, goal = law.start_position, law.goal_position
+    goal = np.where(goal == start, goal + APART, goal)
+    fractions = _fractions(own, count)
+    forces = law.forcing(law.clock.at(fractions))
+    forces = forces - law.attractor.stiffness * (goal - law.goal_position)
+    constants: dict[str, Any] = {}
+    if law.clock.returns:
+        unit = 2 * pi
+        angles = FIRST_ANGLE + unit * fractions
+        centers = unit * np.arange(count) / count
+        functions_there = np.exp(count * (np.cos(angles[:, None] - centers) - 1))
+        factor = np.ones(len(fractions))
+    else:
+        unit, constants["ax"] = 1.0, law.clock.alpha_s
+        factor = law.clock.at(fractions)
+        centers = law.clock.at(np.linspace(0, 1, count))
+        sharpness = count**1.5 / centers / law.clock.alpha_s
+        functions_there = np.exp(-sharpness * (factor[:, None] - centers) ** 2)
+        forces = forces / (goal - start)
+    activations = factor[:, None] * functions_there / functions_there.sum(axis=1)[:, None]
+    return constants | {
+        "n_dmps": size,
+        "n_bfs": count,
+        "dt": _step(time_step, dmp.duration / law.steps),
+        "y0": np.array(start),
+        "goal": goal,
+        "w": _fitted(activations, forces / unit**2).T,
+        "ay": np.full(size, law.attractor.alpha / unit),
+        "by": np.full(size, law.attractor.beta / unit),
+    }
+
+
+FIRST_ANGLE = 1.0
+"""Radians of its phase at which a rhythm of pydmps starts."""
+
+
+def from_pydmps(
+    dmp: Any,
+    *,
+    duration: float | None = None,
+    basis_functions: int | None = None,
+    names: Sequence[str] | None = None,
+) -> ConstrainedDMP:
+    """Return pydmps' DMPs_discrete or DMPs_rhythmic as a primitive without constraints.
+
+    Of what it is nothing is asked but its attributes.  Start, goal, alpha, beta and alpha_s carry
+    over; the weights are fitted to its force, densely sampled, to 1e-6 of the path.  Its own
+    rollouts are farther off, by their integration.  A new goal has our effect: it stretches
+    nothing.  A rhythm begins here on the cycle that theirs comes to, without the way there from
+    rest.
+
+    Parameters
+    ----------
+    dmp : DMPs_discrete or DMPs_rhythmic
+    duration : float, optional
+        Seconds, or of a rhythm its period; by default those of ``rollout()``, 1 and 2 pi.  Of
+        ``rollout(tau=...)`` they are divided by tau.
+    basis_functions : int, optional
+        By default as many as its, 200 or more.
+    names : sequence of str, optional
+        Of the coordinates; by default "x0", "x1", ...
+
+    Returns
+    -------
+    ConstrainedDMP
+        Without constraints; ``learn(made.rollout(), constraints)`` adds them.
+
+    Raises
+    ------
+    InputError
+        If it is none of them, a number is not finite, or ay or by differ between dimensions.
+    """
+    pattern = getattr(getattr(dmp, "cs", None), "pattern", None)
+    if pattern not in ("discrete", "rhythmic"):
+        raise InputError(
+            f"dmp must be a DMPs_discrete or a DMPs_rhythmic of pydmps, got {_arguments.short(dmp)}"
+        )
+    kind = type(dmp).__name__
+    is_cyclic = pattern == "rhythmic"
+    unit = 2 * pi if is_cyclic else 1.0
+    tau = float(dmp.cs.run_time)
+    own = tau / _arguments.positive(f"{kind}: dt", dmp.dt, "seconds")
+    if duration is not None:
+        tau = _arguments.positive("duration", duration, "seconds")
+    attractor = Attractor(*(unit * _single(kind, name, getattr(dmp, name)) for name in _ITS))
+    start, last = (_finite(kind, name, getattr(dmp, name)) for name in ("y0", "goal"))
+    space = _space(names, len(start))
+    clock = Cycle() if is_cyclic else Phase(float(dmp.cs.ax))
+    basis = _basis(basis_functions, max(FEWEST_BASIS_FUNCTIONS, dmp.n_bfs), clock)
+    fractions = _fractions(basis.count, dmp.n_bfs)
+    phases = clock.at(fractions)
+    theirs = FIRST_ANGLE + unit * fractions if is_cyclic else phases
+    functions_there = dmp.gen_psi(theirs)
+    weighed = functions_there @ np.asarray(dmp.w).T / functions_there.sum(axis=1)[:, None]
+    factors = [dmp.gen_front_term(theirs, index) for index in range(len(start))]
+    forces = unit**2 * weighed * np.column_stack(factors)
+    if not np.isfinite(forces).all():
+        raise InputError(f"{kind}: a weight is not finite; imitate a demonstration first")
+    law = Law(
+        attractor,
+        ForcingTerm(basis, _fitted(basis.activations(phases), forces)),
+        start,
+        np.zeros(len(start)),
+        Goal(last),
+        duration=tau,
+        steps=_enough_steps(own),
+        space=space,
+    )
+    rule = no_rule(space)
+    return ConstrainedDMP(settled(law, rule) if is_cyclic else law, rule)
+
+
+_ITS = ("ay", "by")
+"""Constants of the attractor, as pydmps calls them."""
+
+
+# -------------------------------------------------------------------- both
+
+
+def _law(dmp: Any) -> Law:
+    if not isinstance(dmp, ConstrainedDMP):
+        raise InputError(f"dmp must be a ConstrainedDMP, got {_arguments.short(dmp)}")
+    return dmp.law
+
+
+def _step(asked: float | None, usual: float) -> float:
+    return usual if asked is None else _arguments.positive("time_step", asked, "seconds")
+
+
+def _basis(asked: int | None, usual: int, clock: Phase | Cycle) -> Basis:
+    count = min(usual, MOST_BASIS_FUNCTIONS)
+    if asked is not None:
+        count = _arguments.count("basis_functions", asked, MOST_BASIS_FUNCTIONS)
+    return Basis(count, clock)
+
+
+def _space(names: Sequence[str] | None, size: int) -> Space:
+    called = [f"x{k}" for k in range(size)] if names is None else list(names)
+    if len(called) != size:
+        raise InputError(f"names: got {len(called)}, but dmp has {size} dimensions; give one each")
+    return vectors(called, ["1"] * size)
+
+
+def _enough_steps(own: float) -> int:
+    """Its own number of steps, multiplied until there are enough."""
+    steps = max(1, round(own))
+    return steps * -(-FEWEST_STEPS // steps)
 
 
 def _fractions(*counts: int) -> Floats:
@@ -334,11 +575,18 @@ def _fitted(activations: Floats, forces: Floats) -> Floats:
     return np.asarray(weights / scale[:, None])
 
 
-def _single(name: str, values: Floats) -> float:
-    """Return what all six dimensions share."""
+def _finite(kind: str, name: str, values: Any) -> Floats:
+    found = np.array(_arguments.numbers(f"{kind}: {name}", values), dtype=np.float64)
+    if not np.isfinite(found).all():
+        raise InputError(f"{kind}: {name} is not finite")
+    return found
+
+
+def _single(kind: str, name: str, values: Any) -> float:
+    """Return what all dimensions share."""
     if np.ptp(values) != 0.0:
         raise InputError(
-            f"CartesianDMP: {name} is {_arguments.short(values)}, and must be one number here; "
-            "learn from its rollout: learn(from_pqs(*dmp.open_loop()))"
+            f"{kind}: {name} is {_arguments.short(values)}, and must be one number here; "
+            "learn from its rollout instead"
         )
-    return float(values[0])
+    return float(np.ravel(values)[0])

@@ -83,7 +83,8 @@ def figures_of_merit(
     All figures but the forces are computed from poses alone, so that they are the same for a motion
     read back from a file.
     """
-    system = as_system(constraints)
+    space = motion.space
+    system = as_system(constraints, space)
     distances, angles = deviations(motion, reference)
     speed, angular_speed = map(_peak, motion.step_velocities())
     acceleration, angular_acceleration = map(_peak, step_accelerations(motion))
@@ -93,7 +94,7 @@ def figures_of_merit(
     slipped = [found.slip_distance for found in equalities if found.slip_distance is not None]
     force = torque = None
     if isinstance(motion, Motion) and motion.row_forces.size:
-        force, torque = map(_peak, np.split(motion.constraint_forces, 2, axis=1))
+        force, torque = map(_peak, np.split(motion.constraint_forces, [space.linear], axis=1))
     return FiguresOfMerit(
         position_rms=_rms(distances),
         path_error=float(distances.max()),

@@ -30,7 +30,7 @@ from noslip.law.channels import Channels
 from noslip.law.law import Law
 from noslip.law.scaling import scaled
 from noslip.provenance import LearningRecord, Origin, Verb
-from noslip.rule import Rule
+from noslip.rule import Rule, no_rule
 from noslip.runtime.batch import rollout_many
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, rollout, step
@@ -229,7 +229,7 @@ class ConstrainedDMP(Value):
     @property
     def regular(self) -> ConstrainedDMP:
         """The paper's first comparison: fitted to the demonstrations as they are, no coupling."""
-        return ConstrainedDMP(self.demonstrated, channels=self.channels)
+        return ConstrainedDMP(self.demonstrated, no_rule(self.law.space), channels=self.channels)
 
     @property
     def constrained(self) -> ConstrainedDMP:

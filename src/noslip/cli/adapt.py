@@ -5,6 +5,8 @@ noslip adapt excision.json --goal-position 0.05,0.01,0 --out longer.json
 noslip adapt excision.json --goal-position 0.05,0.01,0 --goal-rotation 1,0,0,0 --duration 6
 --via 0.5:0.02,0.02,0 --figure longer.png --out longer.json
 
+noslip adapt reach.json --goal-values 0.1,0.2,0.3 --out reached.json
+
 noslip adapt excision.json --goals goals.csv --figure family.png --out family/
 """
 
@@ -41,15 +43,14 @@ from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import ADAPTING
 from noslip.runtime.motion import Motion
 from noslip.saving import load_primitive
+from noslip.space import Space
 
 SUMMARY = "summary.csv"
 """In the folder, beside the primitives, none of which can have its name: they are JSON."""
 _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
 """What every file system takes for a name."""
-_COLUMNS = (POSITION, QUATERNION, ("duration",))
-"""Of numbers, in a file of goals; those of a group are there together or not at all."""
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
-"""The same, for people."""
+"""Columns of a file of goals, of poses."""
 
 Point = Annotated[str | None, options.optional("X,Y,Z", "Meters.")]
 """An option that is a position."""
@@ -79,22 +80,25 @@ def run(
         Path | None,
         options.optional(
             "FILE",
-            f"CSV with a goal a row, its columns any of {_KNOWN}.  The other options hold for all "
-            "rows.",
+            f"CSV with a goal a row, its columns any of {_KNOWN}; of vectors and joints "
+            "their names in place of the pose.  The other options hold for all rows.",
         ),
     ] = None,
     goal_position: Point = None,
     goal_rotation: Turn = None,
+    goal_values: options.PointValues = None,
     goal_velocity: Velocity = None,
     start_position: Point = None,
     start_rotation: Turn = None,
+    start_values: options.PointValues = None,
     start_velocity: Velocity = None,
     duration: Annotated[float | None, options.optional("S", "Seconds.")] = None,
     via: Annotated[
         list[str],
         options.optional(
             "AT:[X,Y,Z][,QW,QX,QY,QZ]",
-            "To pass at a fraction of the duration, 0 < AT < 1; repeatable.",
+            "To pass at a fraction of the duration, 0 < AT < 1; of vectors and joints AT:V1,V2,...; "
+            "repeatable.",
         ),
     ] = [],  # noqa: B006 - typer's way to say none
     scaling: Annotated[
@@ -146,14 +150,16 @@ def run(
         raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
     if duration is not None:
         duration = _arguments.positive("--duration", duration, "seconds")
+    dmp = load_primitive(primitive)
+    space = dmp.law.space
     asked: Options = {
-        "goal_position": options.vector("--goal-position", goal_position),
+        "goal_position": options.place("goal", goal_position, goal_values, space),
         "goal_rotation": options.rotation("--goal-rotation", goal_rotation),
-        "goal_velocity": _velocity("--goal-velocity", goal_velocity),
-        "start_position": options.vector("--start-position", start_position),
+        "goal_velocity": _velocity("--goal-velocity", goal_velocity, space),
+        "start_position": options.place("start", start_position, start_values, space),
         "start_rotation": options.rotation("--start-rotation", start_rotation),
-        "start_velocity": _velocity("--start-velocity", start_velocity),
-        "via": tuple(map(_via, via)),
+        "start_velocity": _velocity("--start-velocity", start_velocity, space),
+        "via": tuple(_via(text, space) for text in via),
         "duration": duration,
         "scaling": scaling,
         "shape": shape,
@@ -165,18 +171,19 @@ def run(
         "position_smoothing": position_smoothing,
         "rotation_smoothing": rotation_smoothing,
     }
-    dmp = load_primitive(primitive)
+    if figure is not None and not space.rotations:
+        raise InputError("--figure: draws poses; of vectors and joints use noslip plot")
     family = _Family(dmp)
     if goals is None:
         options.output(out)
         family.add(out.stem, asked, out)
         outcome = family.outcomes[0]
         result = {"primitive": str(out)} | asdict(outcome)
-        lines = [*sentences(outcome), f"wrote {out}"]
+        lines = [*sentences(outcome, family.original.unit), f"wrote {out}"]
     else:
         if out.exists() and not out.is_dir():
             raise InputError(f"--out: {out} is a file; with --goals give a folder")
-        rows = _read_goals(goals)
+        rows = _read_goals(goals, space)
         for name in next(iter(rows.values())):
             if asked[name] is not None:
                 option = f"--{name.replace('_', '-')}"
@@ -197,7 +204,7 @@ def run(
             "failed": failed,
             "goals": [asdict(outcome) for outcome in family.outcomes],
         }
-        lines = sentences_together(family.outcomes)
+        lines = sentences_together(family.outcomes, family.original.unit)
         lines.append(f"wrote {out}: {len(family.motions)} primitive(s) and {SUMMARY}")
     if figure is not None and family.motions:
         drawn = adapted_family(family.original, family.motions, family.goals, dmp.system)
@@ -233,6 +240,7 @@ class _Family:
         motion = adapted.rollout()
         self.goals[name] = _goal(adapted, asked)
         off, turned = end_errors(motion, self.goals[name])
+        turns = motion.space.rotations > 0
         merit = figures_of_merit(motion, self.original, self.dmp.system)
         hard = [c for c in self.dmp.constraints if c.priority == 0]
         report = checked(motion, hard) if hard else None
@@ -249,10 +257,10 @@ class _Family:
                 converged=True,
                 holds=report is None or report.satisfied,
                 end_position_error_m=off,
-                end_rotation_error_deg=None if turned is None else float(np.degrees(turned)),
+                end_rotation_error_deg=None if turned is None or not turns else float(np.degrees(turned)),
                 path_error_m=record.path_error,
                 residual_peak=merit.residual_peak,
-                angular_speed_peak_rad_s=peak,
+                angular_speed_peak_rad_s=peak if turns else None,
                 angular_speed_ratio=peak / before if before > 0 else None,
                 iterations=record.iterations,
                 duration_s=adapted.duration,
@@ -294,17 +302,20 @@ def _goal(dmp: ConstrainedDMP, asked: Options) -> Boundary:
     return Boundary(1.0, *given.pose_or(dmp.goal_position, dmp.goal_rotation)).part(asked["end"])
 
 
-def _velocity(option: str, text: str | None) -> Floats | str | None:
+def _velocity(option: str, text: str | None, space: Space) -> Floats | str | None:
     if text in (None, "free"):
         return text
-    values = options.numbers(option, text, (1, 3, 6))
+    counts = (1, 3, 6) if space.rotations else (1, space.linear)
+    values = options.numbers(option, text, counts)
     if not np.isfinite(values).all():
         raise InputError(f"{option}: expected finite numbers (m/s, rad/s), got {text!r}")
+    if not space.rotations:
+        return np.array(values if len(values) == space.linear else values * space.linear)
     linear, angular = twist(option, values)
     return linear if angular is None else np.concatenate([linear, angular])
 
 
-def _via(text: str) -> Boundary:
+def _via(text: str, space: Space) -> Boundary:
     at, colon, pose = text.partition(":")
     try:
         fraction = float(at if colon else "")
@@ -313,20 +324,26 @@ def _via(text: str) -> Boundary:
             "--via: expected AT:X,Y,Z, AT:QW,QX,QY,QZ or AT:X,Y,Z,QW,QX,QY,QZ with 0 < AT < 1, "
             f"got {text!r}"
         ) from None
-    count = len(options.numbers("--via", pose, (3, 4, 7)))
-    cells = pose.split(",")
-    moved, turned = (cells, []) if count == 3 else (cells[:-4], cells[-4:])
-    position = options.vector("--via", ",".join(moved) or None)
-    rotation = options.rotation("--via", ",".join(turned) or None)
+    rotation = None
+    if space.rotations:
+        count = len(options.numbers("--via", pose, (3, 4, 7)))
+        cells = pose.split(",")
+        moved, turned = (cells, []) if count == 3 else (cells[:-4], cells[-4:])
+        position = options.vector("--via", ",".join(moved) or None)
+        rotation = options.rotation("--via", ",".join(turned) or None)
+    else:
+        position = options.point("--via", pose, space)
     if not 0 < fraction < 1:
         raise InputError(f"--via: AT must be between 0 and 1, a fraction of the motion, got {at}")
     return Boundary.via((fraction, position, rotation))
 
 
-def _read_goals(path: Path) -> dict[str, Options]:
+def _read_goals(path: Path, space: Space) -> dict[str, Options]:
     """Read the goal and the duration that each row of a CSV asks for, by its name."""
     table = NamedColumns.open(path, plain=True)
-    columns = _goal_columns(table.where, table.names)
+    place = POSITION if space.rotations else space.coordinates
+    turn = QUATERNION if space.rotations else ()
+    columns = _goal_columns(table.where, table.names, [place, turn, ("duration",)])
     labelled = ("name",) if "name" in table.names else ()
     lines, of, texts = table.read(columns, labelled)
     if not lines:
@@ -334,8 +351,8 @@ def _read_goals(path: Path) -> dict[str, Options]:
     source = Source(path, "", f"columns {', '.join(QUATERNION)}", lines)
     source.check_finite({f"column {name}": values for name, values in of.items()})
     asked: Options = {}
-    if "x" in of:
-        asked["goal_position"] = np.column_stack([of[name] for name in POSITION])
+    if place[0] in of:
+        asked["goal_position"] = np.column_stack([of[name] for name in place])
     if "qw" in of:
         quaternions = np.column_stack([of[name] for name in QUATERNION])
         asked["goal_rotation"] = source.rotations(quaternions)
@@ -353,22 +370,26 @@ def _read_goals(path: Path) -> dict[str, Options]:
     }
 
 
-def _goal_columns(where: str, names: Sequence[str]) -> tuple[str, ...]:
+def _goal_columns(
+    where: str, names: Sequence[str], groups: Sequence[Sequence[str]]
+) -> tuple[str, ...]:
     """Return the columns of numbers; refuse what is unknown, twice there, or there by half."""
-    known = [name for group in _COLUMNS for name in group]
+    known = [name for group in groups for name in group]
+    told = [f"{','.join(group)} (all or none)" for group in groups if len(group) > 1]
+    listed = ", ".join([*told, *(name for group in groups if len(group) == 1 for name in group)])
     for name in filter(None, names):
         if name not in (*known, "name"):
-            raise InputError(f"{where}: column {name!r} is not known; known are {_KNOWN}")
+            raise InputError(f"{where}: column {name!r} is not known; known are {listed}, name")
         if names.count(name) > 1:
             raise InputError(f"{where}: column {name} appears twice; keep one")
-    for group in _COLUMNS:
+    for group in groups:
         missing = [name for name in group if name not in names]
         if 0 < len(missing) < len(group):
             raise InputError(
                 f"{where}: missing {', '.join(missing)}; give all of {','.join(group)} or none"
             )
     if not set(names) & set(known):
-        raise InputError(f"{where}: no column of a goal; give any of {_KNOWN}")
+        raise InputError(f"{where}: no column of a goal; give any of {listed}, name")
     return tuple(name for name in known if name in names)
 
 

@@ -8,6 +8,10 @@ noslip learn cut.csv --constraint "blade(lateral='z')" --constraint my_rules.py:
 noslip learn sensor.csv --tool-frame 0.052,0,0.013 --trim-speed 0.005 --rate 120 --lowpass 4.8
 --relative --constraint blade --out cut.json
 
+noslip learn joints.csv --robot panda --values --constraint blade --out arm.json
+
+noslip learn stirring.csv --columns x,y --rhythmic --out stirring.json
+
 noslip learn --each recordings/ --constraint blade --jobs 8 --table results.parquet
 --out primitives/
 """
@@ -23,13 +27,20 @@ import typer
 
 from noslip.cli import each as one_each
 from noslip.cli import options, output
-from noslip.constraints.check import checked, margin_text, quantity_text, residual_text
+from noslip.constraints.check import (
+    checked,
+    margin_text,
+    quantity_text,
+    residual_text,
+    with_unit,
+)
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.errors import InputError, one_line
 from noslip.learning import learn
 from noslip.merit import figures_of_merit
 from noslip.projection.request import LEARNING
 from noslip.rule import BARRIER_RATE, STABILIZATION
+from noslip.runtime.motion import Motion
 
 _MANY = "Many recordings"
 """Heading of these options in the help."""
@@ -111,6 +122,14 @@ class Learning:
             "--align",
             help="Bring several recordings into step first, by dynamic time warping (needs "
             "noslip\\[align]).",
+        ),
+    ] = False
+    rhythmic: Annotated[
+        bool,
+        typer.Option(
+            "--rhythmic",
+            help="Each recording is one period, whose last sample is the first again: the primitive "
+            "goes round for ever.",
         ),
     ] = False
     project_start: Annotated[
@@ -249,8 +268,7 @@ def run(
         typer.echo(
             f"{one_line(demonstration.name)}: {len(demonstration)} samples, "
             f"{demonstration.duration:.3g} s; the primitive stays within "
-            f"{figures['position_rms'] * 1e3:.3g} mm and "
-            f"{np.degrees(figures['rotation_rms']):.3g} degrees of it (rms)"
+            f"{_apart(figures, motion)} of it (rms)"
         )
     for record in primitive.record:
         if record.backing:
@@ -265,7 +283,16 @@ def run(
             typer.echo(f"{limit.name} of its motion: {margin_text(limit)}")
     here, there = (" ".join(f"{x:.4g}" for x in motion.positions[k]) for k in (0, -1))
     typer.echo(
-        f"from {here} to {there} m in {motion.duration:.4g} s; ends "
-        f"{quantity_text(motion.end_error, 'm')} from its goal"
+        f"from {here} to {with_unit(there, motion.unit)} in {motion.duration:.4g} s; ends "
+        f"{quantity_text(motion.end_error, motion.unit)} from its goal"
     )
     typer.echo(f"wrote {out}")
+
+
+def _apart(figures: dict[str, Any], motion: Motion) -> str:
+    """How far from a demonstration its motion stays."""
+    off = figures["position_rms"]
+    text = f"{off * 1e3:.3g} mm" if motion.unit == "m" else quantity_text(off, motion.unit)
+    if not motion.space.rotations:
+        return text
+    return f"{text} and {np.degrees(figures['rotation_rms']):.3g} degrees"

@@ -26,6 +26,7 @@ from noslip.projection.metric import Metric
 from noslip.recordings import load_demonstrations
 from noslip.recordings.bags import Integrate
 from noslip.recordings.twists import Twist
+from noslip.space import Space
 from noslip.trajectory import PoseTrajectory
 
 _ROUNDING = 4 * np.finfo(np.float64).eps
@@ -141,6 +142,15 @@ RobotModel = Annotated[
 RobotTool = Annotated[
     str | None, optional("NAME", "Site or body of --robot FILE that is the tool.", _TABLE)
 ]
+AsValues = Annotated[
+    bool,
+    typer.Option(
+        "--values",
+        help="Read columns as they are, whatever they are; with --robot, its joints, which stay "
+        "joints and carry its tool.",
+        rich_help_panel=_TABLE,
+    ),
+]
 _FAULTS = "Faults of a recording"
 """Heading of these options in the help."""
 GapsChoice = Annotated[
@@ -228,6 +238,11 @@ RotationSmoothing = Annotated[
         metavar="X", help="Of the smoothness of the rotation.", rich_help_panel=_PROJECTION
     ),
 ]
+PointValues = Annotated[
+    str | None,
+    optional("V1,V2,...", "Of vectors and joints: a number a coordinate, in its own unit."),
+]
+"""An option that is a point of what does not turn."""
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -254,6 +269,7 @@ class Where:
     rotation: RotationKind = None
     robot: RobotModel = None
     robot_tool: RobotTool = None
+    values: AsValues = False
     gaps: GapsChoice = "refuse"
     duplicates: DuplicatesChoice = "refuse"
     unsorted: UnsortedChoice = "refuse"
@@ -275,6 +291,7 @@ class Where:
             "units": [unit for unit in (self.time_unit, self.length_unit) if unit] or None,
             "rotation": self.rotation,
             "robot": None if self.robot is None else _robot(self.robot, self.robot_tool),
+            "values": self.values,
             "gaps": self.gaps,
             "duplicates": self.duplicates,
             "unsorted": self.unsorted,
@@ -450,6 +467,44 @@ def vector(option: str, text: str | None) -> Floats | None:
     if text is None:
         return None
     return _arguments.vector(option, numbers(option, text, (3,)))
+
+
+def point(option: str, text: str | None, space: Space) -> Floats | None:
+    """Return the finite numbers, one a coordinate, that an option gives of what does not turn."""
+    if text is None:
+        return None
+    if space.rotations:
+        raise InputError(
+            f"{option}: is for vectors and joints; this primitive has poses, of which give "
+            f"{option.replace('values', 'position')} and {option.replace('values', 'rotation')}"
+        )
+    found = np.array(numbers(option, text, (space.linear,)))
+    if not np.isfinite(found).all():
+        raise InputError(f"{option}: expected finite numbers, got {text!r}")
+    return found
+
+
+def place(end: str, position: str | None, values: str | None, space: Space) -> Floats | None:
+    """Return where the start or the goal is: meters of poses, or the values of all coordinates."""
+    if position is not None and values is not None:
+        raise InputError(f"--{end}-values: says what --{end}-position says; leave one of them out")
+    if values is not None:
+        return point(f"--{end}-values", values, space)
+    if position is not None and not (space.rotations or space.is_placed):
+        raise InputError(
+            f"--{end}-position: is a place in meters; this primitive moves "
+            f"{', '.join(space.coordinates)}: give --{end}-values"
+        )
+    return vector(f"--{end}-position", position)
+
+
+def require_poses(command: str, name: object, space: Space) -> None:
+    """Refuse a primitive of vectors or joints where a command is about poses."""
+    if not space.rotations:
+        raise InputError(
+            f"{name}: moves {', '.join(space.coordinates)}, and noslip {command} is about poses; "
+            "see it with noslip plot"
+        )
 
 
 def rotation(option: str, text: str | None) -> Rotation | None:

@@ -21,7 +21,8 @@ class Outcome:
     holds : bool or None
         Whether its motion keeps every constraint and hard limit.
     end_position_error_m, end_rotation_error_deg : float or None
-        From the goal to the end of the motion; None of what is left free.
+        From the goal to the end of the motion; None of what is left free.  Of vectors, as
+        ``path_error_m``, in their own unit, and nothing turns.
     path_error_m : float or None
         Farthest that the motion is from its projected path.
     residual_peak : float or None
@@ -68,16 +69,16 @@ def csv_text(outcomes: list[Outcome]) -> str:
     return records_text([field.name for field in fields(Outcome)], map(asdict, outcomes))
 
 
-def sentences(outcome: Outcome) -> list[str]:
+def sentences(outcome: Outcome, unit: str = "m") -> list[str]:
     """Say what became of one goal."""
-    return _achieved([outcome]) + ([outcome.message] if outcome.message else [])
+    return _achieved([outcome], unit) + ([outcome.message] if outcome.message else [])
 
 
-def sentences_together(outcomes: list[Outcome]) -> list[str]:
+def sentences_together(outcomes: list[Outcome], unit: str = "m") -> list[str]:
     """Say what became of several goals, and of which one something must be known."""
     done = [outcome for outcome in outcomes if outcome.converged]
     lines = [f"adapted to {len(done)} of {len(outcomes)} goals"]
-    lines += _achieved(done) if done else []
+    lines += _achieved(done, unit) if done else []
     return lines + [
         one_line(f"{outcome.name}: {'FAILED, ' if outcome.failed else ''}{outcome.message}")
         for outcome in outcomes
@@ -85,7 +86,7 @@ def sentences_together(outcomes: list[Outcome]) -> list[str]:
     ]
 
 
-def _achieved(outcomes: list[Outcome]) -> list[str]:
+def _achieved(outcomes: list[Outcome], unit: str) -> list[str]:
     """Say the largest numbers of all outcomes that have them."""
 
     def most(name: str) -> float | None:
@@ -102,12 +103,11 @@ def _achieved(outcomes: list[Outcome]) -> list[str]:
             "angular_speed_ratio",
         )
     )
-    ends = [] if off is None else [residual_text(off, "m", below="")]
+    ends = [] if off is None else [residual_text(off, unit, below="")]
     ends += [] if turned is None else [f"{turned:.3g} degrees"]
     lines = [f"ends within {' and '.join(ends)} of the goal"] if ends else []
     times = "" if ratio is None else f", {ratio:.3g} times that of the original"
-    return [
-        *lines,
-        f"residual {residual_text(residual or 0.0, '1', order='at most')}",
-        f"angular speed at most {speed:.3g} rad/s{times}",
-    ]
+    lines.append(f"residual {residual_text(residual or 0.0, '1', order='at most')}")
+    if speed is not None:
+        lines.append(f"angular speed at most {speed:.3g} rad/s{times}")
+    return lines

@@ -24,9 +24,16 @@ from matplotlib.figure import Figure
 
 from noslip.cli import options
 from noslip.errors import InputError
-from noslip.figures import compare_motions, constraint_history, learned_spread, save_figure
+from noslip.figures import (
+    compare_motions,
+    constraint_history,
+    learned_spread,
+    plot_values,
+    save_figure,
+)
 from noslip.primitive import ConstrainedDMP
 from noslip.saving import load_primitive
+from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
 
 FORMATS = (".png", ".svg", ".pdf")
@@ -71,6 +78,8 @@ def run(
 ) -> None:
     """Draw motions: position, orientation, path, and how well constraints hold over time.
 
+    Of vectors and joints, alone, the values over time.
+
     Without --constraint the constraints of the primitives among the motions are shown.  A primitive
     alone is drawn as what each of its constraints and limits does.
     """
@@ -87,6 +96,11 @@ def run(
         )
     if alone:
         (primitive,) = primitives.values()
+        if not primitive.law.space.rotations:
+            if show is not None and show is not Show.MOTION:
+                raise InputError(f"--show {show}: is of poses; of vectors give --show motion")
+            _write(plot_values(primitive.rollout(), title=title), out)
+            return
         if show is Show.SPREAD:
             _write(learned_spread(primitive, title=title), out)
             return
@@ -101,6 +115,15 @@ def run(
         shown[_label(name, shown)] = primitive.rollout()
         if not constraint:
             held = [*held, *(c for c in primitive.constraints if c not in held)]
+    vectors = [name for name, motion in shown.items() if isinstance(motion, Series)]
+    if vectors:
+        if len(shown) > 1 or constraint:
+            raise InputError(
+                f"{vectors[0]}: vectors and joints are drawn one motion at a time, without "
+                "--constraint; noslip check measures what they keep"
+            )
+        _write(plot_values(shown[vectors[0]], title=title), out)
+        return
     _write(compare_motions(shown, held, title=title), out)
 
 

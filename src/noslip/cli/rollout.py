@@ -6,6 +6,10 @@ noslip rollout excision.json --duration 8 --time-step 0.001 --out slow.csv
 
 noslip rollout excision.json --goal-position 0.05,0.01,0 --out elsewhere.csv
 
+noslip rollout reach.json --goal-values 0.1,0.2,0.3 --out reached.csv
+
+noslip rollout stirring.json --cycles 10 --out stirred.csv
+
 noslip rollout excision.json | head
 """
 
@@ -57,11 +61,18 @@ def run(
     goal_rotation: Annotated[
         str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
     ] = None,
+    goal_values: options.PointValues = None,
     start_position: Annotated[str | None, options.optional("X,Y,Z", "Meters.")] = None,
     start_rotation: Annotated[
         str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
     ] = None,
-    duration: Annotated[float | None, options.optional("S", "Seconds.")] = None,
+    start_values: options.PointValues = None,
+    duration: Annotated[
+        float | None, options.optional("S", "Seconds; of a rhythm, its period.")
+    ] = None,
+    cycles: Annotated[
+        float, typer.Option(metavar="N", help="Of a rhythm: how many periods.")
+    ] = 1.0,
     time_step: Annotated[
         float | None,
         options.optional("S", "Seconds; by default those of the plan."),
@@ -93,7 +104,7 @@ def run(
     as_json: options.AsJson = False,
     given: options.Writing = options.Writing(),  # noqa: B008 - immutable
 ) -> None:
-    """Roll a primitive out and write its motion (t,x,y,z,qw,qx,qy,qz).
+    """Roll a primitive out and write its motion (t,x,y,z,qw,qx,qy,qz, or its coordinates).
 
     Consecutive rows are the primitive's own steps.  Says which limits gave way.  Exits with 1 if
     the motion misses its goal, or violates a constraint or a hard limit that it should hold; soft
@@ -111,11 +122,12 @@ def run(
         Variant.REGULAR: dmp.regular,
     }[variant]
     motion = chosen.rollout(
-        goal_position=options.vector("--goal-position", goal_position),
+        goal_position=options.place("goal", goal_position, goal_values, dmp.law.space),
         goal_rotation=options.rotation("--goal-rotation", goal_rotation),
-        start_position=options.vector("--start-position", start_position),
+        start_position=options.place("start", start_position, start_values, dmp.law.space),
         start_rotation=options.rotation("--start-rotation", start_rotation),
         duration=duration,
+        cycles=cycles,
         time_step=time_step,
         project_start=project_start,
         pull_in=pull_in,
@@ -140,7 +152,7 @@ def run(
     elif out is not None:
         typer.echo(
             f"wrote {out}: {len(motion)} samples, {motion.duration:.4g} s; ends "
-            f"{residual_text(motion.end_error, 'm', below='less than')} from the goal"
+            f"{residual_text(motion.end_error, motion.unit, below='less than')} from the goal"
         )
         if report:
             typer.echo(str(report))
