@@ -1,4 +1,4 @@
-"""Kinds of motion, one of each: poses, vectors, joints whose tool is a blade, rhythms."""
+"""Kinds of motion, one of each: poses, vectors, joints of a blade, rhythms, two tools."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import noslip as ns
 from motions import planar_cut
 from noslip.chain import Chain, Joint
-from noslip.constraints import JointLimits
+from noslip.constraints import JointLimits, of
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,15 @@ def loop() -> ns.Trajectory:
     return ns.Trajectory(t, np.column_stack(each), names=["x", "y"])
 
 
+def tools() -> ns.Bodies:
+    """A blade that cuts, and what holds the work beside it."""
+    knife = planar_cut(count=81)
+    s = np.linspace(0, 1, len(knife))
+    u = s**3 * (10 - 15 * s + 6 * s**2)
+    aside = knife.points[:1] + np.column_stack([0.05 * u, 0.2 + 0.02 * u, *np.zeros((5, len(s)))])
+    return ns.Bodies(knife=knife, holder=knife.with_points(aside))
+
+
 def joint_limit(size: int) -> Any:
     return JointLimits(lower=(-3.0,) * size, upper=(6.0,) * size)
 
@@ -80,6 +89,11 @@ KINDS = {
     "vectors": Kind(lambda: reached(3), joint_limit(3)),
     "joints": Kind(joint_cut, joint_limit(4), (ns.Blade(),)),
     "rhythms": Kind(loop, joint_limit(2), (), {"rhythmic": True}),
+    "two tools": Kind(
+        tools,
+        of(ns.KeepOutSphere(center=(0.0, 0.0, 1.0), radius=0.1), "knife"),
+        (of(ns.Blade(), "knife"),),
+    ),
 }
 
 

@@ -25,7 +25,7 @@ import scipy
 from noslip import _arguments
 from noslip._extras import need
 from noslip._typing import Floats
-from noslip.adapting.adaptation import samples_of
+from noslip.adapting.around import samples_of
 from noslip.adapting.ends import moving, placed
 from noslip.adapting.plan import Adapted, carried_out
 from noslip.boundary import Boundary

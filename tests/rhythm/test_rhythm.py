@@ -296,3 +296,19 @@ def test_a_motion_enters_a_rhythm_with_its_twist(wheel: ns.ConstrainedDMP) -> No
     last = entering.rollout()
     apart = last.linear_velocities[-1] - begin.linear_velocity
     assert np.linalg.norm(apart) < 0.02 * np.linalg.norm(begin.linear_velocity)
+
+
+def test_a_rhythm_is_led_to_another_baseline_under_its_rule(wheel: ns.ConstrainedDMP) -> None:
+    turn = Rotation.from_euler("zx", [40, 25], degrees=True)
+    moved = np.array([0.2, -0.1, 0.05])
+    there = wheel.adapt(
+        goal_position=wheel.goal_position + moved, goal_rotation=turn * wheel.goal_rotation
+    )
+    motion, own = there.rollout(cycles=2), wheel.rollout(cycles=2)
+    assert np.abs(motion.constraint_residuals).max() < 1e-10
+    assert motion.end_error < 1e-10
+    expected = wheel.goal_position + moved + turn.apply(own.positions - wheel.goal_position)
+    # The rule asks the same of it there: a rigid motion changes nothing.
+    np.testing.assert_allclose(motion.positions, expected, rtol=0, atol=2e-4 * own.path_length)
+    with pytest.raises(InputError, match="another baseline"):
+        wheel.adapt(start_position=[0, 0, 0])

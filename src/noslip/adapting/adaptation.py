@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip.adapting import compiled
+from noslip.adapting.around import Around, samples_of
 from noslip.adapting.connecting import Connection, Shape, Way, eased
-from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
+from noslip.adapting.constants import MOST_SAMPLES
 from noslip.adapting.ends import Velocity, asked, moving, placed, require_feasible
 from noslip.adapting.impossible import require_reachable
 from noslip.adapting.plan import (
@@ -86,6 +87,7 @@ def adapt(
     goal_position, start_position : array, shape (n,), optional
         Meters, or the coordinates' own units; those of the law by default.
     goal_rotation, start_rotation : Rotation, optional
+        Of a rhythm the goal is the baseline that it goes around; a rotation turns its path along.
     goal_velocity, start_velocity : 0, array of shape (n,) or (n + 3 b,), or "free", optional
         At rest (0), or linear velocity (m/s), then angular (rad/s), world frame; projected onto
         the constraints.  By default that of the law, turned with the tool where constraints tie
@@ -128,7 +130,6 @@ def adapt(
         If the law's motion misses the goal, a via point or a hard limit, or such a limit cannot be
         kept in the duration given; the message says in which it can.
     """
-    law.require_end("adapt")
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
     if shape not in get_args(Shape):
@@ -139,6 +140,15 @@ def adapt(
         "goal": (goal_position, goal_rotation, goal_velocity),
     }
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
+    if law.clock.returns:
+        others = (*named["start"], goal_velocity, reverse, *via)
+        if any(each is not None for each in others) or (scaling, shape) != ("none", "demonstrated"):
+            raise InputError(
+                "a rhythm is led to another baseline, goal_position and goal_rotation, in another "
+                "period, duration; it starts, passes and ends nowhere else"
+            )
+        to = Around(law, rule, goal_position, goal_rotation, weights, samples)
+        return giving_time(to.planned, law, rule, duration).told()
     passed, kept = Boundary.vias(via, rule.system.space), {"start": start, "goal": end}
     task = _Task(law, rule, named, kept, passed, weights, scaling, samples)
 
@@ -379,13 +389,3 @@ class _Task:
             exact_start=exact,
             project=project,
         )
-
-
-def samples_of(functions: int, steps: int, samples: int | None) -> int:
-    """Return how many samples an adaptation to a law of so many functions and steps takes."""
-    if samples is None:
-        return min(max(steps, fewest_steps(functions)) + 1, MOST_SAMPLES)
-    samples = _arguments.count("samples", samples, MOST_SAMPLES)
-    if samples < FEWEST_SAMPLES:
-        raise InputError(f"samples must be {FEWEST_SAMPLES} or more, got {samples}")
-    return samples

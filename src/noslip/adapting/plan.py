@@ -323,7 +323,8 @@ def _fitted(trajectory: PoseTrajectory, law: Law, functions: int, steps: int) ->
             basis_functions=count,
             alpha=law.attractor.alpha,
             beta=law.attractor.beta,
-            alpha_s=law.clock.alpha_s,
+            alpha_s=law.clock.alpha_s or 1.0,
+            rhythmic=law.clock.returns,
         )
 
     return followed_with(fitted, [trajectory], functions, MOST_BASIS_FUNCTIONS)[0]

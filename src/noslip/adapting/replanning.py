@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip.adapting import compiled
-from noslip.adapting.adaptation import samples_of
+from noslip.adapting.around import samples_of
 from noslip.adapting.constants import DETOUR, FEWEST_LEFT, FEWEST_SAMPLES, LEAST_TIME, SETTLED
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
 from noslip.adapting.impossible import require_reachable

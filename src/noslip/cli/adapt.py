@@ -257,7 +257,9 @@ class _Family:
                 converged=True,
                 holds=report is None or report.satisfied,
                 end_position_error_m=off,
-                end_rotation_error_deg=None if turned is None or not turns else float(np.degrees(turned)),
+                end_rotation_error_deg=None
+                if turned is None or not turns
+                else float(np.degrees(turned)),
                 path_error_m=record.path_error,
                 residual_peak=merit.residual_peak,
                 angular_speed_peak_rad_s=peak if turns else None,
