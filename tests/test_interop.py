@@ -21,11 +21,15 @@ from noslip.errors import InputError, MissingDependencyError
 from noslip.interop import (
     from_movement_primitives,
     from_pqs,
+    from_pydmps,
     from_transforms,
     to_movement_primitives,
     to_pqs,
+    to_pydmps,
     to_transforms,
 )
+from noslip.rule import no_rule
+from noslip.runtime.rhythm import settled
 from strategies import seeds
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interop.md"
@@ -420,7 +424,7 @@ def test_what_cannot_be_converted_is_refused(theirs: Any) -> None:
         to_movement_primitives(near, time_step=0.0)
     with pytest.raises(InputError, match="dmp must be a ConstrainedDMP"):
         to_movement_primitives(theirs())
-    with pytest.raises(InputError, match="dmp must be a CartesianDMP"):
+    with pytest.raises(InputError, match="dmp must be a CartesianDMP or a DMP"):
         from_movement_primitives(near)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"CartesianDMP \(start, goal\): sample 0: .* norm is 0"):
         from_movement_primitives(theirs())
@@ -443,6 +447,250 @@ def test_the_advice_for_differing_constants_works(theirs: Any) -> None:
     fitted = learn(from_pqs(times, poses))
     found = fitted.rollout(time_step=stiffer.dt_)
     assert_apart(to_pqs(found)[:STEPS], poses[:STEPS], 1e-3, 0.1)
+
+
+# -------------------------------------------------------------------- vectors and rhythms
+
+
+def reached(seed: int, size: int = 3) -> ns.Trajectory:
+    """Waves of vectors, which neither start nor end at rest."""
+    waves = smooth(seed)
+    mixed = waves.positions @ np.random.default_rng(seed).normal(size=(3, size))
+    return ns.Trajectory(waves.times, mixed, names=[f"q{k}" for k in range(size)])
+
+
+def around(seed: int) -> ns.Trajectory:
+    """One period of two coordinates, of three harmonics."""
+    rng = np.random.default_rng(seed)
+    turn = np.linspace(0, 2 * np.pi, 401)
+    waves = [
+        sum(rng.normal() * np.cos(k * turn + rng.uniform(0, 6)) / k for k in (1, 2, 3))
+        for _ in "xy"
+    ]
+    return ns.Trajectory(turn / np.pi, np.column_stack(waves), names=["a", "b"])
+
+
+def vector_solution(
+    forces: Floats, constants: tuple[float, float], ends: tuple[Floats, Floats], velocity: Floats
+) -> Floats:
+    """Solve ``y'' = alpha (beta (g - y) - y') + f`` over 1, by Runge and Kutta, (STEPS + 1, n)."""
+    (alpha, beta), (start, goal), h = constants, ends, 1 / STEPS
+
+    def rates(force: Floats, y: Floats) -> Floats:
+        place, v = np.split(y, 2)
+        return np.concatenate([v, alpha * (beta * (goal - place) - v) + force])
+
+    y = np.concatenate([start, velocity])
+    path = [start]
+    for k in range(0, 2 * STEPS, 2):
+        a = rates(forces[k], y)
+        b = rates(forces[k + 1], y + h / 2 * a)
+        c = rates(forces[k + 1], y + h / 2 * b)
+        d = rates(forces[k + 2], y + h * c)
+        y = y + h / 6 * (a + 2 * b + 2 * c + d)
+        path.append(y[: len(start)])
+    return np.array(path)
+
+
+FRACTIONS = np.linspace(0, 1, 2 * STEPS + 1)
+
+
+def our_vectors(dmp: ConstrainedDMP) -> Floats:
+    law = dmp.law
+    forces = law.forcing(law.clock.at(FRACTIONS))
+    constants = law.attractor.alpha, law.attractor.beta
+    return vector_solution(
+        forces, constants, (law.start, law.goal_position), np.array(law.start_velocity)
+    )
+
+
+def dmp_vectors(made: Any) -> Floats:
+    """What the equations of a DMP say, not its steps."""
+    forces = made.forcing_term(FRACTIONS * made.execution_time_).T
+    alpha, beta = made.alpha_y[0], made.beta_y[0]
+    if made.smooth_scaling:
+        phases = made.forcing_term.phase(FRACTIONS * made.execution_time_)
+        forces = forces - alpha * beta * np.outer(phases, made.goal_y - made.start_y)
+    velocity = made.start_yd * made.execution_time_
+    return vector_solution(forces, (alpha, beta), (made.start_y, made.goal_y), velocity)
+
+
+def pydmps_vectors(made: Any, velocity: Floats) -> Floats:
+    """What its equations say, not its steps; time and phase of a rhythm are in radians there."""
+    is_rhythm = made.cs.pattern == "rhythmic"
+    unit = 2 * np.pi if is_rhythm else 1.0
+    phases = 1 + unit * FRACTIONS if is_rhythm else np.exp(-made.cs.ax * FRACTIONS)
+    psi = made.gen_psi(phases)
+    forces = np.column_stack(
+        [
+            made.gen_front_term(phases, d) * (psi @ made.w[d]) / psi.sum(axis=1)
+            for d in range(made.n_dmps)
+        ]
+    )
+    constants = unit * made.ay[0], unit * made.by[0]
+    return vector_solution(unit**2 * forces, constants, (made.y0, made.goal), velocity)
+
+
+def share_apart(a: Floats, b: Floats) -> float:
+    """Largest distance, in lengths of b's path."""
+    length = np.linalg.norm(np.diff(b, axis=0), axis=1).sum()
+    return float(np.linalg.norm(a - b, axis=1).max() / length)
+
+
+@pytest.fixture(scope="module")
+def their_dmp() -> Any:
+    return pytest.importorskip("movement_primitives.dmp", reason="interop extra").DMP
+
+
+@pytest.fixture(scope="module")
+def pydmps() -> dict[str, Any]:
+    reason = "pip install pydmps"
+    discrete = pytest.importorskip("pydmps.dmp_discrete", reason=reason).DMPs_discrete
+    rhythmic = pytest.importorskip("pydmps.dmp_rhythmic", reason=reason).DMPs_rhythmic
+    return {"discrete": discrete, "rhythmic": rhythmic}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_vectors_move_alike_in_their_dmp_and_come_back(their_dmp: Any, seed: int) -> None:
+    dmp = learn(reached(seed))
+    made = to_movement_primitives(dmp)
+    assert isinstance(made, their_dmp)
+    assert share_apart(dmp_vectors(made), our_vectors(dmp)) < 1e-7
+    off = []
+    for steps in (STEPS, 2 * STEPS):
+        made.dt_ = dmp.duration / steps
+        off.append(share_apart(their_steps(made)[:: steps // STEPS], our_vectors(dmp)))
+    # Their steps take the force of a step later.
+    assert off[0] < 6e-3
+    assert 1.7 < off[0] / off[1] < 2.3
+    back = from_movement_primitives(made, names=["q0", "q1", "q2"])
+    assert back.law.space == dmp.law.space
+    assert share_apart(back.rollout().values, dmp.rollout().values) < 1e-6
+
+
+def test_imitations_of_vectors_carry_over(their_dmp: Any) -> None:
+    demonstration = reached(3)
+    for options in ({}, {"smooth_scaling": True}):
+        dmp = their_dmp(
+            3,
+            execution_time=2.0,
+            dt=2.0 / STEPS,
+            n_weights_per_dim=40,
+            alpha_y=20.0,
+            beta_y=5.0,
+            **options,
+        )
+        dmp.imitate(demonstration.clock, demonstration.values)
+        made = from_movement_primitives(dmp)
+        assert made.law.space.coordinates == ("x0", "x1", "x2")
+        assert share_apart(our_vectors(made), dmp_vectors(dmp)) < 1e-6
+        assert share_apart(dmp.open_loop()[1][: STEPS + 1], our_vectors(made)) < 6e-3
+
+
+@pytest.mark.parametrize("functions", [None, 40, 200])
+def test_vectors_carry_over_to_pydmps_and_back(
+    pydmps: dict[str, Any], functions: int | None
+) -> None:
+    dmp = learn(reached(4))
+    made = pydmps["discrete"](**to_pydmps(dmp, functions=functions))
+    ours = our_vectors(dmp)
+    assert share_apart(pydmps_vectors(made, dmp.law.start_velocity), ours) < 5e-6
+    back = from_pydmps(made, duration=dmp.duration, names=["q0", "q1", "q2"])
+    assert back.law.space == dmp.law.space
+    assert back.duration == dmp.duration
+    assert np.array_equal(back.start_position, dmp.start_position)
+    at_rest = pydmps_vectors(made, np.zeros(3))
+    assert share_apart(our_vectors(back), at_rest) < 1e-6
+
+
+def test_steps_of_pydmps_come_nearer_with_the_step(pydmps: dict[str, Any]) -> None:
+    s = np.linspace(0, 1, 401)
+    u = s**3 * (10 - 15 * s + 6 * s**2)
+    rest_to_rest = np.column_stack([u, np.sin(2 * np.pi * u), 0.3 * u])
+    dmp = learn(ns.Trajectory(2 * s, rest_to_rest))
+    expected, off = our_vectors(dmp), []
+    for steps in (500, 1000):
+        made = pydmps["discrete"](**to_pydmps(dmp, time_step=dmp.duration / steps))
+        path = made.rollout(tau=1 / dmp.duration, timesteps=steps)[0]
+        off.append(share_apart(path[steps // STEPS - 1 :: steps // STEPS], expected[1:]))
+    assert off[0] < 0.01
+    assert 1.7 < off[0] / off[1] < 2.3
+
+
+def test_a_goal_at_the_start_is_reached_in_pydmps_too(pydmps: dict[str, Any]) -> None:
+    s = np.linspace(0, 1, 401)
+    u = s**3 * (10 - 15 * s + 6 * s**2)
+    loop = np.column_stack([np.sin(np.pi * u) ** 2, u])
+    dmp = learn(ns.Trajectory(2 * s, loop))
+    assert dmp.start_position[0] == pytest.approx(dmp.goal_position[0], abs=1e-12)
+    options = to_pydmps(dmp)
+    made = pydmps["discrete"](**options)
+    assert np.array_equal(made.goal, options["goal"])
+    assert share_apart(pydmps_vectors(made, dmp.law.start_velocity), our_vectors(dmp)) < 1e-6
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_rhythms_carry_over_to_pydmps_and_back(pydmps: dict[str, Any], seed: int) -> None:
+    dmp = learn(around(seed), rhythmic=True)
+    made = pydmps["rhythmic"](**to_pydmps(dmp))
+    ours = our_vectors(dmp)
+    assert share_apart(pydmps_vectors(made, dmp.law.start_velocity), ours) < 1e-9
+    # Their steps start at rest, and are on the cycle some periods later.
+    per_period = dmp.steps
+    path = made.rollout(tau=2 * np.pi / dmp.duration, timesteps=4 * per_period)[0]
+    found = path[3 * per_period - 1 :][: per_period + 1]
+    assert share_apart(found, dmp.rollout(time_step=dmp.duration / per_period).values) < 0.02
+    back = from_pydmps(made, duration=dmp.duration, names=["a", "b"])
+    assert back.law.clock == dmp.law.clock
+    assert share_apart(our_vectors(back), ours) < 1e-5
+    cycles = back.rollout(cycles=3).values
+    np.testing.assert_allclose(cycles[-1], cycles[0], rtol=0, atol=1e-9)
+
+
+def test_imitations_of_pydmps_carry_over(pydmps: dict[str, Any]) -> None:
+    demonstration = reached(5, 2)
+    made = pydmps["discrete"](n_dmps=2, n_bfs=50, dt=1 / STEPS)
+    made.imitate_path(demonstration.values.T)
+    found = from_pydmps(made)
+    assert found.duration == 1.0
+    assert found.law.attractor == learn(demonstration, basis_functions=5).law.attractor
+    assert share_apart(our_vectors(found), pydmps_vectors(made, np.zeros(2))) < 1e-6
+    rhythm = pydmps["rhythmic"](n_dmps=2, n_bfs=30, dt=0.01)
+    rhythm.imitate_path(around(1).values.T)
+    law = from_pydmps(rhythm).law
+    assert law.duration == 2 * np.pi
+    assert settled(law, no_rule(law.space)).start == pytest.approx(law.start, abs=1e-9)
+
+
+def test_what_has_no_counterpart_is_refused_in_a_line(their_dmp: Any) -> None:
+    rhythm = learn(around(1), rhythmic=True, basis_functions=20)
+    with pytest.raises(InputError, match="rhythm, of which movement_primitives has none"):
+        to_movement_primitives(rhythm)
+    with pytest.raises(InputError, match="dmp has rotations, which pydmps has not"):
+        to_pydmps(learn(smooth(1), basis_functions=10))
+    with pytest.raises(InputError, match="dmp must be a DMPs_discrete or a DMPs_rhythmic"):
+        from_pydmps(rhythm)
+    vectors = to_movement_primitives(learn(reached(1), basis_functions=20))
+    with pytest.raises(InputError, match="names: got 2, but dmp has 3 dimensions"):
+        from_movement_primitives(vectors, names=["a", "b"])
+    vectors.start_y[1] = np.nan
+    with pytest.raises(InputError, match="DMP: start_y is not finite"):
+        from_movement_primitives(vectors)
+    uneven = their_dmp(2, alpha_y=[25.0, 30.0])
+    with pytest.raises(InputError, match=r"alpha_y .*learn\(ns.Trajectory\(\*dmp.open_loop"):
+        from_movement_primitives(uneven)
+
+
+def test_what_pydmps_cannot_hand_over_is_refused(pydmps: dict[str, Any]) -> None:
+    made = pydmps["discrete"](n_dmps=2, n_bfs=5)
+    made.w[1, 2] = np.nan
+    with pytest.raises(InputError, match="DMPs_discrete: a weight is not finite"):
+        from_pydmps(made)
+    uneven = pydmps["discrete"](n_dmps=2, n_bfs=5, ay=np.array([25.0, 30.0]))
+    with pytest.raises(InputError, match=r"DMPs_discrete: ay is .* one number here"):
+        from_pydmps(uneven)
+    with pytest.raises(InputError, match="duration must be a positive"):
+        from_pydmps(pydmps["discrete"](n_dmps=2, n_bfs=5), duration=0.0)
 
 
 # -------------------------------------------------------------------- the page

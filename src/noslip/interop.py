@@ -41,14 +41,17 @@ if TYPE_CHECKING:
 SAMPLES_PER_FUNCTION = 10
 """Samples of a force, of the finer basis, when it is fitted in another one."""
 WEIGHTS_PER_BASIS_FUNCTION = 2
-"""Of movement_primitives, whose functions are wider than ours: as many of them leave 4e-4 of the path of
-a noisy force, twice as many 3e-7."""
+"""Of movement_primitives, whose functions are wider than ours: as many of them leave 4e-4 of the
+path of a noisy force, twice as many 3e-7."""
 BASIS_FUNCTIONS_PER_WEIGHT = 4
 """The other way: so many leave 7e-5 of the path where weights follow noise."""
 FEWEST_BASIS_FUNCTIONS = 200
 """However few the weights: so many follow their wide functions to 1e-6 of the path."""
 APART = 1e-4
-"""By so much pydmps moves a goal that is equal to its start, since its force is scaled by the way."""
+"""By so much pydmps moves a goal that is equal to its start: its force is scaled by the way."""
+LEAST_APART = 1e-9
+"""Share of their size by which functions of pydmps must differ from each other: they are so wide
+that the weights of all would be 1e13, and a step lose what it sums."""
 UNIT = 4 * np.finfo(np.float64).eps
 """A quaternion whose norm is 1 to within this is kept to the bit."""
 
@@ -181,10 +184,9 @@ def to_movement_primitives(
 
     How much differs: with twice as many weights as basis functions, the default, the exact
     solutions of both are 3e-7 of the path and 1e-4 degrees apart, also for a noisy recording; with
-    as many weights 2e-7 for a smooth one and 4e-4 for a noisy one, with half as many 3e-3.  The
-    integration of a CartesianDMP adds an error of first order: with 1000 steps 0.002 of the path
-    and 0.2 degrees where the motion is smooth, up to 0.03 and 2 degrees where it is noisy.  That of
-    a DMP (Runge and Kutta) adds 1e-6.
+    as many weights 2e-7 for a smooth one and 4e-4 for a noisy one, with half as many 3e-3.  Its own
+    integration adds an error of first order: with 1000 steps 0.002 of the path and 0.2 degrees
+    where the motion is smooth, up to 0.03 and 2 degrees where it is noisy.
 
     What does not carry over: constraints (those of a ConstrainedDMP hold in noslip only; joints
     leave theirs and their robot behind); and, in ``open_loop``, the velocity at the start, which
@@ -254,9 +256,9 @@ def to_movement_primitives(
     for theirs, columns in zip(_terms(made), _parts(space), strict=True):
         activations = theirs.design_matrix(fractions * tau).T
         theirs.weights_[:, :] = _fitted(activations, forces[:, columns]).T
-    made.configure(
-        t=0.0, start_y=law.start, start_yd=law.start_velocity / tau, goal_y=law.goal.point
-    )
+    # Theirs to write to; ours are not.
+    start, goal = np.array(law.start), np.array(law.goal.point)
+    made.configure(t=0.0, start_y=start, start_yd=law.start_velocity / tau, goal_y=goal)
     return made
 
 
@@ -307,9 +309,13 @@ def from_movement_primitives(
     kind = type(dmp).__name__
     tau = _arguments.positive("execution_time_", dmp.execution_time_, "seconds")
     own_step = _arguments.positive("dt_", dmp.dt_, "seconds")
-    attractor = Attractor(*(_single(kind, name, getattr(dmp, name)) for name in _CONSTANTS))
+    poses = isinstance(dmp, library.CartesianDMP)
+    instead = f": learn({'from_pqs' if poses else 'ns.Trajectory'}(*dmp.open_loop()))"
+    attractor = Attractor(
+        *(_single(kind, name, getattr(dmp, name), instead) for name in _CONSTANTS)
+    )
     velocity = tau * _finite(kind, "start_yd", dmp.start_yd)
-    if isinstance(dmp, library.CartesianDMP):
+    if poses:
         if names is not None:
             raise InputError("names: are those of a DMP's coordinates; a CartesianDMP has poses")
         # A CartesianDMP that was never configured has zeros in place of quaternions.
@@ -439,7 +445,7 @@ def to_pydmps(
         "dt": _step(time_step, dmp.duration / law.steps),
         "y0": np.array(start),
         "goal": goal,
-        "w": _fitted(activations, forces / unit**2).T,
+        "w": _fitted(activations, forces / unit**2, LEAST_APART).T,
         "ay": np.full(size, law.attractor.alpha / unit),
         "by": np.full(size, law.attractor.beta / unit),
     }
@@ -567,11 +573,14 @@ def _fractions(*counts: int) -> Floats:
     return np.linspace(0.0, 1.0, SAMPLES_PER_FUNCTION * max(counts) + 1)
 
 
-def _fitted(activations: Floats, forces: Floats) -> Floats:
-    """Weights, shape (K, d), of the least squares fit to forces, shape (N, d)."""
+def _fitted(activations: Floats, forces: Floats, apart: float | None = None) -> Floats:
+    """Weights, shape (K, d), of the least squares fit to forces, shape (N, d).
+
+    What of the functions is less apart from the others than a share of their size is left out.
+    """
     # Activations shrink with the phase, to a hundredth: scaled, so that no function counts as null.
     scale = np.linalg.norm(activations, axis=0)
-    weights = lstsq(activations / scale, forces, lapack_driver="gelsy")[0]
+    weights = lstsq(activations / scale, forces, cond=apart, lapack_driver="gelsy")[0]
     return np.asarray(weights / scale[:, None])
 
 
@@ -582,11 +591,11 @@ def _finite(kind: str, name: str, values: Any) -> Floats:
     return found
 
 
-def _single(kind: str, name: str, values: Any) -> float:
-    """Return what all dimensions share."""
+def _single(kind: str, name: str, values: Any, instead: str = "") -> float:
+    """Return what all dimensions share; else say how to go on instead."""
     if np.ptp(values) != 0.0:
         raise InputError(
             f"{kind}: {name} is {_arguments.short(values)}, and must be one number here; "
-            "learn from its rollout instead"
+            f"learn from its rollout{instead}"
         )
     return float(np.ravel(values)[0])

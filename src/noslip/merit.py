@@ -15,6 +15,7 @@ from noslip.constraints.edge_motion import edge_steps
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.runtime.motion import Motion
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 from noslip.verification import deviations
 
 
@@ -119,8 +120,11 @@ def figures_of_merit(
 
 def slowest_edge_speed(motion: PoseTrajectory, system: ConstraintSystem) -> float | None:
     """Least speed of a step along the edge that a constraint names (m/s), if one does."""
-    tool = system.edged
-    return None if tool is None else float(edge_steps(motion, tool).forward_speed.min())
+    edge = system.edged
+    if edge is None:
+        return None
+    posed = motion.tool if isinstance(motion, Trajectory) else motion
+    return float(edge_steps(posed, edge).forward_speed.min())
 
 
 def _rms(values: Floats) -> float:

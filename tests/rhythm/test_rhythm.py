@@ -299,7 +299,7 @@ def test_a_motion_enters_a_rhythm_with_its_twist(wheel: ns.ConstrainedDMP) -> No
 
 
 def test_a_rhythm_is_led_to_another_baseline_under_its_rule(wheel: ns.ConstrainedDMP) -> None:
-    turn = Rotation.from_euler("zx", [40, 25], degrees=True)
+    turn = Rotation.from_euler("z", 40, degrees=True)
     moved = np.array([0.2, -0.1, 0.05])
     there = wheel.adapt(
         goal_position=wheel.goal_position + moved, goal_rotation=turn * wheel.goal_rotation

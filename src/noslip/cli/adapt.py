@@ -97,8 +97,8 @@ def run(
         list[str],
         options.optional(
             "AT:[X,Y,Z][,QW,QX,QY,QZ]",
-            "To pass at a fraction of the duration, 0 < AT < 1; of vectors and joints AT:V1,V2,...; "
-            "repeatable.",
+            "To pass at a fraction of the duration, 0 < AT < 1; of vectors and joints "
+            "AT:V1,V2,...; repeatable.",
         ),
     ] = [],  # noqa: B006 - typer's way to say none
     scaling: Annotated[
@@ -241,6 +241,7 @@ class _Family:
         self.goals[name] = _goal(adapted, asked)
         off, turned = end_errors(motion, self.goals[name])
         turns = motion.space.rotations > 0
+        turned = turned if turns else None
         merit = figures_of_merit(motion, self.original, self.dmp.system)
         hard = [c for c in self.dmp.constraints if c.priority == 0]
         report = checked(motion, hard) if hard else None
@@ -257,9 +258,7 @@ class _Family:
                 converged=True,
                 holds=report is None or report.satisfied,
                 end_position_error_m=off,
-                end_rotation_error_deg=None
-                if turned is None or not turns
-                else float(np.degrees(turned)),
+                end_rotation_error_deg=None if turned is None else float(np.degrees(turned)),
                 path_error_m=record.path_error,
                 residual_peak=merit.residual_peak,
                 angular_speed_peak_rad_s=peak if turns else None,

@@ -128,8 +128,8 @@ class Learning:
         bool,
         typer.Option(
             "--rhythmic",
-            help="Each recording is one period, whose last sample is the first again: the primitive "
-            "goes round for ever.",
+            help="Each recording is one period, whose last sample is the first again: the "
+            "primitive goes round for ever.",
         ),
     ] = False
     project_start: Annotated[

@@ -490,7 +490,7 @@ def place(end: str, position: str | None, values: str | None, space: Space) -> F
         raise InputError(f"--{end}-values: says what --{end}-position says; leave one of them out")
     if values is not None:
         return point(f"--{end}-values", values, space)
-    if position is not None and not (space.rotations or space.is_placed):
+    if position is not None and not (space.bodies and space.is_placed):
         raise InputError(
             f"--{end}-position: is a place in meters; this primitive moves "
             f"{', '.join(space.coordinates)}: give --{end}-values"

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 from matplotlib.figure import Figure
@@ -99,7 +99,7 @@ def run(
         if not primitive.law.space.rotations:
             if show is not None and show is not Show.MOTION:
                 raise InputError(f"--show {show}: is of poses; of vectors give --show motion")
-            _write(plot_values(primitive.rollout(), title=title), out)
+            _write(_values(primitive.rollout(), title), out)
             return
         if show is Show.SPREAD:
             _write(learned_spread(primitive, title=title), out)
@@ -115,16 +115,20 @@ def run(
         shown[_label(name, shown)] = primitive.rollout()
         if not constraint:
             held = [*held, *(c for c in primitive.constraints if c not in held)]
-    vectors = [name for name, motion in shown.items() if isinstance(motion, Series)]
+    vectors = [name for name, motion in shown.items() if not motion.space.rotations]
     if vectors:
         if len(shown) > 1 or constraint:
             raise InputError(
                 f"{vectors[0]}: vectors and joints are drawn one motion at a time, without "
                 "--constraint; noslip check measures what they keep"
             )
-        _write(plot_values(shown[vectors[0]], title=title), out)
+        _write(_values(shown[vectors[0]], title), out)
         return
     _write(compare_motions(shown, held, title=title), out)
+
+
+def _values(motion: PoseTrajectory, title: str | None) -> Figure:
+    return plot_values(cast("Series", motion), title=title)
 
 
 def _history(primitive: ConstrainedDMP, title: str | None) -> Figure:

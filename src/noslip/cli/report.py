@@ -19,6 +19,7 @@ import typer
 from noslip.cli import options, output
 from noslip.reporting import report, write_report
 from noslip.reporting.document import checked_path
+from noslip.saving import load_primitive
 from noslip.trajectory import PoseTrajectory
 
 
@@ -48,6 +49,7 @@ def run(
     """
     for path in out:
         checked_path(options.output(path) or path)
+    options.require_poses("report", primitive, load_primitive(primitive).law.space)
     demonstrations: list[PoseTrajectory] = []
     if recordings:
         demonstrations = given.load(recordings)

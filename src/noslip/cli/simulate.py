@@ -117,6 +117,7 @@ def run(
     if bag is not None:
         _refuse(bag)
     dmp = load_primitive(primitive)
+    options.require_poses("simulate", primitive, dmp.law.space)
     arm = robots.named(robot, model=model, tool=tool)
     motion = dmp.rollout(duration=duration, time_step=robots.TIME_STEP)
     placed = None

@@ -82,7 +82,9 @@ def run(
     if recordings:
         for trajectory in given.load(recordings):
             shown[trajectory.name] = trajectory
-    shown |= {name: load_primitive(name) for name in primitives}
+    for name in primitives:
+        shown[name] = load_primitive(name)
+        options.require_poses("view", name, shown[name].law.space)
 
     # Only now: without a page to show, nobody needs viser.
     from noslip.viewer import Page, load_tool, read_simulation, save_page

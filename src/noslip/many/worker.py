@@ -14,7 +14,6 @@ import numpy as np
 
 from noslip._version import __version__
 from noslip.constraints.catalog import restore
-from noslip.constraints.system import ConstraintSystem
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError, NoslipError, NoslipWarning
 from noslip.learning import learn
@@ -36,7 +35,7 @@ class Worker:
                 f"a worker runs noslip {__version__}, this is {self.asked['noslip']}; install the "
                 "same version on both"
             )
-        self.system = ConstraintSystem([restore(data) for data in self.asked["constraints"]])
+        self.constraints = [restore(data) for data in self.asked["constraints"]]
 
     def learn(self, name: str, file: Path, primitive: Path | None) -> RecordingResult:
         begin = perf_counter()
@@ -66,14 +65,14 @@ class Worker:
         if len(loaded) != 1:
             raise InputError(f"{file}: holds {len(loaded)} recordings; give files with one each")
         demonstration = prepare(loaded[0], **self.asked["preparation"])
-        dmp = learn(demonstration, self.system, **self.asked["options"])
+        dmp = learn(demonstration, self.constraints, **self.asked["options"])
         figures = self._compared(dmp, demonstration)
         if primitive is not None:
             dmp.save(primitive)
         return figures
 
     def _compared(self, dmp: ConstrainedDMP, demonstration: PoseTrajectory) -> dict[str, Any]:
-        system = self.system
+        system = dmp.system
         motion = dmp.rollout()
         merit = figures_of_merit(motion, demonstration, system)
         recorded = figures_of_merit(demonstration, demonstration, system)
