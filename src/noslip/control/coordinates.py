@@ -253,7 +253,8 @@ class SpaceController:
         Raises
         ------
         InputError
-            If an argument is not of its kind, or the step is not finite; the state is as it was.
+            If an argument is not of its kind; nothing has changed then.  Or if the step is not
+            finite, which no argument makes it within the range of what can be computed with.
         """
         h = self.time_step
         if time_step is not None:
@@ -301,7 +302,7 @@ class SpaceController:
         waits = left <= share and self._needed() > 0
         if waits:
             # Each step is whole, though the phase does not come so far.
-            data[at.fraction] = 1 - share
+            data[at.fraction] = max(0.0, 1 - share)
             # What there leads to the end, or past it, would lead away while it is repeated.
             self._force.step(0.0, share / EASE)
             data[at.amplitude] = self._force.value
