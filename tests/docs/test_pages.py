@@ -53,6 +53,7 @@ ELSEWHERE = {
     "git clone": "needs the network",
     "python -m benchmarks.obstacles": "takes minutes; tests/benchmarks has a cut of it",
     "python -m benchmarks.improving": "takes minutes; tests/test_improving.py has what it asserts",
+    "python -m benchmarks.distributions": "takes an hour; tests/benchmarks has a cut of it",
     "python -m benchmarks.filters": "reads recordings that lie beside the repository",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",

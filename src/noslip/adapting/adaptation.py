@@ -130,11 +130,6 @@ def adapt(
         If the law's motion misses the goal, a via point or a hard limit, or such a limit cannot be
         kept in the duration given; the message says in which it can.
     """
-    if law.clock.returns:
-        raise InputError(
-            "a rhythm has no end to adapt: give rollout another goal (its baseline), amplitude or "
-            "duration (its period)"
-        )
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
     if shape not in get_args(Shape):
