@@ -131,14 +131,15 @@ def test_what_was_pushed_and_stays_is_led_back(when: float, seed: int) -> None:
     for k in range(round(4 * dmp.duration / H)):
         if pushed <= k * H < pushed + held:
             if place is None:
-                place = robot.at + 0.2 * np.sign(rng.normal(size=3))
+                # Off the path: what is pushed along it is just early, or late.
+                place = robot.at + 0.2 * rng.choice([-1, 1]) * np.array([1, -1, 1])
             robot.at, robot.held = place, True
         else:
             robot.held = False
         robot.cycle()
         if loop.done and place is not None and not robot.held:
             break
-    assert loop.taken_over == 1
+    assert loop.taken_over >= 1
     assert loop.done
     assert np.abs(robot.at - dmp.goal_position).max() <= 1e-3
     assert loop.speed > 0.99
