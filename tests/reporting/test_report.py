@@ -507,11 +507,15 @@ def test_each_option_of_python_is_one_of_the_command(group, function):
     names = {name for name, p in known.items() if p.kind is p.KEYWORD_ONLY and name != "progress"}
     if group is None:
         offered = set(inspect.signature(adapt.run).parameters)
-        assert names <= offered
-        assert offered - names == {"primitive", "out", "goals", "figure", "as_json"}
+        # A point as a whole is told there by its parts, or as values.
+        own = {"primitive", "out", "goals", "figure", "as_json", "goal_values", "start_values"}
+        assert names - offered == {"goal"}
+        assert offered - names == own
     else:
         defaults = {f.name: f.default for f in dataclasses.fields(group)}
-        assert set(defaults) == names
+        # The robot is told where the joints are read; a distribution is for Python.
+        assert names - set(defaults) == {"robot", "distribution", "context"}
+        assert set(defaults) <= names
         assert all(known[name].default == default for name, default in defaults.items())
 
 
