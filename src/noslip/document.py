@@ -22,6 +22,7 @@ from noslip._typing import Floats
 from noslip._version import __version__
 from noslip.chain import Chain
 from noslip.constraints.catalog import restore, specification
+from noslip.constraints.declaration import MOST_COORDINATES
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
 from noslip.law.attractor import Attractor
@@ -48,8 +49,6 @@ MOST_BYTES = 2**25
 """Of a JSON file: ten times what the largest primitive takes, and read in a gigabyte."""
 MOST_DEEP = 8
 """Lists in lists, of options: twice as many as any takes."""
-MOST_COORDINATES = 1000
-"""Of a space; nothing that steps in a millisecond has as many."""
 SHORTEST = 1e-9
 """Of a duration (s): below, velocities overflow."""
 

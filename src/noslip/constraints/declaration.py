@@ -44,6 +44,8 @@ LONGEST_NAME = 200
 MOST_ROWS = 64
 """Of the constraints of a system, together: a box has 6.  Time grows with the third power: learning
 of 100 rows takes half a minute, of 2000 days."""
+MOST_COORDINATES = 1000
+"""Of what moves; nothing that steps in a millisecond has as many."""
 MOST_PRIORITIES = 10
 """Each soft priority weighs its limits by another power of ten; more would lose the least ones."""
 
@@ -376,6 +378,19 @@ def _require_attributes(constraint: Constraint) -> None:
         )
     if constraint.barrier_rate is not None:
         _arguments.positive(f"constraint {name!r}: barrier_rate", constraint.barrier_rate, "1/s")
+    count = constraint.coordinates
+    if not (type(count) is int and 0 <= count <= MOST_COORDINATES):
+        raise ConstraintError(
+            f"constraint {name!r}: coordinates is a whole number up to {MOST_COORDINATES}, 0 of a "
+            f"body's motion; got {shortened(repr(count))}"
+        )
+    body = constraint.body
+    if not (
+        isinstance(body, str) and len(body) <= LONGEST_NAME and (body.isprintable() or not body)
+    ):
+        raise ConstraintError(
+            f"constraint {name!r}: body is the name of one, got {shortened(repr(body))}"
+        )
     if not (type(constraint.priority) is int and 0 <= constraint.priority < MOST_PRIORITIES):
         raise ConstraintError(
             f"constraint {name!r}: priority is 0 (hard) or a whole number up to "

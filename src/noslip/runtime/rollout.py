@@ -285,6 +285,8 @@ def point_or_parts(
     if isinstance(point, Mapping):
         own = np.concatenate([law.start] if name == "start" else [law.goal.point])
         known = {placed.name: placed for placed in space.bodies}
+        if not point:
+            raise InputError(f"{name} names no body; there are {', '.join(known)}")
         for body, pose in point.items():
             what = f"{name} of {body}"
             if (placed := known.get(body)) is None:

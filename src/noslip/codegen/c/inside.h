@@ -47,8 +47,9 @@ static inline noslip_real exponent_of(const noslip_primitive *p, int i, noslip_r
 static inline int nearest_function(const noslip_primitive *p, noslip_real fraction) {
     const noslip_real place = fraction * (noslip_real)(p->basis_functions - 1) + REAL(0.5);
     if (is_cyclic(p)) {
-        const int found = (int)(within_cycle(fraction) * (noslip_real)p->basis_functions + REAL(0.5));
-        return found == p->basis_functions ? 0 : found;
+        const noslip_real nearest = within_cycle(fraction) * (noslip_real)p->basis_functions + REAL(0.5);
+        /* Written so that NaN is the first one. */
+        return nearest < (noslip_real)p->basis_functions ? (int)nearest : 0;
     }
     return place > 0 ? (int)smaller(place, (noslip_real)(p->basis_functions - 1)) : 0;
 }

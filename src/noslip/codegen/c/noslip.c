@@ -360,6 +360,7 @@ int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_r
         /* A late cycle is made good in steps as long as those of its own motion. */
         noslip_real left = share;
         if (!is_cyclic(primitive) && !noslip_done(state)) left = smaller(share, 1 - state->fraction);
+        if (!(left <= share)) return 1;
         count = (int)ceil(left * (noslip_real)primitive->steps);
         time_step = left * state->duration / (noslip_real)count;
     }
