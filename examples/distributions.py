@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip.distribution import learn_distribution
 from noslip.figures import column_figure, save_figure, style
 
 parser = argparse.ArgumentParser(description=__doc__)
@@ -29,7 +28,7 @@ for number in range(8):
     cuts.append(ns.PoseTrajectory(4 * s, path, held, name=f"cut {number + 1}"))
 
 blade = ns.Blade()
-cutting = learn_distribution(ns.learn(cuts, [blade]), cuts)
+cutting = ns.learn(cuts, [blade], distribution=True)
 
 # At 45 % of the time, 3 mm aside, in the direction that the tool has there.
 k = round(0.45 * (len(cutting.motion) - 1))

@@ -29,10 +29,8 @@ def reach(noslip, tmp_path) -> Path:
 def test_new_goals_are_values(noslip, reach, tmp_path, command):
     out = tmp_path / ("there.csv" if command == "rollout" else "there.json")
     assert noslip(command, reach, "--goal-values", "0.4,0.2", "--out", out).code == 0
-    if command == "adapt":
-        motion = ns.load_primitive(out).rollout()
-    else:
-        motion = ns.load_trajectory(out)
+    adapted = command == "adapt"
+    motion = ns.load_primitive(out).rollout() if adapted else ns.load_trajectory(out)
     np.testing.assert_allclose(motion.values[-1], [0.4, 0.2], rtol=0, atol=1e-6)
 
 

@@ -385,9 +385,8 @@ def _require_attributes(constraint: Constraint) -> None:
             f"body's motion; got {shortened(repr(count))}"
         )
     body = constraint.body
-    if not (
-        isinstance(body, str) and len(body) <= LONGEST_NAME and (body.isprintable() or not body)
-    ):
+    # Of the first one it is empty, which counts as printable.
+    if not (isinstance(body, str) and len(body) <= LONGEST_NAME and body.isprintable()):
         raise ConstraintError(
             f"constraint {name!r}: body is the name of one, got {shortened(repr(body))}"
         )
