@@ -194,4 +194,4 @@ def test_too_little_is_refused() -> None:
     still = ns.PoseTrajectory(np.arange(20.0), np.zeros((20, 3)), Rotation.identity(20))
     assert "does not move" in refusal(InputError, ns.identify, still)
     assert "12 poses or more" in refusal(InputError, ns.identify, planar_cut(count=8))
-    assert "PoseTrajectory objects, got int" in refusal(InputError, ns.identify, 3)
+    assert "Trajectory objects, got int" in refusal(InputError, ns.identify, 3)

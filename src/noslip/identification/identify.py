@@ -122,7 +122,8 @@ def moving(
     trajectories: PoseTrajectory | Iterable[PoseTrajectory], what: str
 ) -> list[PoseTrajectory]:
     """Return a list of recordings, each of which moves; an error says for what they are needed."""
-    recordings = several(trajectories, 1, what)
+    # Of joints, what they carry.
+    recordings = [each.tool for each in several(trajectories, 1, what)]
     for recording in recordings:
         require_motion(recording)
     return recordings
