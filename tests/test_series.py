@@ -23,7 +23,8 @@ NAMES = st.text(
     st.characters(whitelist_categories=("Ll", "Lu", "Nd"), whitelist_characters="_.-/ "),
     min_size=1,
     max_size=12,
-).map(lambda text: f"n{text.strip()}")
+).map(lambda text: f"q{text.strip()}")
+"""None of them is a unit of time, which would be read as a clock."""
 UNITS = st.sampled_from(["1", "N", "N m", "N/m", "rad", "m/s", "A"])
 
 
