@@ -54,6 +54,17 @@ ELSEWHERE = {
     "python -m benchmarks.obstacles": "takes minutes; tests/benchmarks has a cut of it",
     "python -m benchmarks.improving": "takes minutes; tests/test_improving.py has what it asserts",
     "python -m benchmarks.distributions": "takes an hour; tests/benchmarks has a cut of it",
+    **dict.fromkeys(
+        (
+            "noslip learn reach.csv",
+            "noslip rollout reach.json",
+            "noslip adapt reach.json",
+            "noslip learn joints.csv",
+            "noslip learn stirring.csv",
+            "noslip rollout stirring.json",
+        ),
+        "of the reader's own recordings; tests/cli/test_values_command.py runs the like",
+    ),
     "python -m benchmarks.filters": "reads recordings that lie beside the repository",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",
