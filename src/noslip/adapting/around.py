@@ -15,6 +15,7 @@ from noslip.adapting.constants import FEWEST_SAMPLES, MOST_SAMPLES
 from noslip.adapting.ends import asked
 from noslip.adapting.plan import Plan, carried_out
 from noslip.constraints.system import ConstraintSystem
+from noslip.demonstrations.cycles import joined
 from noslip.errors import InputError
 from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
@@ -77,10 +78,7 @@ class Around(Value):
             moved[:, n:] = turned.as_quat(scalar_first=True)
         moved[:, :n] = swing + (own.position if to.position is None else to.position)
         # What a law alone is off its cycle by is spread over it.
-        gap = space.difference(moved[:1], moved[-1:])
-        moved = space.moved(moved, np.linspace(0.0, 1.0, len(moved))[:, None] * gap)
-        moved[-1, :n] = moved[0, :n]
-        return moved
+        return joined(space, moved, np.linspace(0.0, 1.0, len(moved)))
 
 
 def samples_of(functions: int, steps: int, samples: int | None) -> int:

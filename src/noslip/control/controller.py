@@ -26,7 +26,7 @@ from concurrent.futures import Future
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import ceil, dist, expm1, isfinite, sqrt
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,11 +39,10 @@ from noslip.adapting import REPLANNED_SAMPLES, compiled
 from noslip.control.clock import AT_REST, CELLS, Bounds, Schedule, runs_in_plan_time
 from noslip.control.goal_filter import GoalFilter
 from noslip.control.observer import SEEN, Observer, compile_now
-from noslip.control.planning import Made, Planner, Reason, Task, engine_of, reachable
+from noslip.control.planning import Made, Planner, Primitive, Reason, Task, engine_of, reachable
 from noslip.errors import InputError, NoslipError
 from noslip.law.clock import DONE
 from noslip.law.law import Law
-from noslip.rule import Rule
 from noslip.runtime import engine
 from noslip.runtime.engine import Compiled, Memory
 from noslip.runtime.rollout import initial_state, rollout
@@ -147,18 +146,6 @@ class Replanned:
     reason: Reason
     duration: float
     failure: str = ""
-
-
-class Primitive(Protocol):
-    """What has a law and a rule."""
-
-    @property
-    def law(self) -> Law:
-        """What it wants."""
-
-    @property
-    def rule(self) -> Rule:
-        """What it must."""
 
 
 class Controller:

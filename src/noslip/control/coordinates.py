@@ -25,7 +25,7 @@ from copy import deepcopy
 from dataclasses import replace
 from math import ceil, exp, log1p
 from math import log as ln
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,12 +34,10 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import LONGEST_REPR, is_same, shortened
-from noslip.control.planning import engine_of
+from noslip.control.planning import Primitive, engine_of
 from noslip.errors import InputError, NoslipError
 from noslip.law.attractor import Attractor
-from noslip.law.law import Law
 from noslip.law.points import quaternions_of, rotation_of
-from noslip.rule import Rule
 from noslip.runtime.engine import Memory
 from noslip.runtime.rollout import admissible, initial_state, point_or_parts, rollout, turn_of
 from noslip.runtime.state import State
@@ -74,18 +72,6 @@ _LEAST_STEP = 1e-3
 _FADED = 1e-4
 """Share of the learned force that leads a motion which ends at speed past its goal by next to
 nothing."""
-
-
-class Primitive(Protocol):
-    """What has a law and a rule."""
-
-    @property
-    def law(self) -> Law:
-        """What it wants."""
-
-    @property
-    def rule(self) -> Rule:
-        """What it must."""
 
 
 class SpaceController:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,6 +34,18 @@ SMOOTHER = 30.0
 from the twist that it is handed over with, at some ten times the accelerations of the path."""
 _ORIENTATIONS = 6
 """At which rules are asked what they forbid for good: more than any has rows."""
+
+
+class Primitive(Protocol):
+    """What has a law and a rule."""
+
+    @property
+    def law(self) -> Law:
+        """What it wants."""
+
+    @property
+    def rule(self) -> Rule:
+        """What it must."""
 
 
 @dataclass(frozen=True, eq=False)

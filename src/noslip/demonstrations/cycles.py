@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from noslip._arguments import short
+from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.space import Space
 from noslip.trajectory import PoseTrajectory
 
 OPEN, OPEN_TURN = 0.05, np.radians(10.0)
@@ -35,6 +37,12 @@ def closed(period: PoseTrajectory) -> PoseTrajectory:
     if not gap.any():
         return period
     share = (period.times - period.times[0]) / period.duration
+    return period.with_points(joined(space, points, share))
+
+
+def joined(space: Space, points: Floats, share: Floats) -> Floats:
+    """Points whose last one is the first again: the gap spread over them by its share at each."""
+    gap = space.difference(points[:1], points[-1:])
     moved = space.moved(points, share[:, None] * gap)
     moved[-1, : space.linear] = moved[0, : space.linear]
-    return period.with_points(moved)
+    return moved

@@ -127,15 +127,12 @@ def own_goal(goal: Goal, points: Floats, space: Space, clock: Clock) -> Floats:
     """What a demonstration is drawn to: where it ends, or what its cycle goes around."""
     if not clock.returns:
         return np.asarray(points[-1])
-    turned = [
-        own if len(winding.quaternions) == 1 else winding.quaternions[-1]
-        for own, winding in zip(
-            np.split(points_of.baseline(space, points)[space.linear :], max(1, space.rotations)),
-            goal.windings,
-            strict=False,
-        )
-    ]
-    return points_of.baseline(space, points, turned)
+    own = points_of.baseline(space, points)
+    for k, winding in enumerate(goal.windings):
+        if len(winding.quaternions) > 1:
+            at = space.linear + 4 * k
+            own[at : at + 4] = winding.quaternions[-1]
+    return own
 
 
 def _start_velocity(

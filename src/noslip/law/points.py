@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip._values import Value
+from noslip.boundary import rotations_of
 from noslip.errors import InputError
 from noslip.law.attractor import Attractor
 from noslip.law.winding import Winding, farthest_from_goal, turning
@@ -106,18 +107,9 @@ def mean(space: Space, points: Sequence[Floats]) -> Floats:
     return np.concatenate(found)
 
 
-def baseline(space: Space, points: Floats, quaternions: Sequence[Floats] | None = None) -> Floats:
-    """What a cycle goes around: the mean of its samples, shape (N, n + 4 b), the last left out.
-
-    Parameters
-    ----------
-    quaternions : sequence of arrays, shape (4,), optional
-        Taken in place of the rotations' own means.
-    """
-    own = mean(space, list(points[:-1]))
-    if quaternions is not None:
-        own = np.concatenate([own[: space.linear], *quaternions])
-    return own
+def baseline(space: Space, points: Floats) -> Floats:
+    """What a cycle goes around: the mean of its samples, shape (N, n + 4 b), the last left out."""
+    return mean(space, list(points[:-1]))
 
 
 def around(space: Space, demonstrations: Sequence[Floats]) -> Goal:
@@ -152,11 +144,8 @@ def goal(space: Space, demonstrations: Sequence[Floats]) -> Goal:
 
 def rotation_of(quaternions: Floats) -> Rotation:
     """Rotation of a point: one, several, or none at all, which is the identity."""
-    if quaternions.size == 4:
-        return Rotation.from_quat(quaternions, scalar_first=True)
-    if not quaternions.size:
-        return Rotation.identity()
-    return Rotation.from_quat(quaternions.reshape(-1, 4), scalar_first=True)
+    found = rotations_of(quaternions)
+    return Rotation.identity() if found is None else found
 
 
 def each_of(rotation: Rotation) -> list[Rotation]:

@@ -22,16 +22,14 @@ from noslip.errors import ConvergenceError, InputError, Refusal
 from noslip.projection.request import Request
 from noslip.projection.result import ProjectedTrajectory
 from noslip.quaternions import turns_between
-from noslip.space import Carried, Samples, Space
+from noslip.space import Samples, Space
 from noslip.trajectory import PoseTrajectory
 
 
 def carrier_of(space: Space) -> Chain | None:
     """Return the joints that carry the one body of a space; None if none do."""
-    if len(space.bodies) == 1 and isinstance(space.bodies[0], Carried):
-        carrier = space.bodies[0].kinematics
-        return carrier if isinstance(carrier, Chain) else None
-    return None
+    carrier = space.carrier if len(space.bodies) == 1 else None
+    return carrier if isinstance(carrier, Chain) else None
 
 
 def tool_of(trajectory: Any, space: Space) -> Any:

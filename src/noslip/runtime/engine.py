@@ -14,7 +14,7 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, NoslipError
 from noslip.law.clock import Clock
 from noslip.law.law import Law
-from noslip.law.layout import STATE, Layouts, layouts
+from noslip.law.layout import Layouts, layouts
 from noslip.rule import Rule
 from noslip.runtime.lost import require_defined
 from noslip.runtime.numbers import Struct
@@ -22,23 +22,6 @@ from noslip.runtime.rollout import steps_ahead
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 from noslip.space import POSE
-
-_PLACES = layouts(POSE).memory(0)
-"""Before the constraints' rows, places are alike for all of them."""
-TIME, FRACTION, PREVIOUS_STEP, DURATION, PULL_IN, BRAKING = (
-    _PLACES.index(name)
-    for name in ("time", "fraction", "previous_step", "duration", "pull_in", "braking")
-)
-POSITION, QUATERNION, LINEAR, ANGULAR = (_PLACES[name] for name in STATE)
-MOVING = _PLACES.span("position", "angular_velocity")
-"""Pose and velocities; like those that follow, of a pose."""
-VELOCITIES = _PLACES.span("linear_velocity", "angular_velocity")
-GOAL_POSITION, GOAL_QUATERNION, ACCELERATION, FORCE = (
-    _PLACES[name] for name in ("goal_position", "goal_quaternion", "acceleration", "force")
-)
-FIRST_GOAL_POSITION, FIRST_GOAL_QUATERNION = (
-    _PLACES[f"first_{name}"] for name in ("goal_position", "goal_quaternion")
-)
 
 
 class _Places:
@@ -64,6 +47,15 @@ class _Places:
         self.kick = table.step.index("kick")
 
 
+_OF_POSE = _Places(layouts(POSE))
+TIME, FRACTION, PREVIOUS_STEP = _OF_POSE.time, _OF_POSE.fraction, _OF_POSE.previous_step
+"""Of a pose, as those that follow."""
+DURATION, BRAKING = _OF_POSE.duration, _OF_POSE.braking
+POSITION, QUATERNION = _OF_POSE.position, _OF_POSE.quaternion
+LINEAR, ANGULAR = _OF_POSE.linear, _OF_POSE.angular
+MOVING = _OF_POSE.moving
+"""Pose and velocities."""
+VELOCITIES = slice(LINEAR.start, ANGULAR.stop)
 _MOST_ROWS_AHEAD = 256
 """Rows of the step table computed at once: more would make one step wait for many."""
 NOT_FINITE = (

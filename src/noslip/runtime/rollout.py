@@ -283,7 +283,7 @@ def point_or_parts(
     if not space.rotations:
         return point, None
     if isinstance(point, Mapping):
-        own = np.concatenate([law.start] if name == "start" else [law.goal.point])
+        own = (law.start if name == "start" else law.goal.point).copy()
         known = {placed.name: placed for placed in space.bodies}
         if not point:
             raise InputError(f"{name} names no body; there are {', '.join(known)}")
