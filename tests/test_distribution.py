@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.linalg.lapack import dgbsv
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from kinds import ARM, joint_cut
 from motions import eased
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
@@ -366,3 +368,18 @@ def test_a_projected_demonstration_stays() -> None:
     once = projected(cuts()[0], learned().system, ENDS, 30)
     again = projected(once, learned().system, ENDS, 30)
     assert np.abs(POSE.difference(again.points, once.points)).max() < 1e-6
+
+
+def test_joints_of_a_robot_are_distributed_as_learning_took_them() -> None:
+    """Its robot, and demonstrations that can be read once."""
+    cut, random = joint_cut(), np.random.default_rng(0)
+    aside = np.linspace(0, 1, len(cut))[:, None]
+    several = (
+        ns.Trajectory(cut.times, cut.values + 0.02 * random.normal(size=4) * aside, cut.names)
+        for _ in range(4)
+    )
+    found: Any = ns.learn(several, [ns.Blade()], robot=ARM, distribution=True, basis_functions=30)
+    (origin,) = found.primitive.history
+    assert origin.options["distribution"] is True
+    motion = found.sample(1, seed=0)[0]
+    assert ns.check(motion, [ns.Blade()]).constraints[0].peak <= 1e-10

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, wraps
-from inspect import signature
 from itertools import compress
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, cast
@@ -22,7 +21,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.demonstrations.cycles import closed
-from noslip.distribution import learn_distribution
+from noslip.distribution import MotionDistribution
 from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
 from noslip.law.channels import Channels
 from noslip.law.fitting import (
@@ -77,18 +76,12 @@ def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]
 
     @wraps(learning)
     def noted(*args: P.args, **options: P.kwargs) -> ConstrainedDMP:
-        call = signature(learning).bind(*args, **options).arguments
-        distribution, context = call.get("distribution", False), call.get("context")
-        if call.get("rhythmic") and distribution:
-            raise InputError("distribution=True is of motions that end; leave out rhythmic")
-        if context is not None and not distribution:
-            raise InputError("context is what a distribution depends on; give distribution=True")
-        learned = learning(*args, **options)
-        learned = replace(learned, history=(Origin.of("learn", learning, *args, **options),))
-        if not distribution:
-            return learned
-        found = learn_distribution(learned, call["demonstrations"], context=context)
-        return cast("ConstrainedDMP", found)
+        learned: Any = learning(*args, **options)
+        history = (Origin.of("learn", learning, *args, **options),)
+        if isinstance(learned, MotionDistribution):
+            learned = replace(learned, primitive=replace(learned.primitive, history=history))
+            return cast("ConstrainedDMP", learned)
+        return replace(cast("ConstrainedDMP", learned), history=history)
 
     return noted
 
@@ -203,6 +196,10 @@ def learn(
     CompromiseWarning
         If the primitive leaves its demonstration, or the projection turns the tool far.
     """
+    if rhythmic and distribution:
+        raise InputError("distribution=True is of motions that end; leave out rhythmic")
+    if context is not None and not distribution:
+        raise InputError("context is what a distribution depends on; give distribution=True")
     recorded = as_demonstrations(demonstrations)
     if robot is not None:
         recorded = _carried_by(robot, recorded)
@@ -250,17 +247,17 @@ def learn(
     def projected(
         demonstration: PoseTrajectory, shaping: ConstraintSystem, last: End
     ) -> ProjectedTrajectory:
-        if rhythmic:
-            period = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
-            return project_heeding_what_it_can(period)
         kept, of_tool = kept_ends(demonstration, space, start, last)
         ends = tuple(replace(end, angular_velocity=turning[end.at]) for end in kept)
         request = Request(demonstration, shaping, ends, weights, hold_position, tool_ends=of_tool)
         return project_heeding_what_it_can(request)
 
     def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
-        if end != "auto" or rhythmic:
-            return projected(demonstration, shaping, "free" if end == "auto" else end)
+        if rhythmic:
+            period = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
+            return project_heeding_what_it_can(period)
+        if end != "auto":
+            return projected(demonstration, shaping, end)
         try:
             return projected(demonstration, shaping, _kept_end(system, demonstration))
         except ConvergenceError:
@@ -336,7 +333,12 @@ def learn(
     demonstrated = fitted(sampled, count, pace.factor) if system.size else law
     channels = Channels.fit(law.basis, beside, ridge=ridge) if beside else None
     spread = Spread.about(law, followed)
-    return ConstrainedDMP(law, rule, demonstrated, record, spread, channels=channels)
+    learned = ConstrainedDMP(law, rule, demonstrated, record, spread, channels=channels)
+    if not distribution:
+        return learned
+    last = _kept_end(system, recorded[0]) if end == "auto" else end
+    found = MotionDistribution.about(learned, followed, context, (start, last))
+    return cast("ConstrainedDMP", found)
 
 
 def _channels_of(demonstrations: Sequence[PoseTrajectory]) -> list[Series]:
