@@ -251,6 +251,12 @@ class Space:
         object.__setattr__(self, "units", units)
 
     @property
+    def unit(self) -> str:
+        """Of the coordinates, in words for messages."""
+        (unit, *others) = dict.fromkeys(self.units)
+        return "in their own units" if others or unit == "1" else unit
+
+    @property
     def linear(self) -> int:
         """n: how many coordinates there are."""
         return len(self.coordinates)

@@ -48,7 +48,7 @@ def asked(
         Naming the argument.
     """
     if position is not None:
-        position = _arguments.vector(f"{what}_position", position, size=space.linear)
+        position = _arguments.vector(f"{what}_position", position, space.unit, space.linear)
     if rotation is not None and space.rotations == 1:
         rotation = _arguments.rotation(f"{what}_rotation", rotation)
     linear, angular = None, None

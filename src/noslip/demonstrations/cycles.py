@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from noslip._arguments import short
 from noslip._typing import Floats
+from noslip.constraints.check import with_unit
 from noslip.errors import InputError
 from noslip.space import Space
 from noslip.trajectory import PoseTrajectory
@@ -29,10 +29,11 @@ def closed(period: PoseTrajectory) -> PoseTrajectory:
     away = float(np.linalg.norm(gap[0, : space.linear]))
     turn = float(np.abs(gap[0, space.linear :]).max(initial=0.0))
     if away > OPEN * period.path_length or turn > OPEN_TURN:
+        turned = f" and {np.degrees(turn):.3g} degrees" if space.rotations else ""
         raise InputError(
-            f"{short(period.name)}: ends {away:.3g} {period.unit} and {np.degrees(turn):.3g} "
-            "degrees from where it begins; cut it to one period (trajectory[first:last]), or learn "
-            "a motion that ends, rhythmic=False"
+            f"{period.name}: ends {with_unit(f'{away:.3g}', period.unit)}{turned} from where it begins; "
+            "cut it to one period (trajectory[first:last]), or learn a motion that ends, "
+            "rhythmic=False"
         )
     if not gap.any():
         return period
