@@ -29,6 +29,7 @@ def closed(period: PoseTrajectory) -> PoseTrajectory:
     away = float(np.linalg.norm(gap[0, : space.linear]))
     turn = float(np.abs(gap[0, space.linear :]).max(initial=0.0))
     if away > OPEN * period.path_length or turn > OPEN_TURN:
+        apart = with_unit(f"{away:.3g}", period.unit)
         turned = f" and {np.degrees(turn):.3g} degrees" if space.rotations else ""
         raise InputError(
             f"{period.name}: ends {with_unit(f'{away:.3g}', period.unit)}{turned} from where it begins; "
