@@ -32,7 +32,7 @@ def closed(period: PoseTrajectory) -> PoseTrajectory:
         apart = with_unit(f"{away:.3g}", period.unit)
         turned = f" and {np.degrees(turn):.3g} degrees" if space.rotations else ""
         raise InputError(
-            f"{period.name}: ends {with_unit(f'{away:.3g}', period.unit)}{turned} from where it begins; "
+            f"{period.name}: ends {apart}{turned} from where it begins; "
             "cut it to one period (trajectory[first:last]), or learn a motion that ends, "
             "rhythmic=False"
         )
