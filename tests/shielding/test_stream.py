@@ -25,7 +25,7 @@ from noslip.errors import InputError
 from objects import objects
 
 CC = shutil.which("cc")
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O2")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O1")
 X, Y, Z = np.eye(3)
 RUNS: dict[str, tuple[ns.Constraint, list[Floats], float]] = {
     "contour_following/data_demo_a_1.csv": (ns.Blade(), [Y], 12),
