@@ -115,7 +115,9 @@ def _wanted(package: str, extra: str) -> Iterator[Requirement]:
     for text in requires(package) or []:
         wanted = Requirement(text)
         marker = wanted.marker
-        if marker is None or marker.evaluate({"extra": ""}) or not marker.evaluate({"extra": extra}):
+        if marker is None or not marker.evaluate({"extra": extra}):
+            continue
+        if marker.evaluate({"extra": ""}):  # needed in any case
             continue
         yield wanted
         for further in wanted.extras:
