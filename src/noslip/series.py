@@ -21,7 +21,7 @@ from noslip._pose_text import read_text_table
 from noslip._samples import Samples
 from noslip._supplied import Supplied
 from noslip._typing import Floats
-from noslip.errors import InputError
+from noslip.errors import InputError, did_you_mean
 from noslip.named_columns import numbers_text
 from noslip.timed import Timed, step_estimates
 
@@ -126,7 +126,10 @@ class Series(Timed):
     def column(self, name: str) -> Floats:
         """Return the values under one name, shape (N,)."""
         if name not in self.names:
-            raise InputError(f"{self.name}: no value {name!r}; there are {', '.join(self.names)}")
+            near = did_you_mean(name, self.names)
+            raise InputError(
+                f"{self.name}: no value {name!r}{near}; there are {', '.join(self.names)}"
+            )
         return np.asarray(self.values[:, self.names.index(name)])
 
     @cached_property

@@ -27,7 +27,6 @@ from rich.text import Text
 
 from noslip._typing import Floats
 from noslip.cli import options, output
-from noslip.cli.plot import FORMATS
 from noslip.demonstrations.outliers import FEWEST, Outliers, outliers
 from noslip.demonstrations.preparation import relative_to_start
 from noslip.demonstrations.segmentation import MINIMUM_REST, Segments, segment
@@ -59,13 +58,8 @@ class Given(options.Loading):
 
 @options.grouped
 def run(
-    recording: Annotated[
-        str,
-        typer.Argument(help="A long recording, as for learn.", show_default=False),
-    ],
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the pieces; made if missing.")
-    ],
+    recording: options.Recording,
+    out: Annotated[Path, options.out("the pieces: a folder, made if missing")],
     at: Annotated[
         At, typer.Option(help="Cut where the tool rests, by contact, or at given times.")
     ] = "rests",
@@ -125,10 +119,7 @@ def run(
             help="Cut out pieces that lie far from the others; by default they are only named.",
         ),
     ] = False,
-    figure: Annotated[
-        Path | None,
-        options.optional("FILE", "Draw the cuts: .png, .svg or .pdf."),
-    ] = None,
+    figure: options.Figure = None,
     as_json: options.AsJson = False,
     given: Given = Given(),
 ) -> None:
@@ -140,8 +131,7 @@ def run(
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out: {out} is a file; give a folder")
-    if figure is not None and options.output(figure, "--figure") and figure.suffix not in FORMATS:
-        raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
+    options.figure(figure)
     _require_consistent(at, contact_column, in_contact, height, times)
     (source, *others) = expand(recording)
     if others:

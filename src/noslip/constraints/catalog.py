@@ -22,7 +22,7 @@ from noslip.constraints.declaration import (
 from noslip.constraints.distance_field import DistanceField
 from noslip.constraints.expression import Instructions, Opaque
 from noslip.edge import Edge
-from noslip.errors import ConstraintError
+from noslip.errors import ConstraintError, did_you_mean
 
 
 def parse_constraint(text: str) -> Constraint:
@@ -63,11 +63,15 @@ def build(name: str, arguments: dict[str, Any]) -> Constraint:
     """Return a catalog constraint with the given arguments."""
     factory = CATALOG.get(name.replace("_", "-"))
     if factory is None:
-        raise ConstraintError(f"no constraint is called {name!r}; known are {_known()}")
+        near = did_you_mean(name, CATALOG)
+        raise ConstraintError(f"no constraint is called {name!r}{near}; known are {_known()}")
     known = [f.name for f in dataclasses.fields(factory) if f.init]  # type: ignore[arg-type]
     unknown = sorted(set(arguments) - set(known))
     if unknown:
-        raise ConstraintError(f"{name} has no argument {unknown[0]!r}; it has {', '.join(known)}")
+        near = did_you_mean(unknown[0], known)
+        raise ConstraintError(
+            f"{name} has no argument {unknown[0]!r}{near}; it has {', '.join(known)}"
+        )
     return factory(**arguments)
 
 
@@ -214,7 +218,8 @@ def _from_file(path: Path, name: str) -> Constraint:
     if not isinstance(found, Constraint):
         own = [key for key, value in vars(module).items() if isinstance(value, Constraint)]
         listing = f"it declares {', '.join(own)}" if own else "it declares no constraint"
-        raise ConstraintError(f"{path}: {name!r} is not a constraint; {listing}")
+        near = did_you_mean(name, own)
+        raise ConstraintError(f"{path}: {name!r} is not a constraint{near}; {listing}")
     return found
 
 
