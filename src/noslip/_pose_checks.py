@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._arguments import MOST_SAMPLES
+from noslip._instants import EXACT, seconds
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 
@@ -183,8 +184,8 @@ class Source:
             index = before + 1
             if periods[before] < 0:
                 problem = (
-                    f"time runs backwards, from {times[before]} s ({self.sample(before)}) to "
-                    f"{times[index]} s; unsorted='sort' or 'split' (--unsorted) goes on"
+                    f"time runs backwards, from {seconds(times[before], times[0], EXACT)} "
+                    f"({self.sample(before)}) to {seconds(times[index], times[0], EXACT)}; unsorted='sort' or 'split' (--unsorted) goes on"
                 )
             else:
                 if rotations is None:
@@ -193,7 +194,7 @@ class Source:
                     turned = (rotations[index] * rotations[before].inv()).magnitude()
                     other = f"at another pose ({move:.2g} m and {turned:.2g} rad away)"
                 problem = (
-                    f"{times[index]} s is also the time of {self.sample(before)}, {other}; "
+                    f"{seconds(times[index], times[0], EXACT)} is also the time of {self.sample(before)}, {other}; "
                     "duplicates='first' or 'last' (--duplicates) keeps one"
                 )
             raise self.error(index, self.times, problem)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip._files import making
+from noslip._instants import seconds
 from noslip._samples import Mending
 from noslip.constraints.check import checked
 from noslip.constraints.declaration import Constraint
@@ -190,7 +191,9 @@ def _in_chunks(
         motion = shield.chunk(recording[first : first + length], done)
         parts.append(motion if last else motion[: length // 2])
         if shield.compromise:
-            texts.append(f"from {recording.times[first]:.3g} s on {shield.compromise}")
+            texts.append(
+                f"from {seconds(recording.times[first], recording.times[0], 3)} on {shield.compromise}"
+            )
         if last:
             break
     positions = np.concatenate([part.positions for part in parts])
