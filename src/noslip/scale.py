@@ -78,8 +78,8 @@ def require_motion(recording: Recording) -> None:
         step = int(turns.argmax())
         raise InputError(
             f"{recording.name}: turns by {np.degrees(turns[step]):.0f} degrees from sample {step} "
-            f"to {step + 1} ({seconds(recording.times[step], recording.times[0])}), so that nothing says which way "
-            "round; record at a higher rate, or correct the rotation there"
+            f"to {step + 1} ({seconds(recording.times[step], recording.times[0])}), so that "
+            "nothing says which way round; record at a higher rate, or correct the rotation there"
         )
     ask_after_units(recording)
 

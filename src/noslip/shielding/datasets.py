@@ -191,9 +191,8 @@ def _in_chunks(
         motion = shield.chunk(recording[first : first + length], done)
         parts.append(motion if last else motion[: length // 2])
         if shield.compromise:
-            texts.append(
-                f"from {seconds(recording.times[first], recording.times[0], 3)} on {shield.compromise}"
-            )
+            when = seconds(recording.times[first], recording.times[0], 3)
+            texts.append(f"from {when} on {shield.compromise}")
         if last:
             break
     positions = np.concatenate([part.positions for part in parts])
