@@ -15,7 +15,6 @@ from typing import Annotated
 import typer
 from rich.markdown import Markdown
 
-import noslip
 from noslip.cli import options, output
 from noslip.errors import InputError, did_you_mean
 
@@ -57,7 +56,7 @@ def run(
 
 def _pages() -> dict[str, Path]:
     """Pages by name: in the package as installed, else beside its source."""
-    package = Path(noslip.__file__).parent
+    package = Path(__file__).parents[1]
     for folder in (package / "pages", package.parents[1] / "docs"):
         files = sorted(folder.rglob("*.md"))
         if files:
