@@ -292,7 +292,7 @@ class Samples:
         for before, count in zip(gaps, counts.astype(int), strict=True):
             parts = before + np.arange(1, count + 1) / (count + 1)
             at.append(parts)
-            places.append(interval(*self.times[before : before + 2], self.times[0]))
+            places.append(interval(self.times[before], self.times[before + 1], self.times[0]))
         where = np.sort(np.concatenate(at))
         low = np.minimum(where.astype(int), len(self) - 2)
         share = (where - low)[:, None]

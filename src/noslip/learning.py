@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial, wraps
 from itertools import compress
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, cast
+from typing import Any, Literal, ParamSpec, TypedDict, cast
 
 import numpy as np
 
@@ -69,6 +69,30 @@ a wrong axis does; the numerical example, which never turns its tool, is turned 
 
 Fitted = tuple[Law, float, list[PoseTrajectory], list[ProjectedTrajectory | None]]
 """A law, how far it leaves what it follows, that, and the projections that led there."""
+
+
+class Learning(TypedDict, total=False):
+    """Options of :func:`learn` that say how, which other functions have too."""
+
+    robot: Chain | str | Path | None
+    basis_functions: int | Literal["auto"]
+    alpha: float
+    beta: float
+    alpha_s: float
+    ridge: float
+    hold_position: bool
+    start: End
+    end: End | Literal["auto"]
+    position_weight: float
+    position_smoothing: float
+    rotation_smoothing: float
+    metric: Metric
+    metric_length: float | None
+    stabilization: float
+    barrier_rate: float
+    align: bool
+    rhythmic: bool
+    project_start: ProjectStart
 
 
 def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import scipy
@@ -62,6 +62,18 @@ class Series(Timed):
     velocities: Floats = None  # type: ignore[assignment]
     units: tuple[str, ...] = None  # type: ignore[assignment]
     name: str = "trajectory"
+
+    if TYPE_CHECKING:
+        # Given as anything like an array, kept as arrays.
+        def __init__(
+            self,
+            times: ArrayLike,
+            values: ArrayLike,
+            names: Sequence[str] | None = None,
+            velocities: ArrayLike | None = None,
+            units: Sequence[str] | None = None,
+            name: str = "trajectory",
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         times = self._require_times()

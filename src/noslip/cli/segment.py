@@ -198,7 +198,7 @@ def _judged(found: list[Segments], drop_outliers: bool) -> tuple[list[Segments],
     for index, reason in far.items():
         fate = "dropped" if drop_outliers else "kept, see --drop-outliers"
         piece = pieces[index]
-        when = interval(*piece.times[[0, -1]], found[0].recording.times[0])
+        when = interval(piece.times[0], piece.times[-1], found[0].recording.times[0])
         typer.echo(one_line(f"noslip: {piece.name} ({when}): {reason}; {fate}"), err=True)
     if drop_outliers and judged is None:
         typer.echo(

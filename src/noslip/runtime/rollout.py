@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.boundary import Point
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError, did_you_mean
 from noslip.law.entry import GoalForm
@@ -44,8 +45,8 @@ def rollout(
     law: Law,
     rule: Rule,
     *,
-    goal: ArrayLike | None = None,
-    start: ArrayLike | None = None,
+    goal: Point | None = None,
+    start: Point | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     start_position: ArrayLike | None = None,
@@ -176,8 +177,8 @@ def initial_state(
     law: Law,
     rule: Rule,
     *,
-    goal: ArrayLike | None = None,
-    start: ArrayLike | None = None,
+    goal: Point | None = None,
+    start: Point | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     start_position: ArrayLike | None = None,

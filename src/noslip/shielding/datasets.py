@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,7 +24,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import CompromiseWarning, InputError, muted, warn
 from noslip.recordings import load_demonstrations, write_recording
-from noslip.recordings.formats import WRITTEN, expand, format_of
+from noslip.recordings.formats import WRITTEN, ReadingColumns, expand, format_of
 from noslip.shielding.shield import Shield
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import deviations
@@ -84,7 +84,7 @@ def shield_each(
     *,
     preparation: Mapping[str, Any] = MappingProxyType({}),
     progress: Callable[[int, int], None] | None = None,
-    **loading: Any,
+    **loading: Unpack[ReadingColumns],
 ) -> list[ShieldedRecording]:
     """Write recordings that keep constraints, nearest to those given, and say how far they moved.
 
