@@ -36,7 +36,7 @@ LAYERS = [
         "result_table",
         "strangers",
     },
-    {"many"},
+    {"many", "citing"},
     {"experiments"},
     {"robots"},
     {"figures"},
