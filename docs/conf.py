@@ -25,7 +25,8 @@ extensions = [
     "links",
 ]
 source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "_ext", "plots"]
+# The gallery has chapters of its own, in gallery.md.
+exclude_patterns = ["_build", "_ext", "plots", "_generated/gallery/index.rst"]
 
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 3
