@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Rules of your own: a screw that advances as it turns, and that is never turned back."""
 
 import argparse

@@ -46,7 +46,7 @@ LAYERS = [
         "result_table",
         "strangers",
     },
-    {"many"},
+    {"many", "citing"},
     {"experiments"},
     {"robots"},
     {"figures"},

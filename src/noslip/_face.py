@@ -4,6 +4,7 @@ from noslip import constraints, demonstrations, errors, recordings
 from noslip._version import __version__
 from noslip.bodies import Bodies
 from noslip.boundary import Boundary
+from noslip.citing import cite
 from noslip.constraints import (
     Blade,
     Constraint,
@@ -57,6 +58,7 @@ __all__ = [
     "Wheel",
     "__version__",
     "check",
+    "cite",
     "constraints",
     "demonstrations",
     "errors",
