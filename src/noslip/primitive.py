@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypedDict, TypeVar, Unpack
 
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
@@ -120,6 +121,22 @@ def _described(
     )
     method.__doc__ = (function.__doc__ or "").replace("law : Law\n    rule : Rule\n    ", "")
     return method
+
+
+class Controlling(TypedDict, total=False):
+    """Options of what steps a primitive in a control loop."""
+
+    follows: bool
+    lag: float | None
+    tolerance: ArrayLike | None
+    angle_tolerance: float
+    bias: float
+    faster: float
+    samples: int
+    replan: bool
+    plan_within: float
+    real_time: bool
+    braking: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -244,14 +261,18 @@ class ConstrainedDMP(Value):
     rollout_many = _method(_telling(rollout_many, tell_many))
     export_c = _method(_within_limits(export_c))
 
-    def controller(self, *, time_step: float, **options: Any) -> Controller | SpaceController:
+    def controller(
+        self, *, time_step: float, **options: Unpack[Controlling]
+    ) -> Controller | SpaceController:
         """Return what steps this primitive in a control loop.
 
         Of a pose that comes to an end a :class:`noslip.Controller`, which plans; of all else a
         :class:`~noslip.control.coordinates.SpaceController`.
         """
         plans = self.law.space.is_pose and not self.law.clock.returns
-        return (Controller if plans else SpaceController)(self, time_step=time_step, **options)
+        kind: Any = Controller if plans else SpaceController
+        made: Controller | SpaceController = kind(self, time_step=time_step, **options)
+        return made
 
     def compile(self) -> bool:
         """Compile the step, and what plans, and wait for it; whether a C compiler was there.
