@@ -49,6 +49,7 @@ plot_orientation(turning, motions, "yaw")
 plot_speed(speed, motions)
 style.name_lines(figure, motions)
 style.write_title(
-    figure, f"From one demonstration to a goal 80 mm aside: missed by {style.number(1e3 * missed)} mm"
+    figure,
+    f"From one demonstration to a goal 80 mm aside: missed by {style.number(1e3 * missed)} mm",
 )
 save_figure(figure, out)
