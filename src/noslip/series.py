@@ -143,6 +143,10 @@ class Series(Timed):
         rates: Any = None  # estimated anew
         return replace(self, times=own, values=points, velocities=rates)
 
+    def retimed(self, times: Floats) -> Self:
+        """Return the same values at other times, shape (N,)."""
+        return self.with_points(self.values, times)
+
     def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Self:
         """Return it at other instants, by cubic splines.
 
