@@ -154,4 +154,5 @@ def test_several_samples_of_a_distribution_have_them() -> None:
 def test_what_has_no_place_for_them_says_so(tmp_path: Path) -> None:
     both = Bodies(knife=cut(), holder=cut().with_channels(None))
     assert "knife has channels" in refusal(InputError, ns.learn, both)
-    assert "channels" in refusal(InputError, write_recording, cut(), tmp_path / "a.tum")
+    told = refusal(InputError, write_recording, cut(), tmp_path / "a.tum")
+    assert "poses alone; write a CSV" in told
