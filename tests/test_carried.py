@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from motions import planar_cut
 from noslip.bodies import Bodies
+from noslip.constraints.system import ConstraintSystem
 from noslip.demonstrations.alignment import align
 from noslip.demonstrations.cycles import closed
-from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.identification.calibration import synchronized
 from noslip.law.fitting import evenly_sampled
@@ -97,9 +97,7 @@ SAME_SHARE: dict[str, Made] = {
     "adapted": lambda m: (
         primitive().adapt(goal_position=primitive().goal_position + [0.01, 0, 0]).rollout()
     ),
-    "replanned from its start": lambda m: (
-        primitive().replan(primitive().initial_state()).rollout()
-    ),
+    "replanned from its start": lambda m: primitive().replan(primitive().initial_state()).rollout(),
     "regular": lambda m: primitive().regular.rollout(),
     "saved": lambda m: ns.load_primitive(primitive().save(_FOLDER / "p.json")).rollout(),
     "a chunk": lambda m: with_share_of(chunked(m)),

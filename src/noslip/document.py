@@ -288,7 +288,10 @@ class Reader:
             ForcingTerm(basis, self.array(data, "weights", (count, size))),
             self.unit_quaternions(data, "start", (space.point_size,), n),
             self.array(data, "start_velocity", (size,)),
-            Goal(self.array(data, "goal_position", (n,)), *self._windings(data, space, basis.phase.returns)),
+            Goal(
+                self.array(data, "goal_position", (n,)),
+                *self._windings(data, space, basis.phase.returns),
+            ),
             self.number(data, "duration", _duration),
             self.count(data, "steps"),
             float(self.array(data, "begin", ())),

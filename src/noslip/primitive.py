@@ -32,7 +32,7 @@ from noslip.law.scaling import scaled
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule, no_rule
 from noslip.runtime.batch import rollout_many
-from noslip.runtime.motion import Asked, Motion
+from noslip.runtime.motion import Asked
 from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread

@@ -158,7 +158,9 @@ def _texts(law: Law, rule: Rule, name: str, channels: Channels | None) -> dict[s
         "EXPECTED": _rows(motion.points[every::every]),
         "CHANNELS": "0" if channels is None else str(len(channels.names)),
         "EXPECTED_CHANNELS": _rows(beside.values[every::every]) if beside else "",
-        "CHANNEL_SIZES": ", ".join(map(repr, np.fmax(1.0, np.abs(beside.values).max(axis=0)).tolist()))
+        "CHANNEL_SIZES": ", ".join(
+            map(repr, np.fmax(1.0, np.abs(beside.values).max(axis=0)).tolist())
+        )
         if beside
         else "",
         "DIFFERENCE": repr(1e-12 * max(1.0, reach)),
