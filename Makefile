@@ -86,8 +86,12 @@ kills: $(STAMP) ## kill processes that write into one folder and one cache, 1000
 fuzz: $(VENV)/.dev ## damage primitives, tables, bags and what exported C is given at random, 1e6 times each; hours
 	for target in primitive tables bags exported; do $(BIN)/python -m benchmarks.fuzz $$target --executions 1000000 || exit 1; done
 
+# What an interrupted or failed build left behind may be half a file, and warns no second time: it goes.
 docs: $(VENV)/.dev ## build the documentation into docs/_build/html
+	@if test -e docs/_build/unfinished; then rm -rf docs/_build docs/_generated; fi
+	@mkdir -p docs/_build && touch docs/_build/unfinished
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html
+	@rm docs/_build/unfinished
 	@echo "docs/_build/html/index.html"
 
 clean: ## remove everything the targets made

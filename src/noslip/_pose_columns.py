@@ -51,7 +51,7 @@ from noslip._value_columns import (
     stacked,
     values_of,
 )
-from noslip.errors import RecordingError
+from noslip.errors import RecordingError, did_you_mean
 from noslip.named_columns import listed, plural, shown
 
 
@@ -680,7 +680,10 @@ def clock_of(
         chosen = [one.strip().lower() for one in asked.time.split(",")]
         of = {name.place[0]: name for name in names}
         if missing := [one for one in chosen if one not in of]:
-            raise RecordingError(f"{where}: no column {missing[0]}; found {described(available)}")
+            near = did_you_mean(missing[0], available)
+            raise RecordingError(
+                f"{where}: no column {missing[0]}{near}; found {described(available)}"
+            )
         told = [of[one] for one in chosen]
         if len(told) > 2:
             raise RecordingError(f"{where}: time is one column, or seconds and nanoseconds")

@@ -23,7 +23,7 @@ from noslip._pose_names import (
 )
 from noslip._samples import Named
 from noslip._typing import Floats
-from noslip.errors import RecordingError
+from noslip.errors import RecordingError, did_you_mean
 
 _OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")
 """A comma that separates columns, not places in one."""
@@ -298,7 +298,10 @@ def _places(where: str | object, entry: str, available: Mapping[str, Column]) ->
     if entry not in known and entry.endswith("]"):
         name, bracket, inside = entry[:-1].partition("[")
     if name not in known:
-        raise RecordingError(f"{where}: no column {name or entry}; found {described(available)}")
+        near = did_you_mean(name or entry, available)
+        raise RecordingError(
+            f"{where}: no column {name or entry}{near}; found {described(available)}"
+        )
     name = known[name]
     column = available[name]
     for part in map(str.strip, inside.split(",") if bracket else [":"]):

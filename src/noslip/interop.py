@@ -189,9 +189,9 @@ def to_movement_primitives(
     where the motion is smooth, up to 0.03 and 2 degrees where it is noisy.
 
     What does not carry over: constraints (those of a ConstrainedDMP hold in noslip only; joints
-    leave theirs and their robot behind); channels; and, in ``open_loop``, the velocity at the start, which
-    theirs always begin without.  It is stored, and kept by ``theirs.step(y, yd)`` from ``reset()``
-    on.
+    leave theirs and their robot behind); channels; and, in ``open_loop``, the velocity at the
+    start, which theirs always begin without.  It is stored, and kept by ``theirs.step(y, yd)`` from
+    ``reset()`` on.
 
     Parameters
     ----------

@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar, cast
+from typing import Any, Concatenate, ParamSpec, TypedDict, TypeVar, Unpack, cast
 
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
@@ -105,6 +106,22 @@ def _described(
     )
     method.__doc__ = (function.__doc__ or "").replace("law : Law\n    rule : Rule\n    ", "")
     return method
+
+
+class Controlling(TypedDict, total=False):
+    """Options of what steps a primitive in a control loop."""
+
+    follows: bool
+    lag: float | None
+    tolerance: ArrayLike | None
+    angle_tolerance: float
+    bias: float
+    faster: float
+    samples: int
+    replan: bool
+    plan_within: float
+    real_time: bool
+    braking: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -251,14 +268,18 @@ class ConstrainedDMP(Value):
             self.law, self.rule, folder, name=name, prefix=prefix, channels=self.channels
         )
 
-    def controller(self, *, time_step: float, **options: Any) -> Controller | SpaceController:
+    def controller(
+        self, *, time_step: float, **options: Unpack[Controlling]
+    ) -> Controller | SpaceController:
         """Return what steps this primitive in a control loop.
 
         Of a pose that comes to an end a :class:`noslip.Controller`, which plans; of all else a
         :class:`~noslip.control.coordinates.SpaceController`.
         """
         plans = self.law.space.is_pose and not self.law.clock.returns
-        return (Controller if plans else SpaceController)(self, time_step=time_step, **options)
+        kind: Any = Controller if plans else SpaceController
+        made: Controller | SpaceController = kind(self, time_step=time_step, **options)
+        return made
 
     def compile(self) -> bool:
         """Compile the step, and what plans, and wait for it; whether a C compiler was there.

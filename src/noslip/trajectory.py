@@ -6,7 +6,7 @@ import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import scipy
@@ -64,6 +64,19 @@ class PoseTrajectory(Timed):
     angular_velocities: Floats = field(default=None)  # type: ignore[arg-type]
     name: str = "trajectory"
     channels: Series | None = None
+
+    if TYPE_CHECKING:
+        # Given as anything like an array, kept as arrays.
+        def __init__(
+            self,
+            times: ArrayLike,
+            positions: ArrayLike,
+            rotations: Rotation,
+            linear_velocities: ArrayLike | None = None,
+            angular_velocities: ArrayLike | None = None,
+            name: str = "trajectory",
+            channels: Series | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         times = self._require_times()

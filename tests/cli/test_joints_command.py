@@ -1,4 +1,4 @@
-"""Joints of a robot, and vectors, in the commands that read many recordings or cut one."""
+"""Joints of a robot, vectors and channels in the commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import noslip as ns
-from kinds import ARM, joint_cut
+from kinds import joint_cut
+from motions import planar_cut
 from noslip.result_table import read_results
 
 pytest.importorskip("mujoco")
@@ -78,6 +79,25 @@ def test_each_of_many_is_learned_with_its_robot(noslip, robot, tmp_path):
         assert ns.check(dmp.rollout().tool, ns.Blade(), tolerance=1e-9).satisfied
     again = noslip("learn", "--each", folder, *asked, "--basis-functions", "30", "--out", out)
     assert again.out.startswith("learned 1 of 1 recordings, 1 of them before")
+
+
+def test_channels_go_through_the_commands(noslip, tmp_path):
+    cut = planar_cut(0.4, count=60)
+    grip = ns.Trajectory(cut.times, 0.02 * cut.times[:, None], names=["grip"], units=["m"])
+    file = cut.with_channels(grip).to_csv(tmp_path / "cut.csv")
+    asked = "--channels", "grip", "--constraint", "blade", "--basis-functions", "15"
+    one, out, pieces = (tmp_path / name for name in ("one.json", "one.csv", "pieces"))
+    assert noslip("learn", file, *asked, "--out", one).code == 0
+    assert noslip("learn", "--each", file, *asked, "--out", tmp_path / "each").code == 0
+    assert noslip("rollout", one, "--out", out).code == 0
+    assert noslip("segment", file, "--channels", "grip", "--out", pieces).code == 0
+    for motion in (
+        *ns.load_demonstrations([out, pieces / "cut_01.csv"], channels="grip"),
+        ns.load_primitive(tmp_path / "each" / "cut.json").rollout(),
+    ):
+        told = motion.channels.column("grip")
+        np.testing.assert_allclose(told, 0.02 * motion.times, rtol=0, atol=1e-9)
+        assert motion.channels.units == ("m",)
 
 
 @pytest.fixture

@@ -14,11 +14,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, Literal, TypeVar
 
 import casadi as ca
+import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Expression
@@ -102,6 +103,24 @@ class Constraint(ABC):
     coordinates: int = 0
     body: str = ""
 
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What it was declared with, by name; of what is read from a file too.
+
+        Numbers, texts and tuples of these; fields of a dataclass that are something else are left
+        out.
+        """
+        if (known := vars(self).get("_parameters")) is not None:
+            return dict(known)
+        found = {}
+        for field in fields(self) if is_dataclass(self) else ():
+            value = getattr(self, field.name)
+            try:
+                found[field.name] = plain(value.travel if isinstance(value, Edge) else value)
+            except TypeError:
+                continue
+        return found
+
     @abstractmethod
     def residual(self, motion: Instant) -> Expression:
         """Return what must be zero, or not negative: a scalar, a column, or a list of scalars."""
@@ -125,7 +144,9 @@ class Constraint(ABC):
     def __repr__(self) -> str:
         """Its class and what it was given, the first field always; one's own by its name."""
         if not is_registered(self):
-            return f"<{self.level} {_KINDS[self.relation]} {self.name!r}>"
+            given = ", ".join(f"{name}={value!r}" for name, value in self.parameters.items())
+            told = f" ({given})" if given else ""
+            return shortened(f"<{self.level} {_KINDS[self.relation]} {self.name!r}{told}>", 110)
         first = next(f.name for f in fields(self) if not f.kw_only)  # type: ignore[arg-type]
         value = getattr(self, first)
         shown = {first: value.travel if isinstance(value, Edge) else value}
@@ -190,6 +211,7 @@ class Declaration:
     relative: Instructions | None
     coordinates: int = 0
     body: str = ""
+    parameters: tuple[tuple[str, Any], ...] = ()
 
 
 class DeclaredConstraint(Constraint):
@@ -203,6 +225,7 @@ class DeclaredConstraint(Constraint):
     def __init__(self, declaration: Declaration) -> None:
         for name in _ATTRIBUTES:
             setattr(self, name, getattr(declaration, name))
+        self._parameters = dict(declaration.parameters)
         self.instructions, self._relative = declaration.expression, declaration.relative
 
     def residual(self, motion: Instant) -> Expression:
@@ -249,7 +272,27 @@ def declared(constraint: Constraint) -> Constraint | Declaration:
         **kept,
         expression=expression,
         relative=None if relative is None else Instructions.of(relative),
+        parameters=tuple(constraint.parameters.items()),
     )
+
+
+def plain(value: Any) -> Any:
+    """Return a parameter's value as data that is equal to itself: tuples of numbers and texts.
+
+    Raises
+    ------
+    TypeError
+        If it is something else, or a number that is not finite.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return tuple(map(plain, value))
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, int | float) and np.isfinite(value):
+        return value
+    raise TypeError(f"no plain data: {type(value).__name__}")
 
 
 def from_declared(identity: Constraint | Declaration) -> Constraint:

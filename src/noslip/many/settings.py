@@ -15,7 +15,7 @@ from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.preparation import prepare
-from noslip.errors import ConstraintError, InputError
+from noslip.errors import ConstraintError, InputError, did_you_mean
 from noslip.learning import learn
 from noslip.recordings import load_demonstrations
 
@@ -84,8 +84,9 @@ def _completed(function: Callable[..., Any], given: Mapping[str, Any]) -> dict[s
     }
     for name, value in given.items():
         if name not in known:
+            near = did_you_mean(name, known)
             raise InputError(
-                f"{function.__name__} has no option {name!r}; it has {', '.join(known)}"
+                f"{function.__name__} has no option {name!r}{near}; it has {', '.join(known)}"
             )
         try:
             json.dumps(value, default=lambda array: array.tolist())
