@@ -369,6 +369,12 @@ def learn(
 
 def _channels_of(demonstrations: Sequence[PoseTrajectory]) -> list[Series]:
     """What demonstrations recorded beside their poses; empty if none did."""
+    for one in demonstrations:
+        if named := [name for name, part in getattr(one, "parts", {}).items() if part.channels]:
+            raise InputError(
+                f"{one.name}: {named[0]} has channels, which go with the pose of one body alone; "
+                f"leave them out, {named[0]}.with_channels(None)"
+            )
     found = [d.channels for d in demonstrations if isinstance(d, PoseTrajectory) and d.channels]
     if found and len(found) < len(demonstrations):
         without = next(d for d in demonstrations if getattr(d, "channels", None) is None)

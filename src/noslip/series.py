@@ -158,16 +158,12 @@ class Series(Timed):
         rates: Any = None  # estimated anew
         return replace(self, times=own, values=points, velocities=rates)
 
-    def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Self:
-        """Return it at other instants, by cubic splines.
+    def retimed(self, times: Floats) -> Self:
+        """Return the same values at other times, shape (N,)."""
+        return self.with_points(self.values, times)
 
-        Parameters
-        ----------
-        rate : float
-            Samples per second.  The first sample stays; the last is the last that fits.
-        times : array, shape (M,)
-            Or the instants themselves (s), within the recorded time.
-        """
+    def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Self:
+        """Return it at other instants, by cubic splines; as :meth:`PoseTrajectory.resampled`."""
         instants = self._instants(rate, times)
         inside = np.clip(instants, self.times[0], self.times[-1])
         values, rates = self._spline(inside), self._spline(inside, 1)

@@ -153,12 +153,19 @@ class PoseTrajectory(Timed):
         return self
 
     def with_points(self, points: Floats, times: Floats | None = None) -> PoseTrajectory:
-        """Return other poses under the same name, shape (N, 7)."""
+        """Return other poses under the same name, shape (N, 7).
+
+        Each has the channels of its sample, if there are as many.
+        """
+        beside = self.channels if len(points) == len(self) else None
+        if beside is not None and times is not None:
+            beside = beside.retimed(times)
         return PoseTrajectory(
             self.times if times is None else times,
             points[:, :3],
             Rotation.from_quat(points[:, 3:], scalar_first=True),
             name=self.name,
+            channels=beside,
         )
 
     def with_velocities(self, linear: Floats, angular: Floats) -> PoseTrajectory:

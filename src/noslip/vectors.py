@@ -136,7 +136,7 @@ class Trajectory(Series):
     # ---------------------------------------------------------------- new ones from it
 
     def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Trajectory:
-        """Return it at other instants, by cubic splines; see :meth:`Series.resampled`."""
+        """Return it at other instants, by cubic splines; as :meth:`PoseTrajectory.resampled`."""
         # Of a rollout too the values alone: what constraints did to it is of its own steps.
         alone = replace(self.with_points(self.values), velocities=self.velocities)
         return super(Trajectory, alone).resampled(rate=rate, times=times)

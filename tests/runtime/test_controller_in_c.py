@@ -276,9 +276,7 @@ def test_it_is_clean_and_ends_at_its_goal(name: str, tmp_path: Path) -> None:
     length = PRIMITIVES[name]().rollout().path_length
     assert (finished, plans, failures) == (100, 1, 0)
     assert left <= 4e-3 * length
-    checked, _ = ran(
-        program(name, clean, *SANITIZED)
-    )
+    checked, _ = ran(program(name, clean, *SANITIZED))
     np.testing.assert_allclose(checked, poses, rtol=0, atol=SAME)
 
 

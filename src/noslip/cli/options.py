@@ -148,6 +148,15 @@ Columns = Annotated[
         _TABLE,
     ),
 ]
+ChannelColumns = Annotated[
+    str | None,
+    optional(
+        "NAMES",
+        "Columns beside the pose that go with it, such as gripper or fx,fy,fz: a primitive learns "
+        "them with its phase.",
+        _TABLE,
+    ),
+]
 TimeColumn = Annotated[
     str | None, optional("NAME", "Time, or seconds and nanoseconds: sec,nanosec.", _TABLE)
 ]
@@ -346,6 +355,7 @@ class Where:
     integrate: IntegrateChoice = None
     episode: Episode = field(default_factory=list)
     columns: Columns = None
+    channels: ChannelColumns = None
     time_column: TimeColumn = None
     time_unit: TimeUnit = None
     length_unit: LengthUnit = None
@@ -370,6 +380,7 @@ class Where:
             "integrate": self.integrate,
             "episode": self.episode or None,
             "columns": self.columns,
+            "channels": self.channels,
             "time": self.time_column,
             "units": [unit for unit in (self.time_unit, self.length_unit) if unit] or None,
             "rotation": self.rotation,

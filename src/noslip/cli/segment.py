@@ -101,7 +101,8 @@ def run(
         str | None,
         options.optional(
             "A,B",
-            "Of the speed (m/s), the column or the height (m); by default from the recording.",
+            "Of the speed (m/s, or a vector's own unit over s), the column or the height (m); by "
+            "default from the recording.",
             _CUTS,
         ),
     ] = None,
@@ -236,6 +237,11 @@ def _height(whole: PoseTrajectory, text: str) -> Floats:
     direction = np.array(options.vector("--height", text))
     if not np.any(direction):
         raise InputError("--height: 0,0,0 is no direction; give the world's upward one")
+    if not (whole.space.bodies and whole.space.is_placed):
+        raise InputError(
+            f"--height: is of a place in space, and {whole.name} holds "
+            f"{', '.join(whole.space.coordinates)}; give --contact-column"
+        )
     return np.asarray(whole.positions @ (direction / np.linalg.norm(direction)))
 
 
@@ -308,7 +314,9 @@ def _table(segments: Segments, files: list[Path], first: int, began: float) -> T
     after = ", times after its start" if before else ""
     title = Text(one_line(f"{segments.recording.name}: {_count([segments])}{after}"))
     table = Table(title=title, title_justify="left", title_style="bold")
-    for heading in ("", "from (s)", "to (s)", "lasts (s)", "path (mm)"):
+    placed, unit = segments.recording.unit == "m", segments.recording.unit
+    path = f"path ({'mm' if placed else unit})" if unit != "1" else "path"
+    for heading in ("", "from (s)", "to (s)", "lasts (s)", path):
         table.add_column(heading, justify="right")
     table.add_column("")
     numbered = enumerate(zip(segments.pieces, files, strict=True), start=first)
@@ -318,7 +326,10 @@ def _table(segments: Segments, files: list[Path], first: int, began: float) -> T
         if cut.reason is None:
             count, (piece, file) = next(numbered)
             table.add_row(
-                str(count), *span, f"{piece.path_length * 1e3:.1f}", Text(one_line(file.name))
+                str(count),
+                *span,
+                f"{piece.path_length * 1e3:.1f}" if placed else f"{piece.path_length:.3g}",
+                Text(one_line(file.name)),
             )
         elif cut.reason not in BETWEEN:
             table.add_row("", *span, "", cut.reason, style="dim")
@@ -337,7 +348,8 @@ def _thresholds_text(segments: Segments) -> str:
         return "no rest stands out of the recording: one piece"
     low, high = segments.thresholds
     speed = segments.quantity == "speed"
-    what, unit = ("speed", " m/s") if speed else ("contact signal", "")
+    per_second = f" {segments.recording.unit}/s"
+    what, unit = ("speed", per_second) if speed else ("contact signal", "")
     return (
         f"thresholds of the {what} {low:.3g} and {high:.3g}{unit}; shorter than "
         f"{segments.minimum_duration:.3g} s is cut out"

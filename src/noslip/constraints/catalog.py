@@ -124,7 +124,7 @@ def specification(constraint: Constraint) -> dict[str, Any]:
     if isinstance(constraint.edge, Edge) and "edge" in values:
         # Its other parts are arguments too.
         values["edge"] = constraint.edge.travel
-    return {"type": type(constraint).name, "arguments": values}
+    return {"type": constraint.known_as, "arguments": values}
 
 
 def constraint_text(constraint: Constraint) -> str:
@@ -132,7 +132,7 @@ def constraint_text(constraint: Constraint) -> str:
 
     Numbers have six digits, and none beyond a nanometer.
     """
-    name = constraint.name.replace("-", "_")
+    name = constraint.known_as.replace("-", "_")
     values = given_arguments(constraint).items()
     return f"{name}({', '.join(f'{key}={_written(value)}' for key, value in values)})".replace(
         "()", ""
@@ -143,7 +143,7 @@ def _written(value: Any) -> str:
     if isinstance(value, float):
         return f"{round(value, 9) + 0.0:.6g}"
     if isinstance(value, tuple | list):
-        return f"({', '.join(map(_written, value))})"
+        return f"({', '.join(map(_written, value))}{',' * (len(value) == 1)})"
     return repr(value)
 
 

@@ -35,6 +35,7 @@ from noslip.constraints.instant import (
 from noslip.constraints.shape import Shape
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
+from noslip.space import Space
 
 Level = Literal["position", "velocity", "acceleration"]
 Relation = Literal["zero", "nonnegative"]
@@ -81,6 +82,8 @@ class Constraint(ABC):
         The tool is kept within such balls as they are, not within planes that touch them.
     from_files : tuple of str
         Arguments that may be files, which a user names but no saved primitive does.
+    known_as : str
+        What the catalog calls it; empty outside of it.
     coordinates : int
         0: declared of a body's pose and motion; else of so many coordinates, such as joints.
     body : str
@@ -96,6 +99,7 @@ class Constraint(ABC):
     edge: Edge | None = None
     radii: tuple[float, ...] = ()
     from_files: ClassVar[tuple[str, ...]] = ()
+    known_as: ClassVar[str] = ""
     coordinates: int = 0
     body: str = ""
 
@@ -124,6 +128,10 @@ class Constraint(ABC):
     def relative(self, motion: Instant) -> Instant:
         """Motion of the tool relative to its work: the motion itself, unless the work moves."""
         return motion
+
+    def in_space(self, space: Space) -> Constraint:
+        """Return what it comes to where this moves: itself, unless it is about whatever moves."""
+        return self
 
     def shape(self) -> Shape | None:
         """What it looks like; None, if it has no place."""
@@ -172,9 +180,14 @@ Known = TypeVar("Known", bound=type[Constraint])
 
 
 def register(kind: Known) -> Known:
-    """Make a constraint's class known by its ``name``; it is a frozen dataclass of plain values."""
-    if CATALOG.setdefault(kind.name, kind) is not kind:
-        raise ConstraintError(f"two constraints are called {kind.name!r}")
+    """Make a constraint's class known by its ``known_as``, by default its ``name``.
+
+    It is a frozen dataclass of plain values.
+    """
+    if "known_as" not in vars(kind):
+        kind.known_as = kind.name
+    if CATALOG.setdefault(kind.known_as, kind) is not kind:
+        raise ConstraintError(f"two constraints are called {kind.known_as!r}")
     return kind
 
 

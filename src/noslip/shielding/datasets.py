@@ -197,7 +197,10 @@ def _in_chunks(
             break
     positions = np.concatenate([part.positions for part in parts])
     rotations = Rotation.concatenate([part.rotations for part in parts])
-    return PoseTrajectory(recording.times, positions, rotations, name=recording.name), texts
+    found = PoseTrajectory(
+        recording.times, positions, rotations, name=recording.name, channels=recording.channels
+    )
+    return found, texts
 
 
 def _write(folder: Path, motions: Sequence[PoseTrajectory]) -> None:
