@@ -152,6 +152,7 @@ def restore(data: dict[str, Any]) -> Constraint:
         return build(str(data["type"]), arguments)
     try:
         values = {name: _from_data(value) for name, value in data.items() if name != "type"}
+        values["row_names"] = tuple(values.get("row_names", ()))
         constraint = DeclaredConstraint(Declaration(**values))
     except (TypeError, ConstraintError) as error:
         name = data.get("name", "without a name")

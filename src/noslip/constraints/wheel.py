@@ -57,6 +57,11 @@ class Wheel(Constraint):
             settle(self, self.name, normal=direction)
         settle_edge(self, self.name, self.axle, "the axle and the edge")
 
+    @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Along the axle; off the ground."""
+        return ("sideways",) if self.normal is None else ("sideways", "vertical")
+
     def residual(self, motion: Instant) -> Expression:
         """Speed along the axle, and off the ground (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity
