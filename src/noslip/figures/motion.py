@@ -11,8 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from noslip.constraints.system import as_system
 from noslip.errors import InputError
 from noslip.figures import style
+from noslip.figures.places import draw_places
 from noslip.figures.quantities import (
     ANGLES,
     FORCE_UNITS,
@@ -110,7 +112,13 @@ def compare_motions(
     return figure
 
 
-def plot_positions(ax: Axes, motions: Motions, coordinate: str = "x") -> list[Line2D]:
+def plot_positions(
+    ax: Axes,
+    motions: Motions,
+    coordinate: str = "x",
+    *,
+    styles: style.Styles | None = None,
+) -> list[Line2D]:
     """Draw one world coordinate, ``"x"``, ``"y"`` or ``"z"``, over time (s); m or mm."""
     shown = named(motions)
     index = index_of(coordinate, ("x", "y", "z"), "coordinate")
@@ -119,11 +127,16 @@ def plot_positions(ax: Axes, motions: Motions, coordinate: str = "x") -> list[Li
     least = scale * style.LEAST_SHARE * max(map(extent, shown.values()))
     style.span_at_least(ax, [values for _, values in curves.values()], least)
     style.dress(ax, TIME, f"{coordinate} ({unit})")
-    return style.draw_curves(ax, curves)
+    return style.draw_curves(ax, curves, styles)
 
 
 def plot_orientation(
-    ax: Axes, motions: Motions, angle: str = "yaw", *, degrees: bool = True
+    ax: Axes,
+    motions: Motions,
+    angle: str = "yaw",
+    *,
+    degrees: bool = True,
+    styles: style.Styles | None = None,
 ) -> list[Line2D]:
     """Draw ``"roll"``, ``"pitch"`` or ``"yaw"`` (extrinsic xyz) over time (s), degrees or radians.
 
@@ -137,12 +150,17 @@ def plot_orientation(
     style.span_at_least(ax, curves.values(), scale * style.LEAST_TURN)
     style.dress(ax, TIME, f"{angle} ({unit})")
     return style.draw_curves(
-        ax, {name: (since_start(shown[name]), curve) for name, curve in curves.items()}
+        ax, {name: (since_start(shown[name]), curve) for name, curve in curves.items()}, styles
     )
 
 
 def plot_speed(
-    ax: Axes, motions: Motions, part: Part = "linear", *, degrees: bool = False
+    ax: Axes,
+    motions: Motions,
+    part: Part = "linear",
+    *,
+    degrees: bool = False,
+    styles: style.Styles | None = None,
 ) -> list[Line2D]:
     """Draw how fast the tool moves or turns, over time (s), where each step ends.
 
@@ -154,6 +172,8 @@ def plot_speed(
         m/s, or mm/s where all are slow; rad/s.
     degrees : bool
         Angular speed in degrees a second.
+    styles : mapping of line properties by motion, optional
+        As of :func:`noslip.figures.style.line_styles`, the default.
     """
     shown = named(motions)
     index = index_of(part, PARTS, "part")
@@ -165,38 +185,65 @@ def plot_speed(
     if part == "angular":
         scale, unit = (np.degrees(1.0), "°/s") if degrees else (1.0, "rad/s")
     curves = {name: (since_start(shown[name])[1:], scale * size) for name, size in sizes.items()}
-    lines = style.draw_curves(ax, curves)
+    lines = style.draw_curves(ax, curves, styles)
     ax.set_ylim(bottom=0)
     style.dress(ax, TIME, f"{'speed' if part == 'linear' else 'angular speed'} ({unit})")
     return lines
 
 
-def plot_path(ax: Axes, motions: Motions, *, plane: Plane | None = None) -> list[Line2D]:
+def plot_path(
+    ax: Axes,
+    motions: Motions,
+    constraints: Constraints = (),
+    *,
+    plane: Plane | None = None,
+    styles: style.Styles | None = None,
+) -> list[Line2D]:
     """Draw the path in a world plane, to scale; a ring at each start, a square at each end.
 
-    By default XY, seen from above, unless the motions reach further along z than along x or y;
-    then the coordinate along which they reach least is left out.
+    Parameters
+    ----------
+    ax : Axes
+    motions : PoseTrajectory or mapping of them by name
+    constraints : Constraint or several
+        Where those of the position do not let the tool go is hatched: obstacles, what lies beyond
+        limits; see :func:`noslip.figures.places.draw_places`.
+    plane : "XY", "XZ" or "YZ"
+        By default XY, seen from above, unless the motions reach further along z than along x or y;
+        then the coordinate along which they reach least is left out.
+    styles : mapping of line properties by motion, optional
+        As of :func:`noslip.figures.style.line_styles`, the default.
     """
     shown = named(motions)
     chosen = plane or "".join("XYZ"[axis] for axis in widest_plane(shown.values()))
     axes = [index_of(letter, "XYZ", "plane") for letter in chosen]
     scale, unit = length_unit(shown.values())
     paths = {name: scale * motion.positions[:, axes].T for name, motion in shown.items()}
-    lines = style.draw_curves(ax, {name: (across, up) for name, (across, up) in paths.items()})
+    lines = style.draw_curves(
+        ax, {name: (across, up) for name, (across, up) in paths.items()}, styles
+    )
+    size = 5.0 if len(shown) <= style.MOST_NAMED else 2.5
     for line, path in zip(lines, paths.values(), strict=True):
         mark: Any = {"color": line.get_color(), "zorder": line.get_zorder() + 0.5}
-        ax.plot(*path[:, :1], "o", mfc="white", ms=5, **mark)
-        ax.plot(*path[:, -1:], "s", ms=3.5, **mark)
+        ax.plot(*path[:, :1], "o", mfc="white", ms=size, **mark)
+        ax.plot(*path[:, -1:], "s", ms=0.7 * size, **mark)
+    there = draw_places(ax, shown.values(), as_system(constraints), axes, scale)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
     seen = "path from above" if chosen == "XY" else f"path in the {chosen} plane"
     labels = [f"{axis.lower()} ({unit})" for axis in chosen]
-    style.dress(ax, *labels, title=f"{seen} (○ start, ■ end)")
+    style.dress(ax, *labels, title="\n".join([f"{seen} (○ start, ■ end)", *there]))
     return lines
 
 
 def plot_residuals(
-    ax: Axes, motions: Motions, constraints: Constraints, *, row: int = 0, scale: Scale = "linear"
+    ax: Axes,
+    motions: Motions,
+    constraints: Constraints,
+    *,
+    row: int = 0,
+    scale: Scale = "linear",
+    styles: style.Styles | None = None,
 ) -> list[Line2D]:
     """Draw one row of the constraints' residuals over time (s), where each step ends.
 
@@ -208,14 +255,17 @@ def plot_residuals(
     rows = residual_rows(named(motions), constraints)
     if not 0 <= row < len(rows):
         raise InputError(f"the constraints have {len(rows)} rows, counted from 0; got row {row}")
-    return draw_residuals(ax, rows[row], scale)
+    return draw_residuals(ax, rows[row], scale, styles)
 
 
-def draw_residuals(ax: Axes, residual: ResidualRow, scale: Scale) -> list[Line2D]:
+def draw_residuals(
+    ax: Axes, residual: ResidualRow, scale: Scale, styles: style.Styles | None = None
+) -> list[Line2D]:
     """Draw residuals already computed; see :func:`plot_residuals`."""
     sizes = {name: residual.sizes(name) for name in residual.values}
     shown = sizes if scale == "log" else residual.values
-    lines = style.draw_curves(ax, {name: (residual.times[name], shown[name]) for name in shown})
+    curves = {name: (residual.times[name], shown[name]) for name in shown}
+    lines = style.draw_curves(ax, curves, styles)
     if scale == "log":
         style.log_axis(ax, sizes.values(), residual.span)
         style.dress(ax, TIME, residual.size_label)
@@ -228,7 +278,13 @@ def draw_residuals(ax: Axes, residual: ResidualRow, scale: Scale) -> list[Line2D
     return lines
 
 
-def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2D]:
+def plot_forces(
+    ax: Axes,
+    motions: Motions,
+    part: Part = "linear",
+    *,
+    styles: style.Styles | None = None,
+) -> list[Line2D]:
     """Draw the size of the acceleration that the constraints added, over time (s).
 
     Of rollouts alone; other motions are left out.  Several motions share a logarithmic axis.
@@ -239,6 +295,8 @@ def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2
     motions : PoseTrajectory or mapping of them by name
     part : "linear" or "angular"
         In m/s^2 or rad/s^2.
+    styles : mapping of line properties by motion, optional
+        As of :func:`noslip.figures.style.line_styles`, the default.
     """
     shown = named(motions)
     index_of(part, PARTS, "part")
@@ -246,7 +304,9 @@ def plot_forces(ax: Axes, motions: Motions, part: Part = "linear") -> list[Line2
         name: force_sizes(motion.constraint_forces, part) for name, motion in coupled(shown).items()
     }
     lines = style.draw_curves(
-        ax, {name: (since_start(shown[name]), sizes[name]) for name in sizes}, among=shown
+        ax,
+        {name: (since_start(shown[name]), sizes[name]) for name in sizes},
+        styles or style.line_styles(shown),
     )
     if len(sizes) > 1:
         style.log_axis(ax, sizes.values(), 1.0)
