@@ -43,6 +43,8 @@ LONGEST_NAME = 200
 """Characters of a constraint's name: more than a line of a report shows."""
 ROW = ", "
 """Between a constraint's name and that of one of its rows: ``"wheel, sideways"``."""
+SIDEWAYS = "sideways"
+"""What a row is called that keeps a tool with an edge from slipping, of a constraint of several."""
 MOST_ROWS = 64
 """Of the constraints of a system, together: a box has 6.  Time grows with the third power: learning
 of 100 rows takes half a minute, of 2000 days."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, register
+from noslip.constraints.declaration import SIDEWAYS, Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -60,7 +60,7 @@ class Wheel(Constraint):
     @property
     def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
         """Along the axle; off the ground."""
-        return ("sideways",) if self.normal is None else ("sideways", "vertical")
+        return (SIDEWAYS,) if self.normal is None else (SIDEWAYS, "vertical")
 
     def residual(self, motion: Instant) -> Expression:
         """Speed along the axle, and off the ground (m/s)."""

@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from noslip._typing import Floats
+from noslip.constraints.check import ROUNDING, residual_text
 from noslip.constraints.system import as_system
 from noslip.errors import InputError
 from noslip.figures import style
@@ -36,7 +38,15 @@ from noslip.figures.quantities import (
     since_start,
     widest_plane,
 )
-from noslip.figures.residuals import ResidualRow, finding, least_margins, residual_rows
+from noslip.figures.residuals import (
+    ResidualRow,
+    finding,
+    least_margins,
+    prominence,
+    residual_rows,
+)
+from noslip.figures.snapshots import plot_tool_frame
+from noslip.figures.style import short_name
 from noslip.trajectory import PoseTrajectory
 
 Plane = Literal["XY", "XZ", "YZ"]
@@ -44,19 +54,28 @@ Plane = Literal["XY", "XZ", "YZ"]
 Scale = Literal["linear", "log"]
 """Of the axis of residuals."""
 
+MOST_ABREAST = 3
+"""Panels side by side: more are too narrow for their labels."""
+STILL = 1e-6
+"""Degrees by which an angle changes that stays as it is: rounding of rotations and their angles."""
 TIME = "time since start (s)"
 """What every axis of time says."""
 
 
 def compare_motions(
-    motions: Motions, constraints: Constraints = (), *, title: str | None = None
+    motions: Motions,
+    constraints: Constraints = (),
+    *,
+    tool: bool = False,
+    title: str | None = None,
 ) -> Figure:
     """Show motions of one task together: where they go, how they turn, and how they slip.
 
-    Panels: x, y and z; roll, pitch and yaw; the path seen along a coordinate axis; for each row of
-    the constraints its residual, and once more on a logarithmic axis where a motion's is too small
-    to be seen; for each limit the least margin of its rows, with the forbidden side shaded; the
-    acceleration that the constraints added, where a rollout tells it.
+    Panels: x, y and z; roll, pitch and yaw; the path seen along a coordinate axis, with what the
+    limits of the position forbid; for each row of the constraints its residual, and once more on a
+    logarithmic axis where a motion's is too small to be seen; for each limit the least margin of
+    its rows, with the forbidden side shaded; the acceleration that the constraints added, where a
+    rollout tells it.  What does not change has no panel: a line below names it.
 
     Parameters
     ----------
@@ -65,9 +84,11 @@ def compare_motions(
         "demonstration", "regular", "constrained" and "optimized" have the paper's line styles.
     constraints : Constraint or several
         None leaves their panels out.
+    tool : bool
+        Whether to draw the tool's frame at the left, as it starts in the first motion.
     title : str, optional
-        By default the finding: the largest residual of the last motion, and of the first; what
-        they leave of the tightest limit.
+        By default the finding: what the first and the last motion slip, or the residual that is
+        largest; how far from its goal a rollout ends; what is left of the tightest limit.
 
     Returns
     -------
@@ -80,35 +101,51 @@ def compare_motions(
         If there is no motion, or one is no PoseTrajectory.
     """
     shown = named(motions)
-    rows = least_margins(residual_rows(shown, constraints))
-    forces = force_parts(m.constraint_forces for m in coupled(shown).values()) if rows else []
+    system = as_system(constraints)
+    rows = least_margins(residual_rows(shown, system))
+    forces = force_parts(m.constraint_forces for m in coupled(shown).values())
+    styles = style.line_styles(shown, _told_apart(rows, shown))
 
-    lines = _constraint_panels(shown, rows, forces)
-    lower = len(lines)
+    draws = _constraint_panels(shown, [row for row in rows if not row.is_zero], forces, styles)
+    lower = -(-len(draws) // MOST_ABREAST)
     figure = style.new_figure(style.TWO_COLUMNS, 4.1 + 1.55 * lower)
     heights = [1.0] * 3 + [1.35] * lower
     grid = figure.add_gridspec(3 + lower, 1, height_ratios=heights)
-    upper = grid[:3].subgridspec(3, 3, width_ratios=(1, 1, 1.25))
+    widths = [*([1.25] if tool else []), 1, 1, 1.25]
+    upper = grid[:3].subgridspec(1, len(widths), width_ratios=widths)
+    if tool:
+        ax = figure.add_subplot(upper[0], projection="3d")
+        plot_tool_frame(ax, next(iter(shown.values())).rotations[0])
+        caption = "the tool's frame at the start\n(gray: the world's)"
+        ax.set_title(caption, fontsize=style.SMALL_FONT_SIZE)
 
-    poses: list[tuple[Callable[[Axes, Motions, str], object], Sequence[str]]]
-    poses = [(plot_positions, ("x", "y", "z")), (plot_orientation, ANGLES)]
-    for column, (plot, quantities) in enumerate(poses):
-        stack = [figure.add_subplot(upper[row, column]) for row in range(3)]
-        for ax, quantity in zip(stack, quantities, strict=True):
-            plot(ax, shown, quantity)
-            if ax is not stack[2]:
-                ax.sharex(stack[2])
+    still: list[str] = []
+    poses: list[tuple[Callable[..., object], dict[str, str]]]
+    poses = [(plot_positions, _resting_places(shown)), (plot_orientation, _resting_angles(shown))]
+    for column, (plot, quantities) in enumerate(poses, start=-3):
+        moving = [name for name, rest in quantities.items() if not rest] or list(quantities)
+        still += [rest for name, rest in quantities.items() if name not in moving]
+        parts = upper[len(widths) + column].subgridspec(len(moving), 1)
+        stack = [figure.add_subplot(parts[row]) for row in range(len(moving))]
+        for ax, quantity in zip(stack, moving, strict=True):
+            plot(ax, shown, quantity, styles=styles)
+            if ax is not stack[-1]:
+                ax.sharex(stack[-1])
         style.stack(figure, stack)
-    plot_path(figure.add_subplot(upper[:, 2]), shown)
+    plot_path(figure.add_subplot(upper[-1]), shown, system, styles=styles)
 
-    for index, draws in enumerate(lines, start=3):
-        panels = grid[index].subgridspec(1, len(draws))
-        for column, draw in enumerate(draws):
-            draw(figure.add_subplot(panels[column]))
+    for index, part in enumerate(np.array_split(np.arange(len(draws)), lower) if lower else []):
+        panels = grid[3 + index].subgridspec(1, len(part))
+        for column, which in enumerate(part):
+            draws[which](figure.add_subplot(panels[column]))
 
+    zero = [row for row in rows if row.is_zero]
+    still += [f"{short_name(row.name)} {residual_text(0.0, row.own_unit)}" for row in zero]
     if len(shown) > 1:
-        style.name_lines(figure, shown)
-    style.write_title(figure, title or (finding(rows) if rows else _overview(shown)))
+        style.name_lines(figure, styles)
+    if still:
+        style.write_note(figure, f"Without a panel, as it does not change: {'; '.join(still)}")
+    style.write_title(figure, title or (finding(rows, shown) if rows else _overview(shown)))
     return figure
 
 
@@ -320,28 +357,61 @@ def plot_forces(
 
 
 def _constraint_panels(
-    motions: Mapping[str, PoseTrajectory], rows: Sequence[ResidualRow], forces: Sequence[Part]
-) -> list[list[Callable[[Axes], object]]]:
-    """What draws the panels below a comparison's poses, line by line.
-
-    An equality has a line of its own, limits and forces share theirs; a single constraint shares
-    its line with its forces.
-    """
-    lines: list[list[Callable[[Axes], object]]] = []
-    rest: list[Callable[[Axes], object]] = []
-    for residual in rows:
+    motions: Mapping[str, PoseTrajectory],
+    rows: Sequence[ResidualRow],
+    forces: Sequence[Part],
+    styles: style.Styles,
+) -> list[Callable[[Axes], object]]:
+    """What draws the panels below a comparison's poses: equalities, limits, accelerations."""
+    draws: list[Callable[[Axes], object]] = []
+    for residual in sorted(rows, key=lambda row: row.is_limit):
         scales: list[Scale] = ["linear"]
         if residual.hidden:
-            scales = ["linear", "log"] if len(motions) > 1 else ["log"]
-        draws = [partial(draw_residuals, residual=residual, scale=scale) for scale in scales]
-        if residual.is_limit:
-            rest += draws
-        else:
-            lines.append([*draws])
-    rest += [partial(plot_forces, motions=motions, part=part) for part in forces]
-    if len(rows) == 1:
-        return [[draw for line in [*lines, rest] for draw in line]]
-    return lines + [rest[i : i + 2] for i in range(0, len(rest), 2)]
+            # Where nothing else is seen, a flat line says less than its size.
+            unseen = all(map(residual.hides, residual.values))
+            scales = ["log"] if unseen else ["linear", "log"]
+        draws += [
+            partial(draw_residuals, residual=residual, scale=scale, styles=styles)
+            for scale in scales
+        ]
+    return draws + [
+        partial(plot_forces, motions=motions, part=part, styles=styles) for part in forces
+    ]
+
+
+def _told_apart(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTrajectory]) -> list[str]:
+    """Which of many motions have a line of their own: what the title names, and rollouts."""
+    if not rows:
+        return list(coupled(motions))
+    worst = max(rows, key=prominence)
+    peak = max(worst.values, key=lambda name: (worst.peaks[name], -worst.margins[name]))
+    return [peak, *coupled(motions)]
+
+
+def _resting_places(motions: Mapping[str, PoseTrajectory]) -> dict[str, str]:
+    """What coordinates rest at, in a few words; nothing of those that change."""
+    scale, unit = length_unit(motions.values())
+    places = scale * np.concatenate([motion.positions for motion in motions.values()])
+    return {
+        name: _resting(name, values, scale * ROUNDING, f" {unit}")
+        for name, values in zip("xyz", places.T, strict=True)
+    }
+
+
+def _resting_angles(motions: Mapping[str, PoseTrajectory]) -> dict[str, str]:
+    """The same of roll, pitch and yaw."""
+    angles = np.concatenate(near_angles(motions.values()))
+    return {
+        name: _resting(name, values, STILL, "°")
+        for name, values in zip(ANGLES, angles.T, strict=True)
+    }
+
+
+def _resting(name: str, values: Floats, least: float, unit: str) -> str:
+    if np.ptp(values) > least:
+        return ""
+    value = float(np.mean(values))
+    return f"{name} {style.number(value if abs(value) > least else 0.0)}{unit}"
 
 
 def _overview(motions: Mapping[str, PoseTrajectory]) -> str:

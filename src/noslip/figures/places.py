@@ -20,11 +20,11 @@ POINTS = 121
 """Of the grid along each side of the view: an edge is off by less than a hundredth of its cells,
 between which it is interpolated; the time grows with the square."""
 BEYOND = 1.0
-"""How far beyond the paths the view may reach, as a share of their extent: axes of equal scales in a
-wide or a high panel show about as much."""
+"""How far beyond the paths the view may reach, as a share of their extent: axes of equal scales in
+a wide or a high panel show about as much."""
 FLAT = 1e-6
-"""Share of the view's size below which a distance is none: of a contact in the view's own plane only
-rounding would be drawn."""
+"""Share of the view's size below which a distance is none: of a contact in the view's own plane
+only rounding would be drawn."""
 DEPTHS = 17
 """Sections above and below, among which what the view's own does not meet is looked for."""
 BESIDE = ("forbidden further off", "forbidden further off", "forbidden above or below")
@@ -50,8 +50,8 @@ def draw_places(
     """Draw where the constraints of the position let the tool's origin go; return what is what.
 
     It is a section, at the depth, the rotation and the time at which the motions leave the least
-    of a constraint, or are furthest off it.  What lies at other depths alone is outlined.  The view grows to hold what is forbidden, if that ends
-    within the paths' extent.
+    of a constraint, or are furthest off it.  What lies at other depths alone is outlined.  The view
+    grows to hold what is forbidden, if that ends within the paths' extent.
 
     Parameters
     ----------
@@ -117,13 +117,12 @@ def draw_places(
             found["line: contact"] = None
             continue
         if beside:
-            ax.contour(*places, levels=[0.0], **EDGE, linestyles="dashed")
             found[f"dashed: {BESIDE[3 - sum(columns)]}"] = None
-            continue
-        with_hatches = ax.contourf(*places, levels=[left.min() - size, 0.0], **FORBIDDEN)
-        with_hatches.set(edgecolor="0.78", linewidth=0)
-        ax.contour(*places, levels=[0.0], **EDGE)
-        found["hatched: forbidden"] = None
+        else:
+            hatched = ax.contourf(*places, levels=[left.min() - size, 0.0], **FORBIDDEN)
+            hatched.set(edgecolor="0.78", linewidth=0)
+            found["hatched: forbidden"] = None
+        ax.contour(*places, levels=[0.0], **EDGE, linestyles="dashed" if beside else "solid")
         forbidden = left < 0
         if not any(side.any() for side in (*forbidden[[0, -1]], *forbidden.T[[0, -1]])):
             whole = scale * grid[forbidden.ravel()]

@@ -48,6 +48,11 @@ class ConstraintRecord:
     span: float
 
     @property
+    def acts(self) -> bool:
+        """Whether it added any acceleration."""
+        return bool(self.forces.any())
+
+    @property
     def rows(self) -> int:
         return int(self.values.shape[1])
 

@@ -167,6 +167,17 @@ def write_title(figure: Figure, title: str) -> None:
     figure.suptitle("\n".join(lines), fontsize=FONT_SIZE, fontweight="bold")
 
 
+def write_note(figure: Figure, text: str) -> None:
+    """Put a remark below the panels of a figure, above its legend, which is there already."""
+    characters = int(figure.get_figwidth() * 72 / (0.55 * SMALL_FONT_SIZE))
+    look: Any = {"fontsize": SMALL_FONT_SIZE, "color": "0.3"}
+    if figure.legends:
+        figure.legends[0].set_title(fill(text, characters))
+        figure.legends[0].get_title().set(**look)
+    else:
+        figure.supxlabel(fill(text, characters), **look)
+
+
 def name_lines(figure: Figure, names: Iterable[str] | Styles) -> None:
     """Put the legend of the motions' lines, or of lines by their styles, below a figure.
 
