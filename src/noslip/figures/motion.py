@@ -142,7 +142,7 @@ def compare_motions(
     zero = [row for row in rows if row.is_zero]
     still += [f"{short_name(row.name)} {residual_text(0.0, row.own_unit)}" for row in zero]
     if len(shown) > 1:
-        style.name_lines(figure, styles)
+        style.name_lines(figure, shown, styles)
     if still:
         style.write_note(figure, f"Without a panel, as it does not change: {'; '.join(still)}")
     style.write_title(figure, title or (finding(rows, shown) if rows else _overview(shown)))

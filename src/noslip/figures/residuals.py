@@ -274,5 +274,5 @@ def _end_text(motion: PoseTrajectory | None) -> str:
     if not isinstance(motion, Motion):
         return ""
     if motion.end_error < AT_GOAL:
-        return f", ends within {value_text(AT_GOAL, 'm')} of its goal"
+        return f", ends within {1e6 * AT_GOAL:g} µm of its goal"
     return f", ends {value_text(motion.end_error, 'm')} from its goal"

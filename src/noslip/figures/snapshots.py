@@ -235,17 +235,18 @@ def plot_tool_frame(ax: Any, rotation: Rotation) -> list[Artist]:
 def _clearest_azimuth(rotation: Rotation) -> float:
     """Azimuth (degrees) of an eye in front for which no axis of a frame hides another or is short.
 
-    The smallest area between two of the axes, as they are seen, is the largest.
+    The smallest area between two axes of the body or of the world, as they are seen, is the
+    largest.
     """
-    axes, elevation = rotation.as_matrix().T, np.radians(FRAME_ELEVATION)
+    frames, elevation = (rotation.as_matrix().T, np.eye(3)), np.radians(FRAME_ELEVATION)
 
     def least_area(azimuth: float) -> float:
         a = np.radians(azimuth)
         right = np.array([-np.sin(a), np.cos(a), 0.0])
         up = np.array([*(-np.sin(elevation) * np.array([np.cos(a), np.sin(a)])), np.cos(elevation)])
-        seen = np.column_stack([axes @ right, axes @ up])
         return min(
-            abs(seen[i, 0] * seen[j, 1] - seen[i, 1] * seen[j, 0])
+            abs(float(np.linalg.det([axes[[i, j]] @ right, axes[[i, j]] @ up])))
+            for axes in frames
             for i, j in ((0, 1), (1, 2), (0, 2))
         )
 

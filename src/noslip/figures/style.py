@@ -125,6 +125,19 @@ def trial_styles(count: int) -> list[dict[str, Any]]:
     ]
 
 
+def joint_styles(count: int) -> list[dict[str, Any]]:
+    """Return one thin line's style a joint: a color each, none of them gray or black.
+
+    Those are left for motions drawn beside them, and for limits.
+    """
+    colors = [color for name, color in PALETTE.items() if name not in ("gray", "black")]
+    looks = ((color, dashes) for dashes in cycle(_DASHES) for color in colors)
+    return [
+        {"color": color, "linestyle": dashes, "linewidth": 1.1}
+        for color, dashes in islice(looks, count)
+    ]
+
+
 class Picture(Figure):
     """A figure that a notebook shows by itself, though no window of pyplot knows it."""
 
@@ -178,14 +191,15 @@ def write_note(figure: Figure, text: str) -> None:
         figure.supxlabel(fill(text, characters), **look)
 
 
-def name_lines(figure: Figure, names: Iterable[str] | Styles) -> None:
-    """Put the legend of the motions' lines, or of lines by their styles, below a figure.
+def name_lines(figure: Figure, names: Iterable[str], styles: Styles | None = None) -> None:
+    """Put the legend of the motions' lines below a figure, in as many columns as fit.
 
     Lines of one style that many share are named once, with their number.
     """
-    styles = names if isinstance(names, Mapping) else line_styles(names)
-    own = {name: look for name, look in styles.items() if look is not MANY}
-    shared = len(styles) - len(own)
+    names = list(names)
+    styles = styles or line_styles(names)
+    own = {name: styles[name] for name in names if styles[name] is not MANY}
+    shared = len(names) - len(own)
     others = {f"{shared} {'others' if own else 'motions'}": MANY} if shared else {}
     put_legend(figure, own | others)
 
