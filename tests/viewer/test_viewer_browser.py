@@ -26,7 +26,7 @@ from playwright.sync_api import sync_playwright
 
 from noslip.viewer import Page, read_simulation, save_page
 from noslip.viewer.found import LENGTH
-from noslip.viewer.goal_panel import GIZMO
+from noslip.viewer.handles import GIZMO
 
 CHROMIUM = os.environ.get("NOSLIP_CHROMIUM") or shutil.which("chromium")
 pytestmark = [
@@ -101,9 +101,8 @@ class Tab:
         self.view.on("request", lambda request: self.asked.append(request.url))
 
     def open(self, address: str) -> None:
-        """Go there; the warning that drawing is slow without a graphics card is put away."""
+        """Go there."""
         self.view.goto(f"{address}?fixedDpr={self.sharpness}")
-        self.view.locator(".mantine-Notification-closeButton").click()
 
     def _note(self, message) -> None:
         if message.type == "error":
@@ -375,7 +374,8 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
     # The gizmo's first arrow, which is the tool's x axis at the goal.
     axis = primitive.goal_rotation.apply([1.0, 0.0, 0.0])
     goal = primitive.goal_position
-    grip = goal + 0.95 * GIZMO * page.drawing.size * axis
+    handle = np.array(page.goals.handles["goal"].gizmo.position)
+    grip = handle + 0.95 * GIZMO * page.drawing.size * axis
     there = grip + 0.02 * axis
     drag(tab, page, grip, there)
     until(lambda: page.entry.wish.goal.position is not None, "the goal to be dragged")

@@ -86,13 +86,30 @@ class Drawing:
         )
         camera = server.initial_camera
         # To the left of the middle, for on the right is the panel.
-        camera.look_at = center + size * np.array([0.25, 0.0, 0.1])
-        camera.position = center + size * np.array([0.1, -1.2, 1.0])
+        camera.look_at = center + size * np.array([0.35, 0.0, 0.1])
+        camera.position = center + size * np.array([0.15, -1.4, 1.15])
+        self._middle: Floats = center
         if arm is not None:
             camera.look_at, camera.position = _across(center, arm)
+            self._middle = np.vstack([arm, center]).mean(axis=0)
         away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
         camera.near, camera.far = 0.01 * size, max(100 * size, 10 * away)
         camera.fov = np.radians(50)
+
+        @server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            if client.camera.aspect < 1:
+                place, look_at = self.upright_camera(client.camera.aspect)
+                with client.atomic():
+                    client.camera.position, client.camera.look_at = place, look_at
+
+    def upright_camera(self, aspect: float) -> tuple[Floats, Floats]:
+        """Where a camera stands (m), and looks, in a window whose width is a share of its height.
+
+        Its width sees what is seen in one that is as wide as it is high.
+        """
+        away = np.subtract(self.server.initial_camera.position, self._middle)
+        return self._middle + away / aspect, self._middle
 
     # ---------------------------------------------------------------- what there is
 
