@@ -17,13 +17,15 @@ from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm
 from noslip.viewer.colors import rgb
 from noslip.viewer.shapes import COLORS, OPACITIES, Shape
-from noslip.viewer.tool import Part, add_mesh
+from noslip.viewer.tool import Part, add_mesh, rod
 from noslip.viewer.track import Track
 
 ARROW_COLORS = {"lateral": "purple", "velocity": "green", "force": "black"}
 """Of :meth:`noslip.viewer.track.Track.arrows`, by their names in the palette."""
 GHOST, GHOST_OPACITY = rgb(PALETTE["gray"]), 0.3
 """Color and opacity of what a motion is compared with: seen, and seen through."""
+ROD_LENGTH = 0.3
+"""Of what stands for a body beside the tool, over the scene's size: shorter than the scalpel."""
 TRAIL_WIDTH, GHOST_WIDTH = 3.5, 1.5
 """Pixels: what a motion is compared with is thinner."""
 
@@ -149,6 +151,13 @@ class Drawing:
             node = f"/motions/{name}/demonstration"
             nodes["ghost trail"] = self._add_lines(node, segments, GHOST, GHOST_WIDTH)
             nodes["ghost"] = self.add_parts(f"/motions/{name}/ghost", tool, ghost=True)
+        for body, motion in track.beside.items():
+            node = f"/motions/{name}/beside {body}".replace(" ", "_")
+            nodes[f"beside {body}"] = self.add_parts(node, rod(ROD_LENGTH * self.size))
+            scene.add_label(f"{node}/name", body, font_screen_scale=0.9, anchor="top-center")
+            path = motion.positions[:: max(1, len(motion) // 500)]
+            segments = np.stack([path[:-1], path[1:]], axis=1)
+            self._add_lines(f"{node}_trail", segments, rgb(PALETTE["sky"]), GHOST_WIDTH)
         for arrow in track.arrows(0, self.size):
             nodes[arrow] = scene.add_arrows(
                 f"/motions/{name}/{arrow}",
@@ -242,6 +251,8 @@ class Drawing:
             done = min(time / track.motion.duration, 1.0)
             g = round(done * (len(track.reference) - 1))
             place(nodes["ghost"], track.reference.positions[g], track.reference.rotations[g])
+        for body, motion in track.beside.items():
+            place(nodes[f"beside {body}"], motion.positions[k], motion.rotations[k])
         self._draw_arrows(nodes, track.arrows(k, self.size))
         if name in self._followers:
             self._followers[name].show(track.motion, k)
@@ -291,7 +302,7 @@ def _across(center: Floats, arm: Floats) -> tuple[Floats, Floats]:
     place = middle + 1.3 * size * (0.75 * ahead + 0.6 * np.cross(ahead, up) + 0.35 * up)
     right = np.cross(middle - place, up)
     # To the left of the middle, for on the right is the panel.
-    return middle + 0.2 * size * right / np.linalg.norm(right), place
+    return middle + 0.3 * size * right / np.linalg.norm(right), place
 
 
 def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:

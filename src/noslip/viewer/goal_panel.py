@@ -59,9 +59,7 @@ class GoalPanel:
         self._entry = entry
         self._folder.visible = entry.primitive is not None
         if entry.primitive is None:
-            self.note.content = note(
-                "What was recorded or executed stays as it is; choose a primitive."
-            )
+            self.note.content = note(entry.fixed)
         else:
             # Beyond the ends of the path, where neither it nor the tool is.
             along = entry.primitive.goal_position - entry.primitive.start_position
