@@ -105,15 +105,16 @@ def entries(
 def held_by(
     what: Shown, beside: Iterable[Shown], constraints: Sequence[Constraint]
 ) -> ConstraintSystem:
-    """Return what a motion is checked against: its own, what is asked for, and of recordings also
-    what others beside it declare, where that can be said of it."""
+    """Return what a motion is checked against: its own constraints, and what is asked for.
+
+    Recordings have none; they are checked against what others beside them declare, where that can
+    be said of them.
+    """
     space = _space(what)
     if not isinstance(what, Moving):
         return ConstraintSystem(unique([*what.constraints, *constraints]), space)
     others = [other for other in beside if not isinstance(other, Moving)]
-    declared = [
-        c for o in others for c in o.constraints if _space(o) == space or of_a_tool(c)
-    ]
+    declared = [c for o in others for c in o.constraints if _space(o) == space or of_a_tool(c)]
     return ConstraintSystem(unique([*constraints, *declared]), space)
 
 

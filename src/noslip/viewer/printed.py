@@ -47,9 +47,7 @@ def chart(name: str, curves: Mapping[str, Floats]) -> str:
     across = (WIDTH - 10) / len(named)
     for number, key in enumerate(named):
         color = PALETTE[LINES[number % len(LINES)]]
-        points = " ".join(
-            f"{a:.1f},{b:.1f}" for a, b in zip(x(times), y(curves[key]), strict=True)
-        )
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x(times), y(curves[key]), strict=True))
         lines += [
             f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.5"/>',
             f'<text x="{10 + number * across:.0f}" y="{HEIGHT - 8}" fill="{color}">'

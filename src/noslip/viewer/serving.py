@@ -79,9 +79,9 @@ def guarded(host: str, token: str = "") -> Iterator[None]:
             ):
                 return connection.respond(HTTPStatus.FORBIDDEN, "noslip: not from this page\n")
             response = process_request(connection, request)
-            if response is not None and response.headers.get(
-                "Content-Type", ""
-            ).startswith("text/html"):
+            if response is not None and response.headers.get("Content-Type", "").startswith(
+                "text/html"
+            ):
                 encoding = response.headers.get("Content-Encoding")
                 response.body = amended_response(response.body, encoding)
                 # Set, a header would be there twice.

@@ -18,7 +18,10 @@ def field_step(size: float) -> float:
 
 def plain(vector: ArrayLike, step: float) -> tuple[float, ...]:
     """Return numbers for a field with a step: what it would show as a negative zero is zero."""
-    return tuple(0.0 if abs(x) < step / 2 else float(x) for x in np.round(vector, 7))
+    return tuple(
+        0.0 if abs(x) < step / 2 else float(x)
+        for x in np.round(np.asarray(vector, dtype=np.float64), 7)
+    )
 
 
 def pad(content: str) -> str:
