@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +18,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import noslip as ns
+from browser import ARGUMENTS, CHROMIUM, NEEDS_CHROMIUM
 from kinds import joint_cut
 from waiting import PATIENCE, until
 
@@ -34,25 +34,7 @@ from noslip.viewer.found import LENGTH
 from noslip.viewer.handles import GIZMO
 from noslip.viewer.tool import HANDLE
 
-CHROMIUM = os.environ.get("NOSLIP_CHROMIUM") or shutil.which("chromium")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no Chromium found; name it with NOSLIP_CHROMIUM=/path/to/chromium"
-    ),
-]
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
+pytestmark = NEEDS_CHROMIUM
 WIDTH, HEIGHT = 1100, 620
 SHARPNESS = 0.5
 """Pixels drawn per pixel of the scene's picture, in either direction: fewer are faster."""
