@@ -152,7 +152,7 @@ class Drawing:
             nodes["ghost trail"] = self._add_lines(node, segments, GHOST, GHOST_WIDTH)
             nodes["ghost"] = self.add_parts(f"/motions/{name}/ghost", tool, ghost=True)
         for body, motion in track.beside.items():
-            node = f"/motions/{name}/beside {body}".replace(" ", "_")
+            node = f"/motions/{name}/beside_{body.replace('/', '_')}"
             nodes[f"beside {body}"] = self.add_parts(node, rod(ROD_LENGTH * self.size))
             scene.add_label(f"{node}/name", body, font_screen_scale=0.9, anchor="top-center")
             path = motion.positions[:: max(1, len(motion) // 500)]

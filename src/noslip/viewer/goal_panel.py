@@ -44,7 +44,11 @@ class GoalPanel:
             self.goal: Any = gui.add_vector3("Goal (m)", zero, step=self._step)
             self.start: Any = gui.add_vector3("Start (m)", zero, step=self._step)
             self.duration: Any = gui.add_number("Duration (s)", 1.0, min=1e-3, step=1e-2)
-            self.metric: Any = gui.add_dropdown("Metric", METRICS)
+            self.metric: Any = gui.add_dropdown(
+                "Metric",
+                METRICS,
+                hint="What gives way to the constraints: the position alone, or the rotation too.",
+            )
             undo = gui.add_button("As learned")
         for field in (self.goal, self.start, self.duration, self.metric):
             actions.on_change(field, "wish", self.ask_for_numbers)

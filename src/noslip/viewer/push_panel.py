@@ -46,7 +46,10 @@ class PushPanel:
         with gui.add_folder("Push the tool") as self._folder:
             self._step = field_step(drawing.size)
             self.by: Any = gui.add_vector3("Push (m)", (0.0, 0.0, 0.0), step=self._step)
-            begin = gui.add_button("Run in the control loop")
+            begin = gui.add_button(
+                "Run in the control loop",
+                hint="Steps the primitive as on a robot; meanwhile the tool can be dragged.",
+            )
             push = gui.add_button("Push now")
             self.note = gui.add_html("")
         self.grip = Handle(server.scene, "push", "push", drawing.size, turns=False)

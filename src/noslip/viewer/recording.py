@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from noslip._files import write_beside
+from noslip.constraints.check import residual_text
 from noslip.constraints.declaration import Constraint
 from noslip.viewer import serving
 from noslip.viewer.charts import curves
@@ -82,7 +83,8 @@ def save_page(
             drawing.move(time)
             k = track.sample(time)
             label.position = track.points[k] + above
-            label.text = f"{first}: {time:.2f} s, violation {track.violation[k]:.1e}"
+            violation = residual_text(float(track.violation[k]), "1")
+            label.text = f"{first}: {time:.2f} s, violation {violation}"
             serializer.insert_sleep(duration / frames)
         page = amended(serializer.as_html(), _for_phones(drawing))
     finally:

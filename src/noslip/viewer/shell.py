@@ -10,7 +10,7 @@ _BAR = '[style*="cursor: pointer"][style*="height: 3.5em"]'
 """The bar of that panel, which folds and unfolds it."""
 _HEAD = f"""<style>
 @media (max-width: {NARROW}px) {{
-  div:has(> div > div > div > {_BAR}), div:has(> {_BAR}) {{ width: 100vw !important }}
+  [style*="min-height: 3.5em"], div:has(> {_BAR}) {{ width: 100vw !important }}
   {_BAR}::after {{ content: "controls \\25B4\\25BE"; margin-left: auto; color: #666 }}
 }}
 </style>
