@@ -151,7 +151,8 @@ def learn(
     metric : "auto", "position", "shared" or 6 positive weights
         Who gives way at run time: M of Gauss's principle, see :mod:`noslip.projection.metric`.
         "auto" is the position, as in the paper, where that can hold every constraint all along the
-        demonstrations and no limit is about turning; else both.
+        demonstrations and no limit is about turning; else both.  Of a rhythm whose velocities are
+        constrained it is both: so it turns back to its cycle.
     metric_length : float, optional
         Meters that weigh as much as a radian; by default the length of a mean step, twice the lever
         of a turn in it: with the lever itself, a tool turns 1.2 to 1.7 times as fast through a rest
@@ -223,7 +224,9 @@ def learn(
     def rule_along(demonstrations: Sequence[PoseTrajectory]) -> Rule:
         return Rule(
             system,
-            inverse_metric(system, metric, metric_length, mean_step, demonstrations),
+            inverse_metric(
+                system, metric, metric_length, mean_step, demonstrations, returns=rhythmic
+            ),
             stabilization=stabilization,
             barrier_rate=barrier_rate,
         )
