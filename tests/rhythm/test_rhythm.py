@@ -294,7 +294,14 @@ def test_a_saw_that_was_pushed_aside_comes_back_to_its_cycle(saw: ns.Constrained
     assert np.abs(motion.constraint_residuals).max() < 1e-10
 
 
-@pytest.mark.parametrize("share", [1, 0.37])
+def test_what_ends_within_a_period_ends_where_its_law_does(saw: ns.ConstrainedDMP) -> None:
+    motion, own = saw.rollout(cycles=1.5), saw.rollout(cycles=2)
+    there = own.positions[len(motion) - 1]
+    np.testing.assert_allclose(motion.positions[-1], there, atol=1e-12)
+    assert motion.end_error < 1e-5 * motion.path_length < np.linalg.norm(there - own.positions[0])
+
+
+@pytest.mark.parametrize("share", [1, 0.63])
 def test_a_saw_does_not_drift_at_any_step(saw: ns.ConstrainedDMP, share: float) -> None:
     steps = round(saw.steps / share)
     motion = saw.rollout(cycles=12, time_step=saw.duration / steps)

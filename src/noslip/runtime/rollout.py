@@ -168,8 +168,28 @@ def integrate(law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, 
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
         tuple(system.equalities.row_names),
         tuple(system.limits.row_names),
-        Asked(state, table, law.space, law.clock.returns),
+        Asked(
+            state,
+            table,
+            law.space,
+            _returns(law, state, float(times[-1] - state.time)),
+            law.clock.returns,
+        ),
     )
+
+
+def _returns(law: Law, state: State, seconds: float) -> bool:
+    """Whether a motion of so long should end where it began: whole periods of its law's cycle."""
+    if not law.clock.returns or state.phase != 0 or state.amplitude != 1:
+        return False
+    periods = seconds / state.duration
+    begun = _begun_around(law, state.goal_position, state.amplitude)
+    return abs(periods - round(periods)) <= SAME_STEP and np.array_equal(state.position, begun)
+
+
+def _begun_around(law: Law, baseline: Floats, amplitude: float) -> Floats:
+    """Where a rhythm begins about a baseline, as far from it as it swings."""
+    return baseline + amplitude * (law.start_position - law.goal_position)
 
 
 def initial_state(
@@ -224,10 +244,9 @@ def initial_state(
         if start_rotation is not law.start_rotation:
             first_rotation = first_rotation * (law.start_rotation.inv() * start_rotation)
     if law.clock.returns:
-        # It begins on its way about the baseline, as far from it as it swings.
         velocity = amplitude * velocity
         if start_position is law.start_position:
-            start_position = goal_position + amplitude * (start_position - law.goal_position)
+            start_position = _begun_around(law, goal_position, amplitude)
         if start_rotation is law.start_rotation and goal_rotation is not law.goal_rotation:
             start_rotation = start_rotation * (law.goal_rotation.inv() * goal_rotation)
     state = State(
