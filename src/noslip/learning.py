@@ -20,7 +20,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.demonstrations.cycles import closed
+from noslip.demonstrations.cycles import closed, periods
 from noslip.distribution import MotionDistribution
 from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
 from noslip.law.channels import Channels
@@ -109,6 +109,7 @@ def learn(
     barrier_rate: float = BARRIER_RATE,
     align: bool = False,
     rhythmic: bool = False,
+    period: float | None = None,
     distribution: bool = False,
     context: Mapping[str, Sequence[float]] | None = None,
     project_start: bool = False,
@@ -165,8 +166,12 @@ def learn(
         Bring several demonstrations into step first, see
         :func:`noslip.demonstrations.alignment.align`.
     rhythmic : bool
-        Each demonstration is one period of a cycle, whose last sample is the first again: the
-        primitive goes round for ever.  It is projected as a cycle, which closes.
+        Each demonstration is one period of a cycle, whose last sample is the first again, or holds
+        several, which are learned together: the primitive goes round for ever.  Each period is
+        projected as a cycle, which closes.
+    period : float, optional
+        Of a rhythm whose demonstrations hold several periods: seconds of one, about.  By default it
+        is found, and told by a warning; see :func:`noslip.demonstrations.cycles.periods`.
     distribution : bool
         Return a :class:`noslip.distribution.MotionDistribution` of three demonstrations or more,
         to condition and to sample; its ``mean`` is a primitive.
@@ -201,11 +206,22 @@ def learn(
         raise InputError("distribution=True is of motions that end; leave out rhythmic")
     if context is not None and not distribution:
         raise InputError("context is what a distribution depends on; give distribution=True")
+    if period is not None and not rhythmic:
+        raise InputError("period is of a rhythm; give rhythmic=True, or leave it out")
+    if rhythmic:
+        ends = {"start": start != "free", "end": end != "auto", "project_start": project_start}
+        for name, is_given in (ends | {"alpha_s": alpha_s != 1}).items():
+            if is_given:
+                raise InputError(
+                    f"{name} is of motions that end, and a rhythm goes round for ever; leave it out"
+                )
     recorded = as_demonstrations(demonstrations)
     if robot is not None:
         recorded = _carried_by(robot, recorded)
     for demonstration in recorded:
         require_motion(demonstration)
+    if rhythmic:
+        recorded = [each for one in recorded for each in periods(one, period)]
     require_agreement(recorded, aligned=align)
     space = recorded[0].space
     if rhythmic:
@@ -257,8 +273,8 @@ def learn(
 
     def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
         if rhythmic:
-            period = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
-            return project_heeding_what_it_can(period)
+            cycle = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
+            return project_heeding_what_it_can(cycle)
         if end != "auto":
             return projected(demonstration, shaping, end)
         try:

@@ -77,6 +77,7 @@ def retimed(state: State, period: float) -> State:
         previous_step=state.previous_step * factor,
         linear_velocity=state.linear_velocity / factor,
         angular_velocity=state.angular_velocity / factor,
+        acceleration=state.acceleration / factor**2,
         pull_in=state.pull_in / factor,
         constraint_residuals=state.constraint_residuals / factor,
     )
