@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -30,9 +32,8 @@ def _curve(seed: int, angle: np.ndarray) -> np.ndarray:
 def _by_hand(seed: int, count: int, more: float, hurry: float) -> tuple[ns.Trajectory, np.ndarray]:
     """Several periods and a part of one by a hand that is no clock; and when each begins."""
     rng = np.random.default_rng(seed)
-    begins = np.concatenate(
-        [[0.0], np.cumsum(PERIOD * (1 + rng.uniform(-hurry, hurry, count + 1)))]
-    )
+    lasting = PERIOD * (1 + rng.uniform(-hurry, hurry, count + 1))
+    begins = np.concatenate([[0.0], np.cumsum(lasting)])
     end = begins[count] + more * (begins[count + 1] - begins[count])
     times = np.arange(0.0, end + 0.5 / RATE, 1 / RATE)
     turns = PchipInterpolator(begins, np.arange(count + 2))
@@ -49,7 +50,7 @@ def test_periods_of_a_hand_are_found_and_follow_one_another(
     with pytest.warns(RecordingWarning, match="periods of"):
         found = periods(recording)
     assert count - 1 <= len(found) <= count
-    for one, next_one in zip(found[:-1], found[1:], strict=True):
+    for one, next_one in pairwise(found):
         assert one.times[-1] == next_one.times[0]
     # Each is as long as the hand took from that phase to the same one.
     turns = PchipInterpolator(begins, np.arange(count + 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -87,15 +88,15 @@ def periods(recording: PoseTrajectory, period: float | None = None) -> list[Pose
         return [recording]
     last = float(recording.times[-1])
     found = []
-    for k, (begin, end) in enumerate(zip(cuts[:-1], cuts[1:], strict=True), start=1):
+    for k, (begin, end) in enumerate(pairwise(cuts), start=1):
         times = np.linspace(begin, min(end, last), round((end - begin) / step) + 1)
         piece = recording.resampled(times=times)
         found.append(replace(piece, name=f"{recording.name}, period {k}"))
     if period is None:
         left = last - cuts[-1] + cuts[0] - recording.times[0]
         warn(
-            f"{recording.name}: holds {len(found)} periods of {np.diff(cuts).mean():.4g} s, of which "
-            f"one is learned; {left:.2g} s of it are left out.  Give the period if it is another "
+            f"{recording.name}: holds {len(found)} periods of {np.diff(cuts).mean():.4g} s, learned "
+            f"together; {left:.2g} s of it are left out.  Give the period if it is another "
             f"(period={recording.duration:.4g}: it is one)",
             RecordingWarning,
         )
@@ -145,11 +146,9 @@ def _lag(moving: Floats) -> float:
 def _cuts(moving: Floats, lag: float) -> Floats:
     """Samples, fractions too, at which periods begin and end."""
     # A phase plane: where one turns back, velocity tells the time, and position does not.
-    rates = scipy.ndimage.gaussian_filter1d(
-        moving, _SMOOTHED * lag, axis=0, order=1, mode="nearest"
-    )
-    rates *= lag / (2 * np.pi)
-    plane = np.hstack([moving, rates])
+    averaged = _SMOOTHED * lag
+    rates = scipy.ndimage.gaussian_filter1d(moving, averaged, axis=0, order=1, mode="nearest")
+    plane = np.hstack([moving, rates * lag / (2 * np.pi)])
     tried = []
     for first in np.linspace(0, lag, _BEGINNINGS, endpoint=False).astype(int):
         cuts, gaps = _returns(plane, int(first), lag)

@@ -66,9 +66,9 @@ def rollout(
     rule : Rule
     goal, start : array, shape (n,), or a pair (position, Rotation), optional
         A point of what moves: coordinates such as joints, or a pose; of several bodies a mapping of
-        names to such pairs, in which those that are left out stay where the law has them.  The start
-        may be the State that another motion is in: this one takes over from it, in its pose, with
-        its velocity, at its time.
+        names to such pairs, in which those that are left out stay where the law has them.  The
+        start may be the State that another motion is in: this one takes over from it, in its pose,
+        with its velocity, at its time.
     goal_position, start_position : array, shape (n,), optional
         Meters, or the coordinates' own units; the demonstrated ones by default.
     goal_rotation, start_rotation : Rotation, optional
@@ -295,8 +295,8 @@ def velocity_of(space: Space, name: str, state: State) -> Floats:
     velocity = state.velocity
     if len(velocity) != space.velocity_size:
         raise InputError(
-            f"{name} is the state of another kind of motion, of {len(velocity)} velocities; of this "
-            f"one there are {space.velocity_size}"
+            f"{name} is a state of another kind of motion: it has {len(velocity)} velocities, this one "
+            f"{space.velocity_size}"
         )
     return _arguments.vector(f"{name}: its velocity", velocity, "m/s", space.velocity_size)
 
