@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from kinds import ARM, joint_cut, reached, tools
+from learned import under
 from noslip.constraints import JointLimits, of, relative_to
 from refusals import refusal
 
@@ -71,7 +72,7 @@ def test_joints_are_checked_as_joints_and_drawn_as_their_tool():
     track, report = shown.track, ns.check(joints, [ns.Blade(), limits])
     assert track.report == report
     assert track.violation.max() == pytest.approx(max(c.peak for c in report.constraints))
-    assert track.margins["joint-limits"].min() == report["joint-limits"].margin
+    assert track.margins["joint position limits"].min() == report["joint position limits"].margin
     assert track.motion.positions == pytest.approx(ARM.forward(joints.values)[0])
     # The tool's own slip, by closed form: its lateral axis and velocity in the middle of a step.
     assert np.degrees(np.abs([track.slip_angle(k) for k in range(20, 80)]).max()) > 1
@@ -138,9 +139,13 @@ def test_vectors_without_a_place_are_refused_in_one_line():
 
 
 def test_recordings_beside_joints_are_checked_against_what_can_be_said_of_them(slipping):
-    dmp = ns.learn(joint_cut(), [ns.Blade(), JointLimits((-3.0,) * 4, (6.0,) * 4)])
+    limits = JointLimits((-3.0,) * 4, (6.0,) * 4)
+    dmp = under(ns.learn(joint_cut(), basis_functions=20), (ns.Blade(), limits))
     found = entries({"arm": dmp, "slipping": slipping})
-    assert [c.name for c in found["arm"].track.system.constraints] == ["blade", "joint-limits"]
+    assert [c.name for c in found["arm"].track.system.constraints] == [
+        "blade",
+        "joint position limits",
+    ]
     assert [c.name for c in found["slipping"].track.system.constraints] == ["blade"]
     # Its goals are joints: nothing there can be dragged.
     assert found["arm"].primitive is None and "noslip adapt" in found["arm"].fixed
