@@ -95,8 +95,8 @@ def periods(recording: PoseTrajectory, period: float | None = None) -> list[Pose
     if period is None:
         left = last - cuts[-1] + cuts[0] - recording.times[0]
         warn(
-            f"{recording.name}: holds {len(found)} periods of {np.diff(cuts).mean():.4g} s, learned "
-            f"together; {left:.2g} s of it are left out.  Give the period if it is another "
+            f"{recording.name}: holds {len(found)} periods of {np.diff(cuts).mean():.4g} s, "
+            f"learned together; {left:.2g} s of it are left out.  Give the period if it is another "
             f"(period={recording.duration:.4g}: it is one)",
             RecordingWarning,
         )
@@ -162,7 +162,8 @@ def _cuts(moving: Floats, lag: float) -> Floats:
 
 def _returns(plane: Floats, first: int, lag: float) -> tuple[Floats, list[float]]:
     """When a motion is nearest to what it was at a sample, again and again, and how near."""
-    cuts, gaps, count = [float(first)], [], len(plane)
+    cuts, count = [float(first)], len(plane)
+    gaps: list[float] = []
     while True:
         low = round(cuts[-1] + (1 - SLACK) * lag)
         high = min(round(cuts[-1] + (1 + SLACK) * lag), count - 1)
