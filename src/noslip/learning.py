@@ -92,6 +92,7 @@ class Learning(TypedDict, total=False):
     barrier_rate: float
     align: bool
     rhythmic: bool
+    period: float | None
     project_start: ProjectStart
 
 
@@ -235,7 +236,11 @@ def learn(
     if period is not None and not rhythmic:
         raise InputError("period is of a rhythm; give rhythmic=True, or leave it out")
     if rhythmic:
-        ends = {"start": start != "free", "end": end != "auto", "project_start": project_start}
+        ends = {
+            "start": start != "free",
+            "end": end != "auto",
+            "project_start": project_start != "nothing",
+        }
         for name, is_given in (ends | {"alpha_s": alpha_s != 1}).items():
             if is_given:
                 raise InputError(
