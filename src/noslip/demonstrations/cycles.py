@@ -25,9 +25,9 @@ HIGHEST = 0.95
 0.8 to 1): its multiples are peaks as well, and noise may make one of them the highest."""
 SLACK = 0.25
 """Share by which a period of a hand may differ from the usual one."""
-_SMOOTHED = 1 / 40
-"""Of a period, the standard deviation of what velocities are averaged over: the noise of 0.3 mm at
-100 Hz is then a hundredth of them, and a tenth harmonic keeps most of its own."""
+_SMOOTHED = 1 / 8
+"""Of a period, the stretch whose quartic tells the velocity in its middle (Savitzky and Golay
+1964): of noise of 0.3 mm at 100 Hz a hundredth is left, and a tenth harmonic keeps its own."""
 _NEAR = 0.1
 """What may be missed at the recording's own beginning, over the spread of what moves: of a circle a
 third of what :data:`OPEN` says."""
@@ -95,9 +95,9 @@ def periods(recording: PoseTrajectory, period: float | None = None) -> list[Pose
     if period is None:
         left = last - cuts[-1] + cuts[0] - recording.times[0]
         warn(
-            f"{recording.name}: holds {len(found)} periods of {np.diff(cuts).mean():.4g} s, learned "
-            f"together; {left:.2g} s of it are left out.  Give the period if it is another "
-            f"(period={recording.duration:.4g}: it is one)",
+            f"{recording.name}: holds {len(found)} periods of {np.diff(cuts).mean():.4g} s, as "
+            f"repeats of one; {left:.2g} s of it are left out.  If a period is another, give it "
+            f"(period={recording.duration:.4g}: the whole of it)",
             RecordingWarning,
         )
     return found
@@ -146,18 +146,18 @@ def _lag(moving: Floats) -> float:
 def _cuts(moving: Floats, lag: float) -> Floats:
     """Samples, fractions too, at which periods begin and end."""
     # A phase plane: where one turns back, velocity tells the time, and position does not.
-    averaged = _SMOOTHED * lag
-    rates = scipy.ndimage.gaussian_filter1d(moving, averaged, axis=0, order=1, mode="nearest")
+    window = max(7, 2 * round(_SMOOTHED * lag / 2) + 1)
+    rates = scipy.signal.savgol_filter(moving, min(window, len(moving)), 4, deriv=1, axis=0)
     plane = np.hstack([moving, rates * lag / (2 * np.pi)])
     tried = []
     for first in np.linspace(0, lag, _BEGINNINGS, endpoint=False).astype(int):
         cuts, gaps = _returns(plane, int(first), lag)
         worst = max(gaps, default=np.inf)
-        tried.append((len(cuts), -worst, cuts))
-        if first == 0 and worst <= _NEAR:
-            return cuts
-    most = max(count for count, _, _ in tried)
-    return max((each for each in tried if each[0] >= most - 1), key=lambda each: each[1])[2]
+        near = worst <= _NEAR
+        # As many as close, from its own beginning if it may be; or those that close best.
+        tried.append(((near, near * len(cuts), near and first == 0, -worst), cuts))
+    most = max(len(cuts) for _, cuts in tried)
+    return max((t for t in tried if len(t[1]) >= most - 1), key=lambda t: t[0])[1]
 
 
 def _returns(plane: Floats, first: int, lag: float) -> tuple[Floats, list[float]]:

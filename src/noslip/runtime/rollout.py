@@ -295,8 +295,8 @@ def velocity_of(space: Space, name: str, state: State) -> Floats:
     velocity = state.velocity
     if len(velocity) != space.velocity_size:
         raise InputError(
-            f"{name} is a state of another kind of motion: it has {len(velocity)} velocities, this one "
-            f"{space.velocity_size}"
+            f"{name} is a state of another kind of motion: it has {len(velocity)} velocities, "
+            f"this one {space.velocity_size}"
         )
     return _arguments.vector(f"{name}: its velocity", velocity, "m/s", space.velocity_size)
 
