@@ -25,6 +25,8 @@ HIGHEST = 0.95
 0.8 to 1): its multiples are peaks as well, and noise may make one of them the highest."""
 SLACK = 0.25
 """Share by which a period of a hand may differ from the usual one."""
+_FEWEST = 8
+"""Samples of a period, of which velocities can be told."""
 _SMOOTHED = 1 / 8
 """Of a period, the stretch whose quartic tells the velocity in its middle (Savitzky and Golay
 1964): of noise of 0.3 mm at 100 Hz a hundredth is left, and a tenth harmonic keeps its own."""
@@ -81,7 +83,12 @@ def periods(recording: PoseTrajectory, period: float | None = None) -> list[Pose
             )
         if 2 * lag > (len(even) - 1) * (1 + SLACK):
             lag = 0.0
-    if not lag:
+        if lag < _FEWEST:
+            raise InputError(
+                f"{recording.name}: a period of {period:g} s is {lag:.2g} of its samples; at least "
+                f"{_FEWEST} are needed, give seconds"
+            )
+    if lag < _FEWEST:
         return [recording]
     cuts = even.times[0] + step * _cuts(moving, lag)
     if len(cuts) < 3:
