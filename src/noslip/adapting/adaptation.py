@@ -29,7 +29,7 @@ from noslip.adapting.plan import (
     projected_along,
     projected_onto,
 )
-from noslip.boundary import Boundary, End
+from noslip.boundary import Boundary, End, Point
 from noslip.constraints.check import quantity_text
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConvergenceError, InputError, MissedError, Refusal
@@ -51,7 +51,7 @@ def adapt(
     law: Law,
     rule: Rule,
     *,
-    goal: ArrayLike | State | None = None,
+    goal: Point | State | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     goal_velocity: Velocity = None,

@@ -14,6 +14,7 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.bodies import Bodies
 from noslip.constraints.check import residual_text
+from noslip.constraints.declaration import ROW
 from noslip.errors import InputError
 from noslip.law.layout import STATE, layouts
 from noslip.law.points import rotation_of
@@ -266,10 +267,12 @@ class RolledOut(Timed):
         Parameters
         ----------
         name : str
-            Of a constraint, all of its rows together, or of a single row ("needle [0]").
+            Of a constraint, all of its rows together, or of a single row ("wheel, sideways").
         """
         names = (*self.constraint_names, *self.limit_names)
-        columns = [i for i, row in enumerate(names) if row == name or row.startswith(f"{name} [")]
+        columns = [
+            i for i, row in enumerate(names) if row == name or row.startswith(f"{name}{ROW}")
+        ]
         if not columns:
             raise InputError(f"no constraint {name!r} took part; there are {', '.join(names)}")
         return np.asarray(self.row_forces[:, columns].sum(axis=1))

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.boundary import Point
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import InputError
+from noslip.errors import InputError, did_you_mean
 from noslip.law.entry import GoalForm
 from noslip.law.law import Law
 from noslip.law.layout import CLOCK, layouts
@@ -44,8 +45,8 @@ def rollout(
     law: Law,
     rule: Rule,
     *,
-    goal: ArrayLike | None = None,
-    start: ArrayLike | State | None = None,
+    goal: Point | None = None,
+    start: Point | State | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     start_position: ArrayLike | None = None,
@@ -198,8 +199,8 @@ def initial_state(
     law: Law,
     rule: Rule,
     *,
-    goal: ArrayLike | None = None,
-    start: ArrayLike | State | None = None,
+    goal: Point | None = None,
+    start: Point | State | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     start_position: ArrayLike | None = None,
@@ -211,16 +212,12 @@ def initial_state(
     goal_form: GoalForm = "minimum-jerk",
 ) -> State:
     """Return the state to :func:`step` from; the arguments are those of :func:`rollout`."""
-    if project_start not in get_args(ProjectStart):
-        raise InputError(
-            f"project_start is one of {', '.join(get_args(ProjectStart))}; got {project_start!r}"
-        )
+    require_choice("project_start", project_start, ProjectStart)
+    require_choice("goal_form", goal_form, GoalForm)
     if isinstance(goal, State):
         raise InputError(
             "goal is a point, and a state has a velocity; adapt(goal=...) ends with both"
         )
-    if goal_form not in get_args(GoalForm):
-        raise InputError(f"goal_form is one of {', '.join(get_args(GoalForm))}; got {goal_form!r}")
 
     def chosen(check: Callable[[str, Any], T], name: str, value: Any, default: T) -> T:
         return default if value is None else check(name, value)
@@ -274,6 +271,12 @@ def initial_state(
         pull_in=chosen(_arguments.not_negative, "pull_in", pull_in, rule.stabilization / tau),
     )
     return admissible(rule, state, project_start) if rule.system.size else state
+
+
+def require_choice(name: str, value: object, choices: Any) -> None:
+    """Refuse what is none of the words of a Literal."""
+    if value not in get_args(choices):
+        raise InputError(f"{name} is one of {', '.join(get_args(choices))}; got {value!r}")
 
 
 def turn_of(space: Space, name: str, value: Any) -> Rotation:
@@ -330,7 +333,8 @@ def point_or_parts(
         for body, pose in point.items():
             what = f"{name} of {body}"
             if (placed := known.get(body)) is None:
-                raise InputError(f"{name}: no body {body!r}; there are {', '.join(known)}")
+                near = did_you_mean(str(body), known)
+                raise InputError(f"{name}: no body {body!r}{near}; there are {', '.join(known)}")
             if not (isinstance(pose, tuple) and len(pose) == 2):
                 raise InputError(
                     f"{what} is a pair (position, Rotation), got {_arguments.short(pose)}"
