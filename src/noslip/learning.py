@@ -235,8 +235,13 @@ def learn(
     if period is not None and not rhythmic:
         raise InputError("period is of a rhythm; give rhythmic=True, or leave it out")
     if rhythmic:
-        ends = {"start": start != "free", "end": end != "auto", "project_start": project_start}
-        for name, is_given in (ends | {"alpha_s": alpha_s != 1}).items():
+        unused = {
+            "start": start != "free",
+            "end": end != "auto",
+            "alpha_s": alpha_s != 1,
+            "project_start": project_start != "nothing",
+        }
+        for name, is_given in unused.items():
             if is_given:
                 raise InputError(
                     f"{name} is of motions that end, and a rhythm goes round for ever; leave it out"
