@@ -340,6 +340,9 @@ def learn(
         if system.size and len(followed) > 1:
             # Feasible motions have a mean that is not: it is projected as they were.
             mean = rollout(law, no_rule(law.space), time_step=law.duration / (len(followed[0]) - 1))
+            if rhythmic:
+                # It begins where they do in the mean, from which its cycle is a little off.
+                mean = closed(mean)
             law = slower([nearest(mean, shaping).trajectory], law.basis.count)
         return law, off, followed, results
 

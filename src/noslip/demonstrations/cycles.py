@@ -158,8 +158,10 @@ def _cuts(moving: Floats, lag: float) -> Floats:
     plane = np.hstack([moving, rates * lag / (2 * np.pi)])
     tried = []
     for first in np.linspace(0, lag, _BEGINNINGS, endpoint=False).astype(int):
-        cuts, gaps = _returns(plane, int(first), lag)
-        worst = max(gaps, default=np.inf)
+        cuts = _returns(plane, int(first), lag)
+        # Of poses alone: velocities are not told well at a recording's ends.
+        gaps = _between(moving, cuts[1:]) - moving[first]
+        worst = float(np.linalg.norm(gaps, axis=1).max(initial=0.0)) if len(gaps) else np.inf
         near = worst <= _NEAR
         # As many as close, from its own beginning if it may be; or those that close best.
         tried.append(((near, near * len(cuts), near and first == 0, -worst), cuts))
@@ -167,32 +169,35 @@ def _cuts(moving: Floats, lag: float) -> Floats:
     return max((t for t in tried if len(t[1]) >= most - 1), key=lambda t: t[0])[1]
 
 
-def _returns(plane: Floats, first: int, lag: float) -> tuple[Floats, list[float]]:
-    """When a motion is nearest to what it was at a sample, again and again, and how near."""
-    cuts, gaps, count = [float(first)], [], len(plane)
+def _returns(plane: Floats, first: int, lag: float) -> Floats:
+    """When a motion is nearest to what it was at a sample, again and again, from it on."""
+    cuts, count = [float(first)], len(plane)
     while True:
         low = round(cuts[-1] + (1 - SLACK) * lag)
         high = min(round(cuts[-1] + (1 + SLACK) * lag), count - 1)
         if cuts[-1] + lag > count - 1 + OPEN * lag or low >= high:
-            return np.array(cuts), gaps
+            return np.array(cuts)
         away = np.linalg.norm(plane[low : high + 1] - plane[first], axis=1)
-        nearest = low + int(away.argmin())
-        at, gap = _between(plane, plane[first], nearest)
-        cuts.append(at)
-        gaps.append(gap)
+        cuts.append(_nearest(plane, plane[first], low + int(away.argmin())))
 
 
-def _between(plane: Floats, point: Floats, nearest: int) -> tuple[float, float]:
-    """Where the polyline through the samples beside the nearest one comes nearest, how near."""
-    found = (float(nearest), float(np.linalg.norm(plane[nearest] - point)))
-    for k in (nearest - 1, nearest):
+def _nearest(plane: Floats, point: Floats, sample: int) -> float:
+    """Where the polyline comes nearest to a point, beside the sample that is nearest to it."""
+    found, least = float(sample), float(np.linalg.norm(plane[sample] - point))
+    for k in (sample - 1, sample):
         if 0 <= k < len(plane) - 1:
             way = plane[k + 1] - plane[k]
             share = float(np.clip((point - plane[k]) @ way / max(way @ way, 1e-300), 0, 1))
             gap = float(np.linalg.norm(plane[k] + share * way - point))
-            if gap < found[1]:
-                found = (k + share, gap)
+            if gap < least:
+                found, least = k + share, gap
     return found
+
+
+def _between(samples: Floats, at: Floats) -> Floats:
+    """Values at fractions of samples, shape (M, d)."""
+    low = np.minimum(at.astype(int), len(samples) - 2)
+    return np.asarray(samples[low] + (at - low)[:, None] * (samples[low + 1] - samples[low]))
 
 
 def closed(period: PoseTrajectory) -> PoseTrajectory:
