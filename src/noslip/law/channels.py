@@ -148,7 +148,7 @@ class Channels(Value):
 
     def at_phase(self, phase: float) -> Floats:
         """Return the channels at the phase of a state, shape (k,)."""
-        return self.at(self.basis.phase.fraction(phase))[0]
+        return np.asarray(self.at(self.basis.phase.fraction(phase))[0])
 
     def along(self, motion: Timed, duration: float | None = None) -> Series:
         """Return the channels at the times of a motion.

@@ -159,7 +159,9 @@ class Motions(Value):
             states[:, STATE["angular_velocity"]],
             name=f"rollout {index}",
         )
-        return motion.with_channels(self.channels and self.channels.along(motion))
+        if self.channels is None:
+            return motion
+        return motion.with_channels(self.channels.along(motion))
 
 
 def rollout_many(
