@@ -32,8 +32,8 @@ myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 3
 myst_dmath_double_inline = True
 
-# Formulas render without a network: MathJax lies beside the pages.  This file of it draws letters as
-# SVG and needs no other; the rest of the package, 22 MB, stays where it is.
+# Formulas render without a network: MathJax lies beside the pages.  This file of it draws letters
+# as SVG and needs no other; the rest of the package, 22 MB, stays where it is.
 html_static_path = [str(files("sphinx-mathjax-offline") / "static" / "mathjax" / "tex-svg.js")]
 mathjax_path = "tex-svg.js"
 

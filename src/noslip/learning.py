@@ -20,7 +20,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.demonstrations.cycles import closed
+from noslip.demonstrations.cycles import closed, periods
 from noslip.distribution import MotionDistribution
 from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
 from noslip.law.channels import Channels
@@ -133,6 +133,7 @@ def learn(
     barrier_rate: float = BARRIER_RATE,
     align: bool = False,
     rhythmic: bool = False,
+    period: float | None = None,
     distribution: bool = False,
     context: Mapping[str, Sequence[float]] | None = None,
     project_start: ProjectStart = "nothing",
@@ -175,7 +176,8 @@ def learn(
     metric : "auto", "position", "shared" or 6 positive weights
         Who gives way at run time: M of Gauss's principle, see :mod:`noslip.projection.metric`.
         "auto" is the position, as in the paper, where that can hold every constraint all along the
-        demonstrations and no limit is about turning; else both.
+        demonstrations and no limit is about turning; else both.  Of a rhythm whose velocities are
+        constrained it is both: so it turns back to its cycle.
     metric_length : float, optional
         Meters that weigh as much as a radian; by default the length of a mean step, twice the lever
         of a turn in it: with the lever itself, a tool turns 1.2 to 1.7 times as fast through a rest
@@ -188,8 +190,12 @@ def learn(
         Bring several demonstrations into step first, see
         :func:`noslip.demonstrations.alignment.align`.
     rhythmic : bool
-        Each demonstration is one period of a cycle, whose last sample is the first again: the
-        primitive goes round for ever.  It is projected as a cycle, which closes.
+        Each demonstration is one period of a cycle, whose last sample is the first again, or holds
+        several, which are learned together: the primitive goes round for ever.  Each period is
+        projected as a cycle, which closes.
+    period : float, optional
+        Of a rhythm whose demonstrations hold several periods: seconds of one, about.  By default it
+        is found, and told by a warning; see :func:`noslip.demonstrations.cycles.periods`.
     distribution : bool
         Return a :class:`noslip.distribution.MotionDistribution` of three demonstrations or more,
         to condition and to sample; its ``mean`` is a primitive.
@@ -226,11 +232,22 @@ def learn(
     require_choice("project_start", project_start, ProjectStart)
     if context is not None and not distribution:
         raise InputError("context is what a distribution depends on; give distribution=True")
+    if period is not None and not rhythmic:
+        raise InputError("period is of a rhythm; give rhythmic=True, or leave it out")
+    if rhythmic:
+        ends = {"start": start != "free", "end": end != "auto", "project_start": project_start}
+        for name, is_given in (ends | {"alpha_s": alpha_s != 1}).items():
+            if is_given:
+                raise InputError(
+                    f"{name} is of motions that end, and a rhythm goes round for ever; leave it out"
+                )
     recorded = as_demonstrations(demonstrations)
     if robot is not None:
         recorded = _carried_by(robot, recorded)
     for demonstration in recorded:
         require_motion(demonstration)
+    if rhythmic:
+        recorded = [each for one in recorded for each in periods(one, period)]
     require_agreement(recorded, aligned=align)
     space = recorded[0].space
     if rhythmic:
@@ -249,7 +266,9 @@ def learn(
     def rule_along(demonstrations: Sequence[PoseTrajectory]) -> Rule:
         return Rule(
             system,
-            inverse_metric(system, metric, metric_length, mean_step, demonstrations),
+            inverse_metric(
+                system, metric, metric_length, mean_step, demonstrations, returns=rhythmic
+            ),
             stabilization=stabilization,
             barrier_rate=barrier_rate,
         )
@@ -280,8 +299,8 @@ def learn(
 
     def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
         if rhythmic:
-            period = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
-            return project_heeding_what_it_can(period)
+            cycle = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
+            return project_heeding_what_it_can(cycle)
         if end != "auto":
             return projected(demonstration, shaping, end)
         try:

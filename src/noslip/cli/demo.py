@@ -95,12 +95,12 @@ def _write_figures(
     excisions: list[Excision],
     progress: Callable[[int, int], None],
 ) -> list[Path]:
-    motions = {name.replace("optimized", "optimized"): m for name, m in example.motions.items()}
+    motions = example.motions
     demonstrations = [excision.demonstration for excision in excisions]
     trained = [excision.trained for excision in excisions]
     snapshots = {name: motions[name] for name in ("demonstration", "constrained", "optimized")}
     figures: dict[str, Callable[[], Figure]] = {
-        "numerical_example/motions": lambda: compare_motions(motions, [CONSTRAINT]),
+        "numerical_example/motions": lambda: compare_motions(motions, [CONSTRAINT], tool=True),
         "numerical_example/snapshots": lambda: blade_snapshots(
             snapshots, desired=example.demonstration
         ),

@@ -35,7 +35,8 @@ from noslip.constraints.check import (
     with_unit,
 )
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.errors import InputError, one_line
+from noslip.demonstrations.cycles import periods
+from noslip.errors import InputError, muted, one_line
 from noslip.learning import learn
 from noslip.merit import figures_of_merit
 from noslip.projection.request import LEARNING
@@ -115,10 +116,14 @@ class Learning:
         bool,
         typer.Option(
             "--rhythmic",
-            help="Each recording is one period, whose last sample is the first again: the "
-            "primitive goes round for ever.",
+            help="Each recording is one period, whose last sample is the first again, or holds "
+            "several: the primitive goes round for ever.",
         ),
     ] = False
+    period: Annotated[
+        float | None,
+        options.optional("S", "Of a rhythm: seconds of a period, about; by default it is found."),
+    ] = None
     project_start: options.StartProjected = "nothing"
 
     def keywords(self) -> dict[str, Any]:
@@ -211,6 +216,9 @@ def run(
     if learning.align:
         # What it was learned from is what it is compared with.
         demonstrations = bring_into_step(demonstrations)
+    if learning.rhythmic:
+        with muted():
+            demonstrations = [p for d in demonstrations for p in periods(d, learning.period)]
     motion = primitive.rollout()
     system = primitive.system
     merits = [figures_of_merit(motion, d, system).to_dict() for d in demonstrations]

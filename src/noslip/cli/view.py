@@ -80,7 +80,6 @@ def run(
             shown[trajectory.name] = trajectory
     for name in primitives:
         shown[name] = load_primitive(name)
-        options.require_poses("view", name, shown[name].law.space)
 
     # Only now: without a page to show, nobody needs viser.
     from noslip.viewer import Page, load_tool, read_simulation, save_page

@@ -169,6 +169,7 @@ def restore(data: dict[str, Any]) -> Constraint:
         values = {name: _from_data(value) for name, value in data.items() if name not in left}
         if not isinstance(own, dict):
             raise TypeError("its parameters are no object of names and values")
+        values["row_names"] = tuple(values.get("row_names", ()))
         parameters = tuple((name, plain(value)) for name, value in own.items())
         constraint = DeclaredConstraint(Declaration(**values, parameters=parameters))
     except (TypeError, ConstraintError) as error:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields
 from functools import lru_cache
 from typing import Any, ClassVar, Literal, TypeVar
 
@@ -43,6 +43,10 @@ UNITS: dict[Level, str] = {"position": "m", "velocity": "m/s", "acceleration": "
 """Of a residual, unless its constraint says another."""
 LONGEST_NAME = 200
 """Characters of a constraint's name: more than a line of a report shows."""
+ROW = ", "
+"""Between a constraint's name and that of one of its rows: ``"wheel, sideways"``."""
+SIDEWAYS = "sideways"
+"""What a row is called that keeps a tool with an edge from slipping, of a constraint of several."""
 MOST_ROWS = 64
 """Of the constraints of a system, together: a box has 6.  Time grows with the third power: learning
 of 100 rows takes half a minute, of 2000 days."""
@@ -88,6 +92,9 @@ class Constraint(ABC):
         0: declared of a body's pose and motion; else of so many coordinates, such as joints.
     body : str
         Of which body, where there are several; the first one by default.
+    row_names : tuple of str
+        What its rows are called beside its name, ``("sideways", "vertical")``; by default they are
+        numbered.
     """
 
     name: str
@@ -102,6 +109,7 @@ class Constraint(ABC):
     known_as: ClassVar[str] = ""
     coordinates: int = 0
     body: str = ""
+    row_names: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -112,11 +120,11 @@ class Constraint(ABC):
         """
         if (known := vars(self).get("_parameters")) is not None:
             return dict(known)
-        found = {}
-        for field in fields(self) if is_dataclass(self) else ():
-            value = getattr(self, field.name)
+        found: dict[str, Any] = {}
+        for name in getattr(self, "__dataclass_fields__", ()):
+            value = getattr(self, name)
             try:
-                found[field.name] = plain(value.travel if isinstance(value, Edge) else value)
+                found[name] = plain(value.travel if isinstance(value, Edge) else value)
             except TypeError:
                 continue
         return found
@@ -211,6 +219,7 @@ class Declaration:
     relative: Instructions | None
     coordinates: int = 0
     body: str = ""
+    row_names: tuple[str, ...] = ()
     parameters: tuple[tuple[str, Any], ...] = ()
 
 
@@ -250,6 +259,7 @@ _ATTRIBUTES = [
     "edge",
     "coordinates",
     "body",
+    "row_names",
 ]
 
 
@@ -407,6 +417,14 @@ def row_units(constraint: Constraint) -> list[str]:
     return [units[row * len(units) // rows] for row in range(rows)]
 
 
+def names_of_rows(constraint: Constraint, rows: int, name: str) -> list[str]:
+    """Return what each of a constraint's rows is called: its name, and which of several."""
+    if rows == 1:
+        return [name]
+    own = constraint.row_names or [f"row {row}" for row in range(1, rows + 1)]
+    return [f"{name}{ROW}{which}" for which in own]
+
+
 def _require_attributes(constraint: Constraint) -> None:
     with of_a_user(f"an attribute of a {type(constraint).__name__}"):
         kept = {name: getattr(constraint, name) for name in _ATTRIBUTES}
@@ -446,6 +464,11 @@ def _require_attributes(constraint: Constraint) -> None:
         raise ConstraintError(
             f"constraint {name!r}: body is the name of one, got {shortened(repr(body))}"
         )
+    rows = constraint.row_names
+    if not (isinstance(rows, tuple) and all(isinstance(r, str) and r.isprintable() for r in rows)):
+        raise ConstraintError(
+            f"constraint {name!r}: row_names is a tuple of texts, got {shortened(repr(rows))}"
+        )
     if not (type(constraint.priority) is int and 0 <= constraint.priority < MOST_PRIORITIES):
         raise ConstraintError(
             f"constraint {name!r}: priority is 0 (hard) or a whole number up to "
@@ -466,6 +489,11 @@ def _built(constraint: Constraint) -> Any:
         )
     declare = "{}_constraint" if constraint.relation == "zero" else "keep_nonnegative(level={!r})"
     several = column.shape[0] > 1
+    if constraint.row_names and len(constraint.row_names) != column.shape[0]:
+        raise ConstraintError(
+            f"constraint {name!r} has {column.shape[0]} rows and {len(constraint.row_names)} "
+            "row_names; give one of each"
+        )
     for index, row in enumerate(ca.vertsplit(column)):
         if row.is_constant():
             continue

@@ -106,6 +106,11 @@ class JointLimits(Limit):
         )
 
     @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Of the coordinates that have a bound, by their place, from 1."""
+        return tuple(f"joint {k + 1}" for k in self._bounded)
+
+    @property
     def _bounded(self) -> list[int]:
         """Which coordinates have a bound: a row each."""
         sides = enumerate(zip(self.lower, self.upper, strict=True))

@@ -22,6 +22,7 @@ from noslip.constraints.declaration import (
     Level,
     constraint_function,
     declared,
+    names_of_rows,
     require_size,
     row_units,
 )
@@ -191,12 +192,9 @@ class ConstraintSystem:
 
     @cached_property
     def row_names(self) -> list[str]:
-        """For each row, the constraint's name, numbered where a constraint has several rows."""
-        return [
-            name if rows == 1 else f"{name} [{row}]"
-            for name, rows in zip(self.names, self.rows, strict=True)
-            for row in range(rows)
-        ]
+        """For each row, the constraint's name, and which row of several it is."""
+        of_each = zip(self.constraints, self.rows, self.names, strict=True)
+        return [row for each in of_each for row in names_of_rows(*each)]
 
     @property
     def function(self) -> Any:

@@ -13,8 +13,9 @@ import numpy as np
 
 from noslip._version import __version__
 from noslip.constraints.catalog import restore
+from noslip.demonstrations.cycles import periods
 from noslip.demonstrations.preparation import prepare
-from noslip.errors import InputError, NoslipError, NoslipWarning
+from noslip.errors import InputError, NoslipError, NoslipWarning, muted
 from noslip.learning import learn
 from noslip.many.recordings import content_hash
 from noslip.many.settings import of_settings
@@ -66,6 +67,9 @@ class Worker:
             raise InputError(f"{file}: holds {len(loaded)} recordings; give files with one each")
         demonstration = prepare(loaded[0], **self.asked["preparation"])
         dmp = learn(demonstration, self.constraints, **self.asked["options"])
+        if self.asked["options"].get("rhythmic"):
+            with muted():
+                demonstration = periods(demonstration, self.asked["options"].get("period"))[0]
         figures = self._compared(dmp, demonstration)
         if primitive is not None:
             dmp.save(primitive)

@@ -104,10 +104,10 @@ class Struct:
                 values[field.name] = value
             elif field.shape:
                 fields.append((field.name, ctypes.c_double * field.size))
-                values[field.name] = tuple(np.ravel(value).tolist())
+                values[field.name] = tuple(np.asarray(value, dtype=float).ravel().tolist())
             else:
                 fields.append((field.name, ctypes.c_double))
-                values[field.name] = float(value)
+                values[field.name] = float(np.asarray(value, dtype=float))
         layout = type("noslip_primitive", (ctypes.Structure,), {"_fields_": fields})
         self._struct = layout(**values)
         self.address, self.size = ctypes.addressof(self._struct), ctypes.sizeof(self._struct)
