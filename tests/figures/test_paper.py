@@ -114,9 +114,7 @@ def test_one_constraint_of_a_rollout_is_drawn_as_it_was(dmp):
     np.testing.assert_allclose(force[:, 1], pushed)
     with pytest.raises(InputError, match="constraint is one of blade, box; got 'needle'"):
         figures.plot_constraint(ax, motion, held, "needle")
-    with pytest.raises(
-        InputError, match="show is one of residual, multiplier, acceleration, angular"
-    ):
+    with pytest.raises(InputError, match="show is one of residual, multiplier, acceleration"):
         figures.plot_constraint(ax, motion, held, "blade", "push")
 
 

@@ -79,10 +79,7 @@ def plot_values(
                 f"{', '.join(first.names)}; draw motions of the same values together"
             )
     limits = _limits(constraints, first)
-    if len(shown) > 1:
-        figure = _compared(shown, limits)
-    else:
-        figure = _alone(first, limits)
+    figure = _compared(shown, limits) if len(shown) > 1 else _alone(first, limits)
     style.write_title(figure, title or _finding(shown))
     return figure
 
@@ -131,9 +128,8 @@ def _compared(motions: Mapping[str, Series], limits: Floats) -> Figure:
             ax.remove()
             continue
         values = {name: one.values[:, k] for name, one in motions.items()}
-        curves = {
-            name: (motions[name].times - motions[name].times[0], values[name]) for name in values
-        }
+        clocks = {name: one.times - one.times[0] for name, one in motions.items()}
+        curves = {name: (clocks[name], values[name]) for name in motions}
         style.draw_curves(ax, curves, styles)
         _span(ax, list(values.values()))
         _draw_limits(ax, np.concatenate(list(values.values())), limits[k])
@@ -195,7 +191,6 @@ def _finding(motions: Mapping[str, Series]) -> str:
     name, last = list(motions.items())[-1]
     if isinstance(last, VectorMotion) and len(motions) > 1:
         unit = "" if last.unit == "1" else f" {last.unit}"
-        text += (
-            f"; {style.short_name(name)} ends {style.number(last.end_error)}{unit} from its goal"
-        )
+        off = f"{style.number(last.end_error)}{unit}"
+        text += f"; {style.short_name(name)} ends {off} from its goal"
     return text
