@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip[robots]"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A robot arm executes a learned cut: the hand slipped, the arm's blade does not."""
 
 import argparse

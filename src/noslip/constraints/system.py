@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from noslip._instants import seconds
 from noslip._typing import Expression, Floats
 from noslip._values import LONGEST_REPR, shortened
 from noslip.constraints.declaration import (
@@ -83,6 +84,7 @@ class ConstraintSystem:
                 raise ConstraintError(
                     f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
                 )
+            constraint = constraint.in_space(space)
             _require_seen(constraint, space)
             function = constraint_function(constraint)
             rows, operations = rows + function.size1_out(0), operations + function.n_instructions()
@@ -321,7 +323,7 @@ class ConstraintSystem:
         )
         name = self.row_names[row % self.size]
         verb = "is" if entry < self.size else "has a slope of"
-        where = f"{times[at]:.6g} s" + (f" ({counted} {at})" if counted else "")
+        where = seconds(times[at], times[0]) + (f" ({counted} {at})" if counted else "")
         value = values[at, entry] if undefined[at, entry] else np.nan
         raise ConstraintError(
             f"constraint {name!r} {verb} {value} at {where}: {what} is undefined; write it such "

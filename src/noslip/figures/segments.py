@@ -15,10 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
+from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
 from noslip.figures import style
 from noslip.figures.quantities import length_unit, scaled_unit, value_text
+from noslip.trajectory import PoseTrajectory
 
 COLORS = tuple(color for name, color in style.PALETTE.items() if name not in ("gray", "black"))
 """Of the pieces in turn; gray is what was cut out, and black looks gray as a shade."""
@@ -76,7 +78,8 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any
     by_contact = segments.quantity == "contact"
     if values is None:
         values = _averaged_speeds(segments.recording)
-    scale, unit = (1.0, "") if by_contact else scaled_unit(float(values.max()), "m/s")
+    of_speed = f"{segments.recording.unit}/s"
+    scale, unit = (1.0, "") if by_contact else scaled_unit(float(values.max()), of_speed)
     values = scale * values
     ax.plot(times, values, color="0.25", linewidth=0.8)
     handles: dict[str, Artist | dict[str, Any]] = {}
@@ -84,7 +87,7 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any
         low, high = (scale * level for level in segments.thresholds)
         for level, what, look in ((high, "upper", UPPER), (low, "lower", LOWER)):
             ax.axhline(level, **look)
-            shown = style.number(level) if by_contact else value_text(level / scale, "m/s")
+            shown = style.number(level) if by_contact else value_text(level / scale, of_speed)
             name = f"{what} threshold, {shown}"
             handles[name] = look
     if by_contact:
@@ -159,14 +162,15 @@ def _write(ax: Axes, interval: Interval, text: str, *, color: str) -> None:
 
 
 def _draw_paths(ax: Axes, segments: Segments) -> dict[str, dict[str, Any]]:
-    scale, unit = length_unit([segments.recording])
-    seen = scale * segments.recording.positions[:, :2]
+    recording, placed = segments.recording, segments.recording.unit == "m"
+    scale, unit = length_unit([recording]) if placed else (1.0, recording.unit)
+    seen = scale * _plane(recording)
     times = segments.recording.times
     for part in segments.intervals:
         if part.reason is not None:
             ax.plot(*seen[(times >= part.start) & (times <= part.end)].T, **PATH_OUT)
     for index, (piece, color) in enumerate(zip(segments.pieces, _colors(segments), strict=False)):
-        path = scale * piece.positions[:, :2]
+        path = scale * _plane(piece)
         ax.plot(*path.T, color=color, linewidth=1.1)
         if not _is_labeled(index + 1, segments, "path"):
             continue
@@ -184,8 +188,14 @@ def _draw_paths(ax: Axes, segments: Segments) -> dict[str, dict[str, Any]]:
             path_effects=[withStroke(linewidth=2, foreground="white")],
         )
     ax.set_aspect("equal", adjustable="datalim")
-    style.dress(ax, f"x ({unit})", f"y ({unit})", title="from above")
+    x, y = (*recording.space.coordinates[:2], "")[:2]
+    style.dress(ax, f"{x} ({unit})", y and f"{y} ({unit})", title="from above" if placed else "")
     return {"path cut out": PATH_OUT} if len(segments.intervals) > 1 else {}
+
+
+def _plane(motion: PoseTrajectory) -> Floats:
+    """Its first two coordinates, shape (N, 2); of one alone the second is 0."""
+    return np.column_stack([motion.positions, np.zeros(len(motion))])[:, :2]
 
 
 def _finding(segments: Segments) -> str:
