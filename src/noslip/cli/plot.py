@@ -59,9 +59,9 @@ def run(
         Show | None,
         typer.Option(
             help="motion: poses, path and residuals, several motions together.  constraints: of "
-            "one primitive, residual or margin, multiplier and added acceleration of each constraint.  spread: "
-            "of one primitive, how far its demonstrations lie apart.  By default constraints for a "
-            "primitive alone.",
+            "one primitive, residual or margin, multiplier and added acceleration of each "
+            "constraint.  spread: of one primitive, how far its demonstrations lie apart.  By "
+            "default constraints for a primitive alone.",
             show_default=False,
         ),
     ] = None,
