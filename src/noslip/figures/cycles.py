@@ -111,11 +111,10 @@ def _finding(
 ) -> str:
     """Say how far the last two cycles are apart, and what comes of the constraints."""
     apart = np.abs(cycles[-1] - cycles[-2]).max(axis=1)
-    gaps = {
-        unit: max(a for a, own in zip(apart, units, strict=True) if own == unit) for unit in units
-    }
+    owned = np.array(units)
+    gaps = {unit: float(apart[owned == unit].max()) for unit in dict.fromkeys(units)}
     told = [
-        f"{style.number(gap)}°" if unit == "°" else value_text(float(gap), unit)
+        f"{style.number(gap)}°" if unit == "°" else value_text(gap, unit)
         for unit, gap in gaps.items()
     ]
     text = f"{len(cycles)} cycles of {style.number(period)} s: the last two differ by at most "
