@@ -27,7 +27,7 @@ def rounds(drift: float = 0.0, count: int = 3) -> ns.PoseTrajectory:
 def test_each_cycle_is_drawn_and_a_turn_is_no_difference() -> None:
     figure = rhythm_cycles(rounds(), PERIOD)
     x, *_, yaw = figure.axes
-    assert x.get_ylabel() == "x (mm)" and yaw.get_ylabel() == "yaw (°)"
+    assert x.get_ylabel() == "x (m)" and yaw.get_ylabel() == "yaw (°)"
     for ax in (x, yaw):
         first, _, last = (line.get_ydata() for line in ax.get_lines())
         np.testing.assert_allclose(first, last, atol=1e-6)
