@@ -156,6 +156,8 @@ def test_each_example_has_a_page_with_its_picture(name: str) -> None:
     index = (page.parent / "index.md").read_text()
     listed = " ".join(re.findall(r"```\{toctree\}\n(.*?)```", index, re.DOTALL))
     assert page.stem in listed.split()
+    gallery = (DOCS / "gallery.md").read_text()
+    assert f"](images/{name}.png)]({page.relative_to(DOCS)})" in gallery
 
 
 def test_each_page_of_a_constraint_or_goal_belongs_to_an_example() -> None:
