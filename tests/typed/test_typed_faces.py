@@ -100,7 +100,6 @@ def gentle(motion: AcceleratedInstant, most: float) -> Any:
 
 
 def test_the_decorator_types_what_a_rule_is_given() -> None:
-    ns.velocity_constraint(lambda motion: assert_type(motion, ns.Instant).linear_velocity[0])
     ns.position_constraint(name="flat")(lambda motion: assert_type(motion, ns.Instant).position[2])
     ns.keep_nonnegative(level="acceleration")(
         lambda motion: assert_type(motion, AcceleratedInstant).linear_acceleration[0]
@@ -110,7 +109,7 @@ def test_the_decorator_types_what_a_rule_is_given() -> None:
     def of_another(motion: ns.Motion) -> Any:
         return motion.positions
 
-    ns.velocity_constraint(of_another)  # type: ignore[call-overload]
+    ns.velocity_constraint(of_another)  # type: ignore[arg-type]
 
     @ns.velocity_constraint
     def misspelt(motion: ns.Instant) -> Any:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields
 from functools import lru_cache
 from typing import Any, ClassVar, Literal, TypeVar
 
@@ -120,11 +120,11 @@ class Constraint(ABC):
         """
         if (known := vars(self).get("_parameters")) is not None:
             return dict(known)
-        found = {}
-        for field in fields(self) if is_dataclass(self) else ():
-            value = getattr(self, field.name)
+        found: dict[str, Any] = {}
+        for name in getattr(self, "__dataclass_fields__", ()):
+            value = getattr(self, name)
             try:
-                found[field.name] = plain(value.travel if isinstance(value, Edge) else value)
+                found[name] = plain(value.travel if isinstance(value, Edge) else value)
             except TypeError:
                 continue
         return found

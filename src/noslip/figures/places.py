@@ -78,9 +78,12 @@ def draw_places(
     times = np.concatenate([motion.clock for motion in motions])
     quaternions = np.concatenate([motion.quaternions for motion in motions])
 
-    def values(own: ConstraintSystem, *instants: Floats) -> Floats:
-        still = np.zeros((len(instants[0]), 3))
-        return own.residuals(*instants, still, still).min(axis=1)
+    def values(
+        own: ConstraintSystem, times: Floats, positions: Floats, quaternions: Floats
+    ) -> Floats:
+        still = np.zeros((len(times), 3))
+        least: Floats = own.residuals(times, positions, quaternions, still, still).min(axis=1)
+        return least
 
     found: dict[str, None] = {}
     seen = np.array(ax.dataLim.get_points())

@@ -142,7 +142,7 @@ def constraint_records(motion: Motion, constraints: Constraints) -> list[Constra
         rows = list(group)
         found.append(
             ConstraintRecord(
-                name=name,
+                name=str(name),
                 is_limit=rows[0] >= len(motion.constraint_names),
                 unit=unit,
                 row_names=tuple(names[row].removeprefix(f"{name}{ROW}") for row in rows),

@@ -143,12 +143,14 @@ class Channels(Value):
         if not self.basis.phase.returns:
             u = self.begin + (1 - self.begin) * np.clip(u, 0.0, 1.0)
         found = self.trend[0] + u[:, None] * self.trend[1]
-        found += self.basis.activations(self.basis.phase.at(u)) @ self.weights
-        return np.asarray(np.clip(found, self.least, self.most))
+        found = found + self.basis.activations(self.basis.phase.at(u)) @ self.weights
+        clipped: Floats = np.clip(found, self.least, self.most)
+        return clipped
 
     def at_phase(self, phase: float) -> Floats:
         """Return the channels at the phase of a state, shape (k,)."""
-        return self.at(self.basis.phase.fraction(phase))[0]
+        channels: Floats = self.at(self.basis.phase.fraction(phase))[0]
+        return channels
 
     def along(self, motion: Timed, duration: float | None = None) -> Series:
         """Return the channels at the times of a motion.

@@ -159,7 +159,7 @@ class Motions(Value):
             states[:, STATE["angular_velocity"]],
             name=f"rollout {index}",
         )
-        return motion.with_channels(self.channels and self.channels.along(motion))
+        return motion.with_channels(None if self.channels is None else self.channels.along(motion))
 
 
 def rollout_many(

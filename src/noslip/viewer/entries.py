@@ -143,8 +143,8 @@ def _entry(name: str, what: Shown, held: ConstraintSystem) -> Entry:
             entry = Entry(track, what, Adapter(what), what)
     else:
         entry = Entry(Track.of(name, what, held))
-    if isinstance(track := entry.track.whole, Trajectory) and track.carrier is not None:
-        entry.follower = carrier_of(track.carrier, track.values)
+    if isinstance(whole := entry.track.whole, Trajectory) and whole.carrier is not None:
+        entry.follower = carrier_of(whole.carrier, whole.values)
     return entry
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 import viser
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
@@ -108,7 +109,9 @@ def cart(length: float, edge: Edge | None = None, *, flip: bool = False) -> list
     parts = []
     for side in (-half, half):
         wheel = trimesh.creation.cylinder(_CART_WHEEL, height=0.06, sections=32)
-        wheel.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+        upright = np.eye(4)
+        upright[:3, :3] = Rotation.from_euler("x", np.pi / 2).as_matrix()
+        wheel.apply_transform(upright)
         wheel.apply_translation([0.0, side, _CART_WHEEL])
         parts.append(((np.array(wheel.vertices), np.array(wheel.faces)), HANDLE))
     low, high = 0.5 * _CART_WHEEL, 1.6 * _CART_WHEEL
@@ -122,7 +125,7 @@ def cart(length: float, edge: Edge | None = None, *, flip: bool = False) -> list
 
 def rod(length: float) -> list[Part]:
     """Return a rod along z with a ball at its end, the tool's origin: a body of no known shape."""
-    stick = trimesh.creation.cylinder(0.04 * length, segment=[[0, 0, 0], [0, 0, length]])
+    stick = trimesh.creation.cylinder(0.04 * length, segment=np.array([[0, 0, 0], [0, 0, length]]))
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.1 * length)
     return [
         Part(np.array(made.vertices, dtype=np.float64), np.array(made.faces), color)
