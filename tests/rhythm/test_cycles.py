@@ -74,8 +74,12 @@ def test_a_period_that_is_given_is_taken_and_nothing_said() -> None:
     recording, _ = _by_hand(3, 6, 0.0, 0.0)
     assert len(periods(recording, 2 * PERIOD)) == 3
     assert periods(recording, recording.duration)[0] is recording
+    [one] = periods(recording[:270], PERIOD)
+    assert one.duration == pytest.approx(PERIOD, rel=5e-3)
     with pytest.raises(InputError, match="longer than its 12 s"):
         periods(recording, 13.0)
+    with pytest.raises(InputError, match="at least 8 are needed"):
+        periods(recording, 0.05)
     with pytest.raises(InputError, match="period must be"):
         periods(recording, -1.0)
 
