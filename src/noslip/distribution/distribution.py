@@ -15,6 +15,7 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.boundary import Boundary, End, sample_of
 from noslip.constraints.system import ConstraintSystem
+from noslip.distribution.arrays import in_cache
 from noslip.distribution.curves import FRACTIONS, Curves
 from noslip.distribution.estimation import (
     FEWEST,
@@ -45,7 +46,7 @@ KEPT = 1e-8
 """Violation of a limit that is none, as in a trajectory projection."""
 _STARTING_CURVES = 12
 """Weights of a curve before their number is chosen."""
-_MOVED_TOGETHER = 128
+_MOVED_TOGETHER = 64
 """Samples that are made at once: as many as are moved onto the constraints at once."""
 
 ContextValues = Mapping[str, float]
@@ -172,7 +173,7 @@ class MotionDistribution(Value):
     def motion(self) -> PoseTrajectory:
         """The mean motion, projected onto the constraints; as many samples as the reference."""
         points = self._points(self.gaussian.mean[None, : self._weights])
-        mean = self.trajectory(points[0], "mean")
+        mean = self.trajectory(points[:, :, 0], "mean")
         if not self.system.size:
             return mean
         request = Request(
@@ -379,7 +380,8 @@ class MotionDistribution(Value):
             points = self._feasible(drawn)
             far += int((_turned(self.space, drawn, points) > self._turning).sum())
             states[part] = self._with_velocities(points)
-            residuals[part] = self._retraction.residuals(points) if residuals.size else 0.0
+            if residuals.size:
+                residuals[part] = self._retraction.residuals(points).transpose(2, 0, 1)
             margins[part] = self._margins(states[part])
             if progress is not None:
                 progress(min(first + _MOVED_TOGETHER, count), count)
@@ -395,7 +397,8 @@ class MotionDistribution(Value):
 
     def drawn(self, count: int, *, seed: int | np.random.Generator = 0) -> Floats:
         """Return what :meth:`sample` draws before it is projected: points, (count, N, n + 4 b)."""
-        return self._points(self._draw(_arguments.count("drawn: count", count), seed))
+        weights = self._draw(_arguments.count("drawn: count", count), seed)
+        return np.ascontiguousarray(self._points(weights).transpose(2, 0, 1))
 
     def _draw(self, count: int, seed: int | np.random.Generator) -> Floats:
         return self.gaussian.draw(count, np.random.default_rng(seed))[:, : self._weights]
@@ -410,7 +413,7 @@ class MotionDistribution(Value):
             margins = self._margins(self._with_velocities(points)).min(axis=(1, 2))
             lost |= ~(margins >= -KEPT)
         for k in np.flatnonzero(lost):
-            trajectory = self.trajectory(drawn[k], f"sample {k}")
+            trajectory = self.trajectory(drawn[:, :, k], f"sample {k}")
             ends = self.boundaries(trajectory)
             result = project_trajectory(
                 trajectory,
@@ -421,7 +424,7 @@ class MotionDistribution(Value):
                 position_smoothing=ADAPTING.position_smoothing,
                 rotation_smoothing=ADAPTING.rotation_smoothing,
             )
-            points[k] = result.trajectory.points
+            points[:, :, k] = result.trajectory.points
         return points
 
     @cached_property
@@ -436,11 +439,16 @@ class MotionDistribution(Value):
         return Retraction(request)
 
     def _with_velocities(self, points: Floats) -> Floats:
-        """Points and the velocities of the steps that lead to them, as states."""
-        time_step = self.duration / (points.shape[1] - 1)
-        velocities = self.space.difference(points[:, 1:], points[:, :-1]) / time_step
-        velocities = np.concatenate([velocities[:, :1], velocities], axis=1)
-        return np.concatenate([points, velocities], axis=2)
+        """Points, motions last, and the velocities of the steps that lead to them, as states."""
+        count, size, several = points.shape
+        states = np.empty((several, count, size + self.space.velocity_size))
+        states[:, :, :size] = points.transpose(2, 0, 1)
+        for rows in in_cache(count - 1, several):
+            before, after = points[rows], points[rows.start + 1 : rows.stop + 1]
+            moving = self.space.difference(after, before, 1) * ((count - 1) / self.duration)
+            states[:, rows.start + 1 : rows.stop + 1, size:] = moving.transpose(2, 0, 1)
+        states[:, 0, size:] = states[:, 1, size:]
+        return states
 
     def _margins(self, states: Floats) -> Floats:
         """Margins of the limits, shape (S, N, k); infinite where they are not asked for."""
@@ -487,20 +495,23 @@ class MotionDistribution(Value):
         return float(np.sqrt(np.mean(np.sum(self.spread.rotation_deviation**2, axis=1))))
 
     def _points(self, weights: Floats) -> Floats:
-        """Motions of weights, shape (S, D): points, (S, N, n + 4 b), on what is kept exactly."""
+        """Motions of weights, shape (S, D): points, (N, n + 4 b, S), on what is kept exactly."""
         n, space = self.space.linear, self.space
-        shaped = weights.reshape(len(weights), space.velocity_size, -1)
-        changes = np.matmul(self._basis, shaped.transpose(0, 2, 1))
-        points = space.moved(self.reference.points[None], changes)
+        shaped = weights.T.reshape(space.velocity_size, self.curves.count, -1)
+        reference = self.reference.points[:, :, None]
+        points = np.empty((*reference.shape[:2], len(weights)))
+        for rows in in_cache(len(points), len(weights)):
+            changes = np.matmul(self._basis[rows], shaped).swapaxes(0, 1)
+            points[rows] = space.moved(reference[rows], changes, 1)
         for boundary in self.kept:
-            k = sample_of(boundary.at, points.shape[1])
+            k = sample_of(boundary.at, len(points))
             if boundary.position is not None:
-                points[:, k, :n] = boundary.position
+                points[k, :n] = boundary.position[:, None]
             if boundary.quaternion is not None:
                 for first in range(0, 4 * space.rotations, 4):
                     kept = boundary.quaternion[first : first + 4]
-                    own = points[:, k, n + first : n + first + 4]
-                    own[:] = kept * np.where(own @ kept < 0, -1.0, 1.0)[:, None]
+                    own = points[k, n + first : n + first + 4]
+                    own[:] = kept[:, None] * np.where(kept @ own < 0, -1.0, 1.0)
         return points
 
     def trajectory(self, points: Floats, name: str) -> PoseTrajectory:
@@ -628,16 +639,16 @@ class _Tangent:
         if self._retraction is None:
             return np.eye(channels * size)
         fractions = np.linspace(0.0, 1.0, steps)
-        changes = np.zeros((channels, size, steps, channels))
+        changes = np.zeros((steps, channels, channels, size))
         for channel in range(channels):
-            changes[channel, :, :, channel] = curves.at(fractions).T
-        along = self._retraction.tangent(changes.reshape(-1, steps, channels), self._points)
+            changes[:, channel, channel] = curves.at(fractions)
+        along = self._retraction.tangent(changes.reshape(steps, channels, -1), self._points)
         # Curves are smooth: between two steps, a chord is as good.
         nearest = np.interp(FRACTIONS, fractions, np.arange(steps))
         before = np.minimum(nearest.astype(int), steps - 2)
-        share = (nearest - before)[:, None]
-        seen = (1 - share) * along[:, before] + share * along[:, before + 1]
-        found = np.einsum("wsd,sk->dkw", seen, curves.values)
+        share = (nearest - before)[:, None, None]
+        seen = (1 - share) * along[before] + share * along[before + 1]
+        found = np.einsum("sdw,sk->dkw", seen, curves.values)
         return np.asarray(found.reshape(channels * size, -1))
 
 
@@ -652,12 +663,12 @@ def deviations(trajectory: PoseTrajectory, reference: PoseTrajectory) -> Floats:
 
 def _turned(space: Space, before: Floats, after: Floats) -> Floats:
     """How far each motion was turned (rad), rms along the way; by a few degrees, or more."""
-    squares = np.zeros(before.shape[:2])
+    squares = np.zeros((len(before), before.shape[2]))
     for first in range(space.linear, space.point_size, 4):
-        one, other = (points[:, :, first : first + 4] for points in (before, after))
+        one, other = (points[:, first : first + 4] for points in (before, after))
         # Of half an angle h, 1 - cos h is h^2 / 2.
-        squares += 8 * np.maximum(0.0, 1 - np.abs(np.einsum("snq,snq->sn", one, other)))
-    return np.asarray(np.sqrt(squares.mean(axis=1)))
+        squares += 8 * np.maximum(0.0, 1 - np.abs(np.einsum("nqs,nqs->ns", one, other)))
+    return np.asarray(np.sqrt(squares.mean(axis=0)))
 
 
 def _checked(boundary: Boundary, steps: int, space: Space) -> Boundary:
