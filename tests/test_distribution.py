@@ -25,6 +25,7 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.distribution import MotionDistribution, estimation, learn_distribution
 from noslip.distribution import retraction as moving
 from noslip.distribution.arrays import OnArrays
+from noslip.distribution.blocks import Blocks
 from noslip.distribution.curves import FRACTIONS, Curves
 from noslip.distribution.distribution import deviations, projected
 from noslip.distribution.estimation import log_likelihood
@@ -144,11 +145,11 @@ def test_graphs_on_arrays_are_those_of_the_virtual_machine() -> None:
     x = ca.SX.sym("x", 3)
     known = [ca.sin(x[0]) * ca.atan2(x[1], x[2]), ca.if_else(x[0] < x[1], x[2] ** 3, -2 * x[0])]
     known += [ca.fmax(x[0], ca.fabs(x[1])) / ca.sqrt(1 + x[2] ** 2), ca.DM(3)]
-    values = np.random.default_rng(0).normal(size=(7, 5, 3))
+    values = np.random.default_rng(0).normal(size=(3, 7, 5))
     for graph in (known, [*known, ca.erf(x[0])]):
         function = ca.Function("f", [x], [ca.densify(ca.vertcat(*graph))])
-        found = OnArrays(function)(list(np.moveaxis(values, -1, 0)))
-        oracle = np.array(function(values.reshape(-1, 3).T)).T.reshape(7, 5, -1)
+        found = OnArrays(function)(list(values)).swapaxes(0, 1)
+        oracle = np.array(function(values.reshape(3, -1))).reshape(-1, 7, 5)
         np.testing.assert_allclose(found, oracle, atol=1e-14)
 
 
@@ -162,7 +163,11 @@ def test_blocks_solve_what_lapack_does(seed: int, count: int, stage: int) -> Non
     right = rng.normal(size=(count * stage, 3))
     width = band.width
     oracle = dgbsv(width, width, band.storage.copy(order="F"), right.copy(order="F"))[2]
-    found = moving._Blocks(band).solve(right.copy())
+    blocks = Blocks(band)
+    found = np.zeros((blocks.rows, 3))
+    found[: len(right)] = right
+    blocks.solve(found)
+    found = found[: len(right)]
     np.testing.assert_allclose(found, oracle, atol=1e-10 * np.abs(oracle).max())
 
 
@@ -175,12 +180,12 @@ def test_moving_onto_the_constraints_is_the_nearest_way_to_first_order() -> None
     apart = []
     for share in (1.0, 0.5):
         points = POSE.moved(motion.points, share * drawn)
-        found = retraction(points[None])
+        found = retraction(points[:, :, None])
         assert found.arrived.all()
         trajectory = distribution.trajectory(points, "drawn")
         kept = (ns.Boundary.keeping(trajectory, 1.0, "position"),)
         exact = project(Request(trajectory, distribution.system, kept, ADAPTING))
-        apart.append(np.abs(POSE.difference(found.points[0], exact.trajectory.points)).max())
+        apart.append(np.abs(POSE.difference(found.points[:, :, 0], exact.trajectory.points)).max())
     # Of second order: half as far, a quarter apart.
     assert apart[1] < 0.4 * apart[0] < 0.1 * np.abs(drawn).max()
 
@@ -274,6 +279,24 @@ def test_limits_hold_of_each_sample() -> None:
     assert motions.margins.min() > -1e-8
     assert motions.positions[:, :, 1].max() < 0.021 + 1e-8
     assert np.abs(motions.constraint_residuals).max() < 1e-10
+
+
+@pytest.mark.usefixtures("compiling")
+def test_compiled_samples_are_the_same_but_for_rounding() -> None:
+    motion = learned().motion
+    ends = (ns.Boundary.keeping(motion, 1.0, "position"),)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NOSLIP_COMPILE", "0")
+        plain = moving.Retraction(Request(motion, learned().system, ends, ADAPTING))
+        drawn = np.moveaxis(learned().drawn(5, seed=1), 0, -1)
+        expected = plain(drawn)
+    retraction = moving.Retraction(Request(motion, learned().system, ends, ADAPTING))
+    found = retraction(drawn)
+    assert found.arrived.all()
+    np.testing.assert_allclose(found.points, expected.points, atol=1e-9)
+    np.testing.assert_allclose(
+        retraction.residuals(drawn), plain.residuals(drawn), atol=1e-12
+    )
 
 
 # -------------------------------------------------------------------- vectors, context, intervals
