@@ -36,7 +36,7 @@ from noslip.constraints.system import as_system
 from noslip.demonstrations.excision import RATE, TOOL_FRAME, synthetic_excisions
 from noslip.distribution import MotionDistribution, learn_distribution
 from noslip.distribution.curves import FRACTIONS
-from noslip.distribution.distribution import deviations, projected
+from noslip.distribution.demonstrated import deviations, projected
 from noslip.errors import NoslipWarning
 from noslip.experiments.excision import PAPER_CUTOFF, TRIM_SPEED
 from noslip.projection.request import ADAPTING, Request

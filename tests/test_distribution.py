@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from kinds import ARM, joint_cut
 from motions import eased
+from noslip import learning
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.distribution import MotionDistribution, estimation, learn_distribution
@@ -27,13 +29,15 @@ from noslip.distribution import retraction as moving
 from noslip.distribution.arrays import OnArrays
 from noslip.distribution.blocks import Blocks
 from noslip.distribution.curves import FRACTIONS, Curves
-from noslip.distribution.distribution import deviations, projected
+from noslip.distribution.demonstrated import deviations, projected
 from noslip.distribution.estimation import log_likelihood
 from noslip.distribution.gaussian import Gaussian
+from noslip.document import write_document
 from noslip.errors import CompromiseWarning, InputError
 from noslip.projection.band import Band
 from noslip.projection.request import ADAPTING, Request
 from noslip.projection.trajectory import project
+from noslip.saving import load_distribution
 from noslip.space import POSE
 from noslip.vectors import Trajectory
 from refusals import refusal
@@ -294,9 +298,7 @@ def test_compiled_samples_are_the_same_but_for_rounding() -> None:
     found = retraction(drawn)
     assert found.arrived.all()
     np.testing.assert_allclose(found.points, expected.points, atol=1e-9)
-    np.testing.assert_allclose(
-        retraction.residuals(drawn), plain.residuals(drawn), atol=1e-12
-    )
+    np.testing.assert_allclose(retraction.residuals(drawn), plain.residuals(drawn), atol=1e-12)
 
 
 # -------------------------------------------------------------------- vectors, context, intervals
@@ -401,8 +403,86 @@ def test_joints_of_a_robot_are_distributed_as_learning_took_them() -> None:
         ns.Trajectory(cut.times, cut.values + 0.02 * random.normal(size=4) * aside, cut.names)
         for _ in range(4)
     )
-    found: Any = ns.learn(several, [ns.Blade()], robot=ARM, distribution=True, basis_functions=30)
+    found = ns.learn(several, [ns.Blade()], robot=ARM, distribution=True, basis_functions=30)
     (origin,) = found.primitive.history
     assert origin.options["distribution"] is True
     motion = found.sample(1, seed=0)[0]
     assert ns.check(motion, [ns.Blade()]).constraints[0].peak <= 1e-10
+
+
+# -------------------------------------------------------------------- in files
+
+
+def test_it_is_saved_and_read_back(tmp_path: Path) -> None:
+    conditioned = learned().condition(beside(learned(), 0.4, 0.5))
+    back = load_distribution(conditioned.save(tmp_path / "cuts.json"))
+    np.testing.assert_array_equal(back.interval(), conditioned.interval())
+    np.testing.assert_array_equal(back.gaussian.mean, conditioned.gaussian.mean)
+    assert back.log_likelihood(cuts()[1]) == conditioned.log_likelihood(cuts()[1])
+    found, expected = (each.sample(2, seed=3).states for each in (back, conditioned))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+    assert repr(back) == repr(conditioned)
+    # To all else the file is that of the primitive.
+    primitive = ns.load_primitive(tmp_path / "cuts.json")
+    np.testing.assert_array_equal(
+        primitive.rollout().positions, conditioned.primitive.rollout().positions
+    )
+    alone = primitive.save(tmp_path / "alone.json")
+    assert "no distribution" in refusal(InputError, load_distribution, alone)
+
+
+def test_a_context_is_read_back(tmp_path: Path) -> None:
+    back = load_distribution(waving().save(tmp_path / "waves.json"))
+    found, expected = (d.condition(context={"size": 1.5}).middle for d in (back, waving()))
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("covariance", "negative", "negative variance"),
+        ("covariance", "askew", "symmetric"),
+        ("covariance", "nan", "covariance"),
+        ("covariance", [[1.0]], "shape"),
+        ("mean", [1.0], "shape"),
+        ("noise", "zero", "above 0"),
+        ("curves", 3, "weights"),
+        ("curves", 10**9, "curves"),
+        ("demonstrations", 2, "demonstrations"),
+        ("context", ["size", "size"], "its own name"),
+        ("ends", ["free"], "expected two"),
+        ("ends", ["free", "there"], "ends"),
+        ("kept", [{"at": 0.5}], "nothing is kept"),
+        ("kept", [{"at": 1.5, "position": [0.0, 0.0]}], "fraction"),
+        ("kept", [{"at": 0.5, "position": [0.0]}], "shape"),
+        ("score", None, "score"),
+        ("score", ..., "score is missing"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, field: str, value: Any, told: str) -> None:
+    data = waving().as_data()
+    own = data["distribution"]
+    wrong = np.array(own["covariance"])
+    match value:
+        case "negative":
+            wrong[0, 0] = -1.0
+        case "askew":
+            wrong[0, 1] += 1.0
+        case "nan":
+            wrong[0, 0] = np.nan
+    replaced = {"negative": wrong, "askew": wrong, "nan": wrong}.get(str(value))
+    if value is ...:
+        del own[field]
+    elif value == "zero":
+        own[field] = [0.0] * len(own[field])
+    else:
+        own[field] = value if replaced is None else replaced.tolist()
+    path = write_document(tmp_path / "wrong.json", data)
+    message = refusal(InputError, load_distribution, path)
+    assert message.startswith(f"{path}: ") and told in message
+
+
+def test_a_type_checker_is_told_all_options_of_learning() -> None:
+    known = set(signature(ns.learn).parameters)
+    told = set(learning._Options.__annotations__) | {"demonstrations", "constraints"}
+    assert told | {"distribution"} == known

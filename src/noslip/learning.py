@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial, wraps
 from itertools import compress
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, cast
+from typing import Any, Literal, ParamSpec, Protocol, TypedDict, Unpack, cast, overload
 
 import numpy as np
 
@@ -71,19 +71,68 @@ Fitted = tuple[Law, float, list[PoseTrajectory], list[ProjectedTrajectory | None
 """A law, how far it leaves what it follows, that, and the projections that led there."""
 
 
-def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]:
+class _Options(TypedDict, total=False):
+    """Options of :func:`learn`, but the one that says what it returns."""
+
+    robot: Chain | str | Path | None
+    basis_functions: int | Literal["auto"]
+    alpha: float
+    beta: float
+    alpha_s: float
+    ridge: float
+    hold_position: bool
+    start: End
+    end: End | Literal["auto"]
+    position_weight: float
+    position_smoothing: float
+    rotation_smoothing: float
+    metric: Metric
+    metric_length: float | None
+    stabilization: float
+    barrier_rate: float
+    align: bool
+    rhythmic: bool
+    context: Mapping[str, Sequence[float]] | None
+    project_start: bool
+    progress: Callable[[int, int], None] | None
+
+
+class _Learning(Protocol):
+    """What :func:`learn` is to a type checker: a distribution where one is asked for."""
+
+    @overload
+    def __call__(
+        self,
+        demonstrations: Recorded | Iterable[Recorded],
+        constraints: ConstraintSystem | Constraint | Sequence[Constraint] = (),
+        *,
+        distribution: Literal[True],
+        **options: Unpack[_Options],
+    ) -> MotionDistribution: ...
+
+    @overload
+    def __call__(
+        self,
+        demonstrations: Recorded | Iterable[Recorded],
+        constraints: ConstraintSystem | Constraint | Sequence[Constraint] = (),
+        *,
+        distribution: Literal[False] = False,
+        **options: Unpack[_Options],
+    ) -> ConstrainedDMP: ...
+
+
+def _noted(learning: Callable[P, ConstrainedDMP | MotionDistribution]) -> _Learning:
     """Let what is learned hold the options that it was learned with."""
 
     @wraps(learning)
-    def noted(*args: P.args, **options: P.kwargs) -> ConstrainedDMP:
-        learned: Any = learning(*args, **options)
+    def noted(*args: P.args, **options: P.kwargs) -> ConstrainedDMP | MotionDistribution:
+        learned = learning(*args, **options)
         history = (Origin.of("learn", learning, *args, **options),)
         if isinstance(learned, MotionDistribution):
-            learned = replace(learned, primitive=replace(learned.primitive, history=history))
-            return cast("ConstrainedDMP", learned)
-        return replace(cast("ConstrainedDMP", learned), history=history)
+            return replace(learned, primitive=replace(learned.primitive, history=history))
+        return replace(learned, history=history)
 
-    return noted
+    return cast("_Learning", noted)
 
 
 @_noted
@@ -113,7 +162,7 @@ def learn(
     context: Mapping[str, Sequence[float]] | None = None,
     project_start: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> ConstrainedDMP:
+) -> ConstrainedDMP | MotionDistribution:
     """Learn a primitive from demonstrations that holds constraints exactly.
 
     Each demonstration is projected onto the constraints (the nearest trajectory that satisfies
@@ -337,8 +386,7 @@ def learn(
     if not distribution:
         return learned
     last = _kept_end(system, recorded[0]) if end == "auto" else end
-    found = MotionDistribution.about(learned, followed, context, (start, last))
-    return cast("ConstrainedDMP", found)
+    return MotionDistribution.about(learned, followed, context, (start, last))
 
 
 def _channels_of(demonstrations: Sequence[PoseTrajectory]) -> list[Series]:

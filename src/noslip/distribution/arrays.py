@@ -93,7 +93,7 @@ class OnArrays:
         self._is_known = all(operation in known for operation, *_ in self._steps)
 
     def __call__(self, given: Sequence[Floats | float]) -> Floats:
-        """Evaluate for inputs that broadcast to one shape (N, S); the result's is (N, outputs, S)."""
+        """Evaluate for inputs that broadcast to shape (N, S); of the result, (N, outputs, S)."""
         arrays = np.broadcast_arrays(*given)
         count, several = arrays[0].shape
         if not self._is_known:

@@ -78,7 +78,7 @@ class Blocks:
         return len(self._inverses) * self._size
 
     def solve(self, right: Floats) -> None:
-        """Solve in place for right-hand sides, shape (:attr:`rows`, S); zero where no unknown is."""
+        """Solve in place, right-hand sides of shape (:attr:`rows`, S); zero where none is."""
         size, width, last = self._size, self._width, len(self._inverses) - 1
         if self._kernels is not None:
             self._kernels.solve(*self._packed, right)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ from noslip._values import Value
 from noslip.boundary import Boundary, End, sample_of
 from noslip.constraints.system import ConstraintSystem
 from noslip.distribution.arrays import in_cache
-from noslip.distribution.curves import FRACTIONS, Curves
+from noslip.distribution.conditions import checked, exactly, merged, noise_of
+from noslip.distribution.curves import Curves
+from noslip.distribution.demonstrated import Tangent, context_of, deviations, projected
 from noslip.distribution.estimation import (
     FEWEST,
     context_rows,
@@ -27,8 +30,10 @@ from noslip.distribution.estimation import (
 from noslip.distribution.gaussian import Gaussian
 from noslip.distribution.impedance import Impedance
 from noslip.distribution.retraction import Retraction
+from noslip.distribution.stored import boundary_to_data
+from noslip.document import write_document
 from noslip.errors import CompromiseWarning, InputError, warn
-from noslip.law.fitting import Recorded, as_demonstrations, evenly_sampled, fit
+from noslip.law.fitting import Recorded, as_demonstrations, fit
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import ADAPTING, Request
 from noslip.projection.trajectory import project_heeding_what_it_can, project_trajectory
@@ -131,14 +136,11 @@ class MotionDistribution(Value):
             raise InputError(
                 f"a distribution needs {FEWEST} demonstrations or more, got {len(demonstrations)}"
             )
-        names, numbers = _context_of(context or {}, len(demonstrations))
-        rolled = primitive.rollout()
-        # Of equal steps: times of a rollout are sums.
-        times = np.linspace(rolled.times[0], rolled.times[-1], len(rolled))
-        reference = replace(rolled.with_points(rolled.points, times), name="reference")
+        names, numbers = context_of(context or {}, len(demonstrations))
+        reference = reference_of(primitive)
         values = np.array([deviations(d, reference) for d in demonstrations])
         curves = Curves.along(reference.positions, _STARTING_CURVES)
-        tangent = _Tangent(reference, primitive.system, primitive.law.begin)
+        tangent = Tangent(reference, primitive.system, primitive.law.begin)
         found = estimate(values, numbers, curves, tangent)
         return cls(
             primitive,
@@ -300,8 +302,8 @@ class MotionDistribution(Value):
             If what is asked for lies far from all demonstrations (Mahalanobis distance): motions
             are then extrapolated.
         """
-        deviation = _noise_of(noise)
-        asked = [_checked(b, len(self.reference), self.space) for b in boundaries]
+        deviation = noise_of(noise)
+        asked = [checked(b, len(self.reference), self.space) for b in boundaries]
         parts = [self._seen(boundary, deviation) for boundary in asked]
         parts += self._seen_context(context or {})
         if not parts:
@@ -317,8 +319,8 @@ class MotionDistribution(Value):
                 "is extrapolated, demonstrate one like it",
                 CompromiseWarning,
             )
-        exact = [_exact(boundary, deviation) for boundary in asked]
-        kept = _merged((*self.kept, *exact), len(self.reference))
+        exact = [exactly(boundary, deviation) for boundary in asked]
+        kept = merged((*self.kept, *exact), len(self.reference))
         return replace(self, gaussian=conditioned, kept=kept)
 
     def log_likelihood(self, trajectory: PoseTrajectory) -> float:
@@ -475,6 +477,31 @@ class MotionDistribution(Value):
             margin[0, on_poses] = first[0, on_poses]
         return found
 
+    # ---------------------------------------------------------------- files
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as JSON, with its primitive; :func:`noslip.saving.load_distribution` reads it.
+
+        To :func:`noslip.load_primitive`, and to all commands, the file is that of the primitive.
+        Samples, intervals and likelihoods of what is read back are the same.
+        """
+        return write_document(path, self.as_data())
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what :meth:`save` writes, as plain data."""
+        own = {
+            "curves": self.curves.count,
+            "mean": self.gaussian.mean.tolist(),
+            "covariance": self.gaussian.covariance.tolist(),
+            "noise": self.noise.tolist(),
+            "score": self.score,
+            "demonstrations": self.demonstrations,
+            "context": list(self.context),
+            "kept": [boundary_to_data(boundary) for boundary in self.kept],
+            "ends": list(self.ends),
+        }
+        return self.primitive.as_data() | {"distribution": own}
+
     # ---------------------------------------------------------------- inside
 
     @property
@@ -523,7 +550,7 @@ class MotionDistribution(Value):
         own = [
             Boundary.keeping(motion, at, end) for at, end in zip((0.0, 1.0), self.ends, strict=True)
         ]
-        return _merged((*own, *self.kept), len(motion))
+        return merged((*own, *self.kept), len(motion))
 
     def _covariances(self) -> Floats:
         """Of the deviations at each of the fractions, shape (101, n + 3 b, n + 3 b)."""
@@ -567,6 +594,15 @@ class MotionDistribution(Value):
         return found
 
 
+def reference_of(primitive: ConstrainedDMP) -> PoseTrajectory:
+    """Return the motion of a primitive that others are told apart from, of equal steps."""
+    rolled = primitive.rollout()
+    # Times of a rollout are sums.
+    times = np.linspace(rolled.times[0], rolled.times[-1], len(rolled))
+    found: PoseTrajectory = replace(rolled.with_points(rolled.points, times), name="reference")
+    return found
+
+
 def learn_distribution(
     primitive: ConstrainedDMP,
     demonstrations: Recorded | Iterable[Recorded],
@@ -600,67 +636,6 @@ def learn_distribution(
     return MotionDistribution.about(primitive, feasible, context, ends)
 
 
-def projected(
-    trajectory: PoseTrajectory, system: ConstraintSystem, ends: tuple[End, End], functions: int
-) -> PoseTrajectory:
-    """Return a demonstration on the constraints, as learning projects it."""
-    sampled = evenly_sampled(trajectory, functions)
-    if not system.size:
-        return sampled
-    kept = (Boundary.keeping(sampled, at, end) for at, end in zip((0.0, 1.0), ends, strict=True))
-    found: PoseTrajectory = project_heeding_what_it_can(
-        Request(sampled, system, tuple(kept))
-    ).trajectory
-    return found
-
-
-class _Tangent:
-    """Weights of curves -> those that lead along the constraints, to first order."""
-
-    def __init__(self, reference: PoseTrajectory, system: ConstraintSystem, begin: float) -> None:
-        self._points, self._kept = reference.points, dict[int, Floats]()
-        self._space = reference.space
-        self._retraction: Retraction | None = None
-        if system.equalities.size:
-            # What demonstrations have in common at their ends, curves along the constraints have.
-            ends = tuple(Boundary.keeping(reference, at, "position") for at in (0.0, 1.0))
-            if "position" in system.equalities.row_levels:
-                ends = ()
-            request = Request(reference, system.equalities, ends, ADAPTING, begin=begin)
-            self._retraction = Retraction(request)
-
-    def __call__(self, curves: Curves) -> Floats:
-        if curves.count not in self._kept:
-            self._kept[curves.count] = self._matrix(curves)
-        return self._kept[curves.count]
-
-    def _matrix(self, curves: Curves) -> Floats:
-        size, channels, steps = curves.count, self._space.velocity_size, len(self._points)
-        if self._retraction is None:
-            return np.eye(channels * size)
-        fractions = np.linspace(0.0, 1.0, steps)
-        changes = np.zeros((steps, channels, channels, size))
-        for channel in range(channels):
-            changes[:, channel, channel] = curves.at(fractions)
-        along = self._retraction.tangent(changes.reshape(steps, channels, -1), self._points)
-        # Curves are smooth: between two steps, a chord is as good.
-        nearest = np.interp(FRACTIONS, fractions, np.arange(steps))
-        before = np.minimum(nearest.astype(int), steps - 2)
-        share = (nearest - before)[:, None, None]
-        seen = (1 - share) * along[before] + share * along[before + 1]
-        found = np.einsum("sdw,sk->dkw", seen, curves.values)
-        return np.asarray(found.reshape(channels * size, -1))
-
-
-def deviations(trajectory: PoseTrajectory, reference: PoseTrajectory) -> Floats:
-    """How a motion differs from the reference at the fractions, shape (101, n + 3 b)."""
-    there, here = (
-        each.resampled(times=each.times[0] + each.duration * FRACTIONS).points
-        for each in (trajectory, reference)
-    )
-    return reference.space.difference(there, here)
-
-
 def _turned(space: Space, before: Floats, after: Floats) -> Floats:
     """How far each motion was turned (rad), rms along the way; by a few degrees, or more."""
     squares = np.zeros((len(before), before.shape[2]))
@@ -669,73 +644,3 @@ def _turned(space: Space, before: Floats, after: Floats) -> Floats:
         # Of half an angle h, 1 - cos h is h^2 / 2.
         squares += 8 * np.maximum(0.0, 1 - np.abs(np.einsum("nqs,nqs->ns", one, other)))
     return np.asarray(np.sqrt(squares.mean(axis=0)))
-
-
-def _checked(boundary: Boundary, steps: int, space: Space) -> Boundary:
-    """Return a boundary that a distribution can be conditioned on, at its sample."""
-    if not isinstance(boundary, Boundary):
-        raise InputError(f"condition on Boundary objects, got {_arguments.short(boundary)}")
-    if boundary.has_twist or boundary.is_free:
-        raise InputError(
-            f"condition on a position or a rotation at {boundary.at:g}; velocities follow"
-        )
-    boundary.require_of(space)
-    return replace(boundary, at=sample_of(boundary.at, steps) / (steps - 1))
-
-
-def _exact(boundary: Boundary, noise: Floats) -> Boundary:
-    """What of a boundary is asked for without noise."""
-    return replace(
-        boundary,
-        position=None if noise[0] else boundary.position,
-        rotation=None if noise[1] else boundary.rotation,
-    )
-
-
-def _merged(boundaries: Iterable[Boundary], steps: int) -> tuple[Boundary, ...]:
-    """Boundaries, one a sample; of those at the same one the last says what it names."""
-    found: dict[int, Boundary] = {}
-    for boundary in boundaries:
-        k = sample_of(boundary.at, steps)
-        if k in found:
-            position, rotation = found[k].position, found[k].rotation
-            boundary = replace(
-                boundary,
-                position=position if boundary.position is None else boundary.position,
-                rotation=rotation if boundary.rotation is None else boundary.rotation,
-            )
-        found[k] = boundary
-    return tuple(found[k] for k in sorted(found) if not found[k].is_free)
-
-
-def _noise_of(noise: float | Sequence[float]) -> Floats:
-    given = _arguments.numbers("noise", noise)
-    if given.ndim > 1 or given.size not in (1, 2) or not np.all((given >= 0) & np.isfinite(given)):
-        raise InputError(
-            "noise must be a number, 0 or more, or two: of positions (m) and of rotations (rad); "
-            f"got {_arguments.short(noise)}"
-        )
-    return np.broadcast_to(given.ravel(), 2)
-
-
-def _context_of(
-    context: Mapping[str, Sequence[float]], count: int
-) -> tuple[tuple[str, ...], Floats]:
-    """Names and numbers, shape (count, c), of what demonstrations were made in."""
-    columns = []
-    for name, values in context.items():
-        column = _arguments.numbers(f"context {name}", values)
-        if column.shape != (count,) or not np.isfinite(column).all():
-            raise InputError(
-                f"context {name} must be {count} finite numbers, one a demonstration; got shape "
-                f"{column.shape}"
-            )
-        if not np.ptp(column) > 0:
-            raise InputError(f"context {name} is the same in all demonstrations: leave it out")
-        columns.append(column)
-    if count < FEWEST + len(columns):
-        raise InputError(
-            f"{len(columns)} numbers of context need {FEWEST + len(columns)} demonstrations or "
-            f"more, got {count}"
-        )
-    return tuple(context), np.array(columns).T.reshape(count, len(columns))
