@@ -381,10 +381,17 @@ def test_impedance_is_stiff_where_motions_agree(tmp_path: Path) -> None:
     assert found.stiffness[:, :3].min() < 300
     expected = 2 * 0.7 * np.sqrt(found.stiffness[:, :3] * 2.0)
     np.testing.assert_allclose(found.damping[:, :3], expected)
-    (back,) = ns.load_demonstrations(found.to_csv(tmp_path / "held.csv"))
+    (back,) = ns.load_demonstrations(found.trajectory.to_csv(tmp_path / "held.csv"))
     np.testing.assert_array_equal(back.positions, found.trajectory.positions)
     table = np.genfromtxt(tmp_path / "held.csv", delimiter=",", names=True)
-    np.testing.assert_array_equal(table["kry"], found.stiffness[:, 4])
+    np.testing.assert_array_equal(table["kry_Nmrad"], found.stiffness[:, 4])
+    # The same beside the poses of what the mean primitive does, read back from its file.
+    held = conditioned.held(linear=(50, 500), angular=(1, 10), damping_ratio=0.7, mass=2.0)
+    beside_it = ns.load_primitive(held.save(tmp_path / "held.json")).rollout().channels
+    assert beside_it is not None and beside_it.units[:4] == ("N/m",) * 3 + ("Nm/rad",)
+    stiff = np.interp(0.25, np.linspace(0, 1, len(found.stiffness)), found.stiffness[:, 1])
+    along = np.linspace(0, 1, len(beside_it.times))
+    assert np.interp(0.25, along, beside_it.column("ky")) == pytest.approx(stiff, rel=0.05)
     with pytest.raises(InputError, match="least and the largest"):
         conditioned.impedance(linear=(5, 1))
 

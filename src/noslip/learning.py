@@ -246,7 +246,10 @@ def learn(
         If the primitive leaves its demonstration, or the projection turns the tool far.
     """
     if rhythmic and distribution:
-        raise InputError("distribution=True is of motions that end; leave out rhythmic")
+        raise InputError(
+            "distribution=True is of motions that end, a rhythm does not: leave out rhythmic, of "
+            "one period"
+        )
     if context is not None and not distribution:
         raise InputError("context is what a distribution depends on; give distribution=True")
     recorded = as_demonstrations(demonstrations)

@@ -33,6 +33,7 @@ from noslip.distribution.retraction import Retraction
 from noslip.distribution.stored import boundary_to_data
 from noslip.document import write_document
 from noslip.errors import CompromiseWarning, InputError, warn
+from noslip.law.channels import Channels
 from noslip.law.fitting import Recorded, as_demonstrations, fit
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import ADAPTING, Request
@@ -135,6 +136,11 @@ class MotionDistribution(Value):
         if len(demonstrations) < FEWEST:
             raise InputError(
                 f"a distribution needs {FEWEST} demonstrations or more, got {len(demonstrations)}"
+            )
+        if primitive.law.clock.returns:
+            raise InputError(
+                "a distribution is of motions that end: its curves begin and end apart, which "
+                "would tear a rhythm; learn one period without rhythmic=True"
             )
         names, numbers = context_of(context or {}, len(demonstrations))
         reference = reference_of(primitive)
@@ -269,6 +275,22 @@ class MotionDistribution(Value):
         if not isinstance(self.motion, PoseTrajectory):
             raise InputError("an impedance is that of a tool's pose; what moves here has none")
         return Impedance.of(self.motion, self.spread, **options)
+
+    def held(self, **options: Any) -> ConstrainedDMP:
+        """Return :attr:`mean` with its impedance as channels: they follow its phase.
+
+        Its rollouts, adapted motions, files and bags then have them beside the pose.
+
+        Parameters
+        ----------
+        **options
+            Of :meth:`Impedance.of`.
+        """
+        mean = self.mean
+        found = Channels.fit(mean.law.basis, [self.impedance(**options).channels])
+        return replace(
+            mean, channels=found if mean.channels is None else _both(mean.channels, found)
+        )
 
     # ---------------------------------------------------------------- what is known of a motion
 
@@ -601,6 +623,15 @@ def reference_of(primitive: ConstrainedDMP) -> PoseTrajectory:
     times = np.linspace(rolled.times[0], rolled.times[-1], len(rolled))
     found: PoseTrajectory = replace(rolled.with_points(rolled.points, times), name="reference")
     return found
+
+
+def _both(one: Channels, other: Channels) -> Channels:
+    """Channels of one basis beside each other."""
+    arrays = {
+        name: np.concatenate([getattr(one, name), getattr(other, name)], axis=-1)
+        for name in ("trend", "weights", "least", "most")
+    }
+    return replace(one, **arrays, names=one.names + other.names, units=one.units + other.units)
 
 
 def learn_distribution(
