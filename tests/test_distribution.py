@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import casadi as ca
 import numpy as np
@@ -491,5 +491,5 @@ def test_a_wrong_file_is_refused(tmp_path: Path, field: str, value: Any, told: s
 
 def test_a_type_checker_is_told_all_options_of_learning() -> None:
     known = set(signature(ns.learn).parameters)
-    told = set(learning._Options.__annotations__) | {"demonstrations", "constraints"}
+    told = set(get_type_hints(learning._Options)) | {"demonstrations", "constraints"}
     assert told | {"distribution"} == known

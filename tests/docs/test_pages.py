@@ -60,6 +60,7 @@ ELSEWHERE = {
             "noslip rollout reach.json",
             "noslip adapt reach.json",
             "noslip learn joints.csv",
+            "noslip view joints.csv",
             "noslip learn stirring.csv",
             "noslip rollout stirring.json",
         ),

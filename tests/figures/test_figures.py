@@ -361,8 +361,8 @@ def test_each_row_of_several_constraints_has_a_panel(every_figure, motions):
         [
             ("lateral velocity (m/s)", 1),
             ("stay on table (mm)", 1e3),
-            ("upright [0] (rad/s)", 1),
-            ("upright [1] (rad/s)", 1),
+            ("upright, row 1 (rad/s)", 1),
+            ("upright, row 2 (rad/s)", 1),
         ]
     ):
         drawn = curves(panel(figure, label))["demonstration"][:, 1]
@@ -492,7 +492,7 @@ def test_rows_of_a_limit_are_drawn_one_by_one_if_asked_for(limited):
     ax = Figure().subplots()
     (line,) = figures.plot_residuals(ax, limited, BOX, row=4)
     np.testing.assert_allclose(line.get_ydata(), 1.2 - limited.positions[:, 1], atol=1e-12)
-    assert ax.get_ylabel().replace("\n", " ") == "margin of box [4] (m)"
+    assert ax.get_ylabel().replace("\n", " ") == "margin of box, largest y (m)"
     assert forbidden_side(ax)[1] == pytest.approx(0, abs=1e-12)
 
 

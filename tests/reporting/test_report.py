@@ -425,7 +425,7 @@ EVERY_OPTION = {
     "metric_length": 0.02,
     "stabilization": 10.0,
     "barrier_rate": 50.0,
-    "project_start": True,
+    "project_start": "velocity",
 }
 
 

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from noslip._instants import seconds
 from noslip._typing import Expression, Floats
 from noslip._values import LONGEST_REPR, shortened
 from noslip.constraints.declaration import (
@@ -21,6 +22,7 @@ from noslip.constraints.declaration import (
     Level,
     constraint_function,
     declared,
+    names_of_rows,
     require_size,
     row_units,
 )
@@ -82,6 +84,7 @@ class ConstraintSystem:
                 raise ConstraintError(
                     f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
                 )
+            constraint = constraint.in_space(space)
             _require_seen(constraint, space)
             function = constraint_function(constraint)
             rows, operations = rows + function.size1_out(0), operations + function.n_instructions()
@@ -195,12 +198,9 @@ class ConstraintSystem:
 
     @cached_property
     def row_names(self) -> list[str]:
-        """For each row, the constraint's name, numbered where a constraint has several rows."""
-        return [
-            name if rows == 1 else f"{name} [{row}]"
-            for name, rows in zip(self.names, self.rows, strict=True)
-            for row in range(rows)
-        ]
+        """For each row, the constraint's name, and which row of several it is."""
+        of_each = zip(self.constraints, self.rows, self.names, strict=True)
+        return [row for each in of_each for row in names_of_rows(*each)]
 
     @property
     def function(self) -> Any:
@@ -323,7 +323,7 @@ class ConstraintSystem:
         )
         name = self.row_names[row % self.size]
         verb = "is" if entry < self.size else "has a slope of"
-        where = f"{times[at]:.6g} s" + (f" ({counted} {at})" if counted else "")
+        where = seconds(times[at], times[0]) + (f" ({counted} {at})" if counted else "")
         value = values[at, entry] if undefined[at, entry] else np.nan
         raise ConstraintError(
             f"constraint {name!r} {verb} {value} at {where}: {what} is undefined; write it such "

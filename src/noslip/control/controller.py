@@ -39,7 +39,17 @@ from noslip.adapting import REPLANNED_SAMPLES, compiled
 from noslip.control.clock import AT_REST, CELLS, Bounds, Schedule, runs_in_plan_time
 from noslip.control.goal_filter import GoalFilter
 from noslip.control.observer import SEEN, Observer, compile_now
-from noslip.control.planning import Made, Planner, Primitive, Reason, Task, engine_of, reachable
+from noslip.control.planning import (
+    Made,
+    Planner,
+    Primitive,
+    Reason,
+    Task,
+    channels_at,
+    channels_of,
+    engine_of,
+    reachable,
+)
 from noslip.errors import InputError, NoslipError
 from noslip.law.clock import DONE
 from noslip.law.law import Law
@@ -222,7 +232,7 @@ class Controller:
                 "Controller plans for a pose that comes to an end; dmp.controller(time_step=...) "
                 "returns what steps this primitive"
             )
-        self.law, self.rule = dmp.law, dmp.rule
+        self.law, self.rule, self._learned = dmp.law, dmp.rule, channels_of(dmp)
         self.follows, self.replans, self.real_time = follows, replan, real_time
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
         self.lag = None if lag is None else _arguments.not_negative("lag", lag)
@@ -322,6 +332,7 @@ class Controller:
         slow = GOAL_SLOW / self._duration
         self._goal = GoalFilter(begun.goal_position, GOAL_JUMP * self._length, slow * self._length)
         self._goal_turn = GoalFilter(np.zeros(3), GOAL_ANGLE_JUMP, slow)
+        self._channels = self._learned
         first = begun
         if begun.previous_step > 0:
             goals = ("goal_position", "goal_rotation", "first_goal_position", "first_goal_rotation")
@@ -352,6 +363,11 @@ class Controller:
             return True
         behind = self._observer.size("place", "behind", "left")
         return behind <= self._observer.seen.item(_BAND) and self._observer.seen.item(_PACE) == 1.0
+
+    @property
+    def channels(self) -> Floats:
+        """What goes with the last command and follows its phase, shape (k,)."""
+        return channels_at(self._channels, self.memory)
 
     @property
     def is_compiled(self) -> bool:
@@ -935,6 +951,7 @@ class Controller:
             )
         # As far beyond the place as the old plan has come.
         beyond = max(data.item(engine.FRACTION) - self._hand_over, 0.0) * self._plan_duration
+        self._channels = self._channels and self._channels.after(self._hand_over)
         self._follow(made.plan, begun, made.schedule, made.engine)
         data[engine.FRACTION] = beyond / self._plan_duration
         self._target, self._target_rotation = task.goal_position, task.goal_rotation

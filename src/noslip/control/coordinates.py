@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import LONGEST_REPR, is_same, shortened
-from noslip.control.planning import Primitive, engine_of
+from noslip.control.planning import Primitive, channels_at, channels_of, engine_of
 from noslip.errors import InputError, NoslipError
 from noslip.law.attractor import Attractor
 from noslip.law.points import quaternions_of, rotation_of
@@ -106,7 +106,7 @@ class SpaceController:
         tolerance: ArrayLike | None = None,
         angle_tolerance: float = ANGLE_TOLERANCE,
     ) -> None:
-        self.law, self.rule = dmp.law, dmp.rule
+        self.law, self.rule, self._learned = dmp.law, dmp.rule, channels_of(dmp)
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
         angle = _arguments.positive("angle_tolerance", angle_tolerance, "rad")
         self.tolerance = self._tolerance(tolerance)
@@ -183,6 +183,11 @@ class SpaceController:
     def state(self) -> State:
         """The last, or the one to begin with."""
         return self.memory.state()
+
+    @property
+    def channels(self) -> Floats:
+        """What goes with the last command and follows its phase, shape (k,)."""
+        return channels_at(self._learned, self.memory)
 
     @property
     def done(self) -> bool:

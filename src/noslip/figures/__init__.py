@@ -20,7 +20,7 @@ from noslip.figures.motion import (
     plot_speed,
 )
 from noslip.figures.segments import recording_cuts
-from noslip.figures.snapshots import blade_snapshots, plot_blades
+from noslip.figures.snapshots import blade_snapshots, plot_blades, plot_tool_frame
 from noslip.figures.spread import demonstration_spread, orientation_adjustments, plot_spread
 from noslip.figures.style import column_figure, save_figure
 from noslip.figures.values import plot_values
@@ -49,6 +49,7 @@ __all__ = [
     "plot_residuals",
     "plot_speed",
     "plot_spread",
+    "plot_tool_frame",
     "plot_values",
     "recording_cuts",
     "save_figure",

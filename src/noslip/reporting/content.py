@@ -102,9 +102,9 @@ def _title(motions: Mapping[str, PoseTrajectory], dmp: ConstrainedDMP) -> str:
         path, duration = value_text(motion.path_length, "m"), number(motion.duration)
         return f"A path of {path} in {duration} s, learned without constraints"
     first = next(iter(motions))
-    rows = residual_rows({first: motions[first], "learned motion": motion}, dmp.system)
+    pair = {first: motions[first], "learned motion": motion}
     # Figures escape what their formulas begin with.
-    return one_line(finding(rows).replace(r"\$", "$"))
+    return one_line(finding(residual_rows(pair, dmp.system), pair).replace(r"\$", "$"))
 
 
 def _lead(dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory]) -> str:
