@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from scipy.linalg.lapack import dgbsv
 from scipy.spatial.transform import Rotation
 
+import kinds
 import noslip as ns
 from kinds import ARM, joint_cut
 from motions import eased
@@ -345,9 +346,26 @@ def test_intervals_hold_what_they_say() -> None:
         assert level - 0.12 < inside[:, 10:91].mean() <= 1
 
 
+def test_intervals_with_confidence_hold_of_so_many_sets() -> None:
+    """Of one normal number in 4 samples, simulated: mean and variance are as in the estimate."""
+    count, level, confidence = 4, 0.9, 0.8
+    drawn = np.random.default_rng(3).normal(size=(20_000, count))
+    freedom = estimation.freedom_of(waving().demonstrations, 1)
+    wide = waving().interval(level, confidence)[50, 0] / waving().interval(level)[50, 0]
+    student = scipy.stats.t.ppf((1 + level) / 2, freedom)
+    short = scipy.stats.chi2.ppf(1 - confidence, freedom)
+    assert wide * student == pytest.approx(1.6448536 * np.sqrt(freedom / short), rel=1e-6)
+    short = scipy.stats.chi2.ppf(1 - confidence, count - 1)
+    half = 1.6448536 * np.sqrt((count - 1) / short * (1 + 1 / count)) * drawn.std(axis=1, ddof=1)
+    middle = drawn.mean(axis=1)
+    held = scipy.stats.norm.cdf(middle + half) - scipy.stats.norm.cdf(middle - half) >= level
+    assert held.mean() == pytest.approx(confidence, abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("ask", "told"),
     [
+        (lambda d: d.interval(0.9, confidence=1.0), "confidence must be between 0 and 1"),
         (lambda d: d.condition(), "at least one boundary"),
         (lambda d: d.condition(ns.Boundary(0.5)), "a position or a rotation"),
         (lambda d: d.condition(ns.Boundary(0.5, [0, 0, 0])), "position"),
@@ -359,6 +377,14 @@ def test_intervals_hold_what_they_say() -> None:
         (lambda d: d.sample(0), "count"),
         (lambda d: d.impedance(), "pose"),
         (lambda d: learn_distribution(d.primitive, waves(2, 0)[0]), "3 demonstrations or more"),
+        (
+            lambda d: MotionDistribution.about(kinds.learned("rhythms"), waves(3, 0)[0]),
+            "would tear a rhythm",
+        ),
+        (
+            lambda d: ns.learn(waves(3, 0)[0], rhythmic=True, distribution=True),
+            "leave out rhythmic",
+        ),
         (
             lambda d: learn_distribution(d.primitive, waves(3, 0)[0], context={"a": [1, 2]}),
             "3 finite numbers",
@@ -400,6 +426,27 @@ def test_a_projected_demonstration_stays() -> None:
     once = projected(cuts()[0], learned().system, ENDS, 30)
     again = projected(once, learned().system, ENDS, 30)
     assert np.abs(POSE.difference(again.points, once.points)).max() < 1e-6
+
+
+def test_two_tools_are_distributed_under_the_blade_of_one(tmp_path: Path) -> None:
+    shown, random = kinds.tools(), np.random.default_rng(0)
+    s = np.linspace(0, 1, len(shown))[:, None]
+    several = [
+        shown.with_points(
+            shown.space.moved(shown.points, 0.03 * s * (1 - s) * random.normal(size=12))
+        )
+        for _ in range(4)
+    ]
+    rule = kinds.KINDS["two tools"].rule
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimation, "CHOICES", {"weights": (8,), "shrinkage": (0.5,)})
+        found = ns.learn(several, list(rule), distribution=True, basis_functions=30)
+    place = found.motion.positions[len(found.motion) // 2] + 0.003 * found.middle[50, :6]
+    motions = found.condition(ns.Boundary(0.5, place)).sample(2)
+    assert isinstance(motions[0], ns.Bodies)
+    assert ns.check(motions[1], list(rule)).constraints[0].peak <= 1e-10
+    passed = motions.positions[:, round(0.5 * (motions.states.shape[1] - 1))]
+    np.testing.assert_allclose(passed, np.broadcast_to(place, passed.shape), atol=1e-9)
 
 
 def test_joints_of_a_robot_are_distributed_as_learning_took_them() -> None:

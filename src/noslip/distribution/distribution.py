@@ -242,26 +242,32 @@ class MotionDistribution(Value):
         channels = self.gaussian.mean[: self._weights].reshape(self.space.velocity_size, -1)
         return np.asarray(self.curves.values @ channels.T)
 
-    def interval(self, level: float = 0.95) -> Floats:
+    def interval(self, level: float = 0.95, confidence: float | None = None) -> Floats:
         """Half widths within which a motion stays of the mean, at each fraction and axis by itself.
 
-        By Student's distribution: the covariance is itself known from few demonstrations.
+        By Student's distribution: the covariance is itself known from few demonstrations.  So wide,
+        they hold the level on average over all sets of demonstrations that there might have been;
+        of a particular set they may hold less.  With a confidence they are wide enough for that
+        share of the sets (a tolerance interval; Howe 1969).
 
         Parameters
         ----------
         level : float
             Share of motions that stay, between 0 and 1.
+        confidence : float, optional
+            Share of sets of demonstrations whose intervals hold the level, between 0 and 1.
 
         Returns
         -------
         array, shape (101, n + 3 b)
             Position (m) and rotation vector (rad), world frame, at even fractions of the duration.
         """
-        level = _arguments.finite("level", level)
-        if not 0 < level < 1:
-            raise InputError(f"level must be between 0 and 1, got {level:g}")
+        level = _arguments.inside("level", level)
         variances = np.diagonal(self._covariances(), axis1=1, axis2=2) + self.noise**2
         width = scipy.stats.t.ppf((1 + level) / 2, self._freedom)
+        if confidence is not None:
+            short = scipy.stats.chi2.isf(_arguments.inside("confidence", confidence), self._freedom)
+            width = scipy.stats.norm.ppf((1 + level) / 2) * np.sqrt(self._freedom / short)
         return np.asarray(width * np.sqrt(variances))
 
     def impedance(self, **options: Any) -> Impedance:
