@@ -9,7 +9,7 @@ PYTHONS ?= python3.11 python3.12 python3.13
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints obstacles hard-use kills fuzz wheels docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints rhythms obstacles hard-use kills fuzz wheels docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -79,6 +79,9 @@ reach: $(STAMP) ## adapt to 1300 goals all around, by maneuvers where it takes t
 
 joints: $(VENV)/.dev ## recorded contours as joints of an arm, whose tool must not slip; ten minutes
 	$(BIN)/python -m benchmarks.joints
+
+rhythms: $(VENV)/.bench ## 1e4 periods under a blade or a wheel, other frequencies, and pydmps; ten minutes
+	$(BIN)/python -m benchmarks.rhythms
 
 obstacles: $(VENV)/.bench ## ways around obstacles beside OMPL's planners, a quarter of an hour; SCENARIOS=FOLDER adds street maps
 	$(BIN)/python -m benchmarks.obstacles $(if $(SCENARIOS),--scenarios $(SCENARIOS))

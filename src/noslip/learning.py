@@ -92,6 +92,7 @@ class Learning(TypedDict, total=False):
     barrier_rate: float
     align: bool
     rhythmic: bool
+    period: float | None
     project_start: ProjectStart
 
 
@@ -269,8 +270,13 @@ def learn(
     if period is not None and not rhythmic:
         raise InputError("period is of a rhythm; give rhythmic=True, or leave it out")
     if rhythmic:
-        ends = {"start": start != "free", "end": end != "auto", "project_start": project_start}
-        for name, is_given in (ends | {"alpha_s": alpha_s != 1}).items():
+        unused = {
+            "start": start != "free",
+            "end": end != "auto",
+            "alpha_s": alpha_s != 1,
+            "project_start": project_start != "nothing",
+        }
+        for name, is_given in unused.items():
             if is_given:
                 raise InputError(
                     f"{name} is of motions that end, and a rhythm goes round for ever; leave it out"
@@ -369,6 +375,9 @@ def learn(
         if system.size and len(followed) > 1:
             # Feasible motions have a mean that is not: it is projected as they were.
             mean = rollout(law, no_rule(law.space), time_step=law.duration / (len(followed[0]) - 1))
+            if rhythmic:
+                # It begins where they do in the mean, from which its cycle is a little off.
+                mean = closed(mean)
             law = slower([nearest(mean, shaping).trajectory], law.basis.count)
         return law, off, followed, results
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypedDict, TypeVar, Unpack, cast
+from typing import Any, Concatenate, ParamSpec, TypedDict, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
@@ -33,7 +33,6 @@ from noslip.law.scaling import scaled
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule, no_rule
 from noslip.runtime.batch import rollout_many
-from noslip.runtime.motion import Asked
 from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread
@@ -242,9 +241,7 @@ class ConstrainedDMP(Value):
 
     rollout = _with_channels(
         _method(_telling(rollout, tell)),
-        lambda motion, channels: motion.with_channels(
-            channels.along(motion, cast("Asked", motion.asked).start.duration)
-        ),
+        lambda motion, channels: motion.accompanied(channels),
     )
     initial_state = _method(initial_state)
     step = _method(step)

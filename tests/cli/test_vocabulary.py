@@ -16,6 +16,7 @@ import noslip as ns
 from motions import planar_cut
 from noslip import errors
 from noslip.cli import PANELS, _Commands
+from noslip.figures.segments import recording_cuts
 
 COMMANDS = {name: command.params for name, command in _Commands().items()}
 OWN = {"--out"}
@@ -183,5 +184,8 @@ def test_stamps_of_1970_are_told_and_asked_for_from_the_start(noslip, tmp_path):
     pieces = ("--at", "times", "--times", "0.2:0.8", "--times", "1:1.8", "--out", tmp_path / "cuts")
     table = noslip("segment", far, *pieces).out
     assert "times after its start" in table and "17644" not in table
+    drawn = recording_cuts(ns.segment(ns.load_demonstrations(far)[0], times=[(0.2, 0.8)]))
+    assert drawn.axes[0].get_xlim() == pytest.approx((0, 2), abs=1e-6)
+    assert drawn.axes[0].get_xlabel() == "time since start (s)"
     result = noslip("check", far, "--trim-time", "5:6", *held)
     assert result.code == 2 and "they go from 0 to 2 s after its start" in result.err

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import noslip as ns
@@ -70,6 +70,7 @@ def as_tuples(value: Any) -> Any:
 
 
 @given(slope=st.floats(-1e3, 1e3), note=VALUES)
+@settings(max_examples=20)
 def test_what_is_saved_comes_back_with_its_parameters(slope: float, note: Any) -> None:
     rule = drift(slope=slope, note=note)
     assert rule.parameters == {"slope": slope, "note": as_tuples(note)}
@@ -80,6 +81,7 @@ def test_what_is_saved_comes_back_with_its_parameters(slope: float, note: Any) -
 
 
 @given(slopes=st.tuples(st.floats(-9, 9), st.floats(-9, 9)))
+@settings(max_examples=10)
 def test_parameters_are_what_tells_rules_apart(slopes: tuple[float, float]) -> None:
     one, other = (drift(slope=slope) for slope in slopes)
     assert (one == other) == (slopes[0] == slopes[1])

@@ -263,6 +263,15 @@ def run(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
     return told.out + told.err
 
 
+def test_each_name_of_the_library_on_a_page_is_there() -> None:
+    for page in pages():
+        for dotted in re.findall(r"\bns((?:\.[A-Za-z_]\w*)+)", page.read_text()):
+            found = ns
+            for name in dotted[1:].split("."):
+                assert hasattr(found, name), f"{page.name}: ns{dotted}"
+                found = getattr(found, name)
+
+
 def test_every_block_names_its_language() -> None:
     for page in pages():
         fences = re.findall(r"^```(.*)$", page.read_text(), re.MULTILINE)

@@ -117,7 +117,7 @@ def test_laps_of_a_wheel_are_cut_and_keep_their_whole_turns() -> None:
 
 @pytest.mark.parametrize(
     "given",
-    [{"start": "pose"}, {"end": "position"}, {"project_start": True}, {"alpha_s": 2.0}],
+    [{"start": "pose"}, {"end": "position"}, {"project_start": "velocity"}, {"alpha_s": 2.0}],
 )
 def test_what_is_of_motions_that_end_is_refused(given: dict[str, object]) -> None:
     recording, _ = _by_hand(1, 1, 0.0, 0.0)

@@ -16,6 +16,7 @@ noslip plot excision.json --show spread --out spread.png
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -33,6 +34,7 @@ from noslip.figures import (
     plot_values,
     save_figure,
 )
+from noslip.figures.quantities import Constraints
 from noslip.saving import load_primitive
 from noslip.series import Series
 from noslip.trajectory import PoseTrajectory
@@ -57,9 +59,9 @@ def run(
         Show | None,
         typer.Option(
             help="motion: poses, path and residuals, several motions together.  constraints: of "
-            "one primitive, residual or margin, multiplier and force of each constraint.  spread: "
-            "of one primitive, how far its demonstrations lie apart.  By default constraints for a "
-            "primitive alone.",
+            "one primitive, residual or margin, multiplier and added acceleration of each "
+            "constraint.  spread: of one primitive, how far its demonstrations lie apart.  By "
+            "default constraints for a primitive alone.",
             show_default=False,
         ),
     ] = None,
@@ -71,7 +73,7 @@ def run(
 ) -> None:
     """Draw motions: position, orientation, path, and how well constraints hold over time.
 
-    Of vectors and joints, alone, the values over time.
+    Of vectors and joints the values over time, and the limits that they come near.
 
     Without --constraint those of the primitives and simulated arms among the motions are shown.  A
     primitive alone is drawn as what each of its constraints and limits does.
@@ -104,7 +106,8 @@ def _drawn(
         if not primitive.law.space.rotations:
             if show is not None and show is not Show.MOTION:
                 raise InputError(f"--show {show}: is of poses; of vectors give --show motion")
-            return _values(primitive.rollout(), title)
+            rolled = {motions[0]: primitive.rollout()}
+            return _values(cast("dict[str, PoseTrajectory]", rolled), primitive.system, title)
         if show is Show.SPREAD:
             return learned_spread(primitive, title=title)
         if show is Show.CONSTRAINTS or (show is None and primitive.constraints):
@@ -113,14 +116,17 @@ def _drawn(
     shown = found.motions
     vectors = [name for name, motion in shown.items() if not motion.space.rotations]
     if vectors:
-        if len(shown) > 1 or held:
-            raise InputError(
-                f"{vectors[0]}: vectors and joints are drawn one motion at a time, without "
-                "--constraint; noslip check measures what they keep"
-            )
-        return _values(shown[vectors[0]], title)
+        if len(vectors) < len(shown):
+            others = [name for name in shown if name not in vectors]
+            raise InputError(f"{vectors[0]} holds vectors, {others[0]} poses; draw them apart")
+        return _values(shown, held or found.constraints, title)
     return compare_motions(shown, held or found.constraints, title=title)
 
 
-def _values(motion: PoseTrajectory, title: str | None) -> Figure:
-    return plot_values(cast("Series", motion), title=title)
+def _values(
+    motions: Mapping[str, PoseTrajectory], constraints: Constraints, title: str | None
+) -> Figure:
+    # One is drawn as it is called itself.
+    shown = cast("dict[str, Series]", motions)
+    alone = next(iter(shown.values())) if len(shown) == 1 else shown
+    return plot_values(alone, constraints, title=title)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import cached_property, lru_cache
 from itertools import compress
 from threading import RLock
@@ -75,16 +75,10 @@ class ConstraintSystem:
         self, constraints: Constraint | Iterable[Constraint] = (), space: Space = POSE
     ) -> None:
         self.space = space
-        several = isinstance(constraints, Iterable) and not isinstance(constraints, (type, str))
         kept, rows, operations = [], 0, 0
         # One after the other, so that of too many the last are never even read.
-        for constraint in constraints if several else (constraints,):  # type: ignore[union-attr]
-            if not isinstance(constraint, Constraint):
-                hint = "; call it: Blade()" if isinstance(constraint, type) else ""
-                raise ConstraintError(
-                    f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
-                )
-            constraint = constraint.in_space(space)
+        for each in each_of(constraints):
+            constraint = each.in_space(space)
             _require_seen(constraint, space)
             function = constraint_function(constraint)
             rows, operations = rows + function.size1_out(0), operations + function.n_instructions()
@@ -617,6 +611,18 @@ def _named(
     system.constraints, system.names, system.space = constraints, names, space
     system._own()
     return system
+
+
+def each_of(constraints: Constraint | Iterable[Constraint]) -> Iterator[Constraint]:
+    """Yield constraints, one or several; refuse what is none."""
+    several = isinstance(constraints, Iterable) and not isinstance(constraints, (type, str))
+    for constraint in constraints if several else (constraints,):  # type: ignore[union-attr]
+        if not isinstance(constraint, Constraint):
+            hint = "; call it: Blade()" if isinstance(constraint, type) else ""
+            raise ConstraintError(
+                f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
+            )
+        yield constraint
 
 
 def as_system(

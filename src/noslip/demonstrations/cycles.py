@@ -25,9 +25,11 @@ HIGHEST = 0.95
 0.8 to 1): its multiples are peaks as well, and noise may make one of them the highest."""
 SLACK = 0.25
 """Share by which a period of a hand may differ from the usual one."""
-_SMOOTHED = 1 / 40
-"""Of a period, the standard deviation of what velocities are averaged over: the noise of 0.3 mm at
-100 Hz is then a hundredth of them, and a tenth harmonic keeps most of its own."""
+_FEWEST = 8
+"""Samples of a period, of which velocities can be told."""
+_SMOOTHED = 1 / 8
+"""Of a period, the stretch whose quartic tells the velocity in its middle (Savitzky and Golay
+1964): of noise of 0.3 mm at 100 Hz a hundredth is left, and a tenth harmonic keeps its own."""
 _NEAR = 0.1
 """What may be missed at the recording's own beginning, over the spread of what moves: of a circle a
 third of what :data:`OPEN` says."""
@@ -81,7 +83,12 @@ def periods(recording: PoseTrajectory, period: float | None = None) -> list[Pose
             )
         if 2 * lag > (len(even) - 1) * (1 + SLACK):
             lag = 0.0
-    if not lag:
+        if lag < _FEWEST:
+            raise InputError(
+                f"{recording.name}: a period of {period:g} s is {lag:.2g} of its samples; at least "
+                f"{_FEWEST} are needed, give seconds"
+            )
+    if lag < _FEWEST:
         return [recording]
     cuts = even.times[0] + step * _cuts(moving, lag)
     if len(cuts) < 3:
@@ -95,9 +102,9 @@ def periods(recording: PoseTrajectory, period: float | None = None) -> list[Pose
     if period is None:
         left = last - cuts[-1] + cuts[0] - recording.times[0]
         warn(
-            f"{recording.name}: holds {len(found)} periods of {np.diff(cuts).mean():.4g} s, "
-            f"learned together; {left:.2g} s of it are left out.  Give the period if it is another "
-            f"(period={recording.duration:.4g}: it is one)",
+            f"{recording.name}: holds {len(found)} periods of {np.diff(cuts).mean():.4g} s, as "
+            f"repeats of one; {left:.2g} s of it are left out.  If a period is another, give it "
+            f"(period={recording.duration:.4g}: the whole of it)",
             RecordingWarning,
         )
     return found
@@ -146,47 +153,51 @@ def _lag(moving: Floats) -> float:
 def _cuts(moving: Floats, lag: float) -> Floats:
     """Samples, fractions too, at which periods begin and end."""
     # A phase plane: where one turns back, velocity tells the time, and position does not.
-    averaged = _SMOOTHED * lag
-    rates = scipy.ndimage.gaussian_filter1d(moving, averaged, axis=0, order=1, mode="nearest")
+    window = max(7, 2 * round(_SMOOTHED * lag / 2) + 1)
+    rates = scipy.signal.savgol_filter(moving, min(window, len(moving)), 4, deriv=1, axis=0)
     plane = np.hstack([moving, rates * lag / (2 * np.pi)])
     tried = []
     for first in np.linspace(0, lag, _BEGINNINGS, endpoint=False).astype(int):
-        cuts, gaps = _returns(plane, int(first), lag)
-        worst = max(gaps, default=np.inf)
-        tried.append((len(cuts), -worst, cuts))
-        if first == 0 and worst <= _NEAR:
-            return cuts
-    most = max(count for count, _, _ in tried)
-    return max((each for each in tried if each[0] >= most - 1), key=lambda each: each[1])[2]
+        cuts = _returns(plane, int(first), lag)
+        # Of poses alone: velocities are not told well at a recording's ends.
+        gaps = _between(moving, cuts[1:]) - moving[first]
+        worst = float(np.linalg.norm(gaps, axis=1).max(initial=0.0)) if len(gaps) else np.inf
+        near = worst <= _NEAR
+        # As many as close, from its own beginning if it may be; or those that close best.
+        tried.append(((near, near * len(cuts), near and first == 0, -worst), cuts))
+    most = max(len(cuts) for _, cuts in tried)
+    return max((t for t in tried if len(t[1]) >= most - 1), key=lambda t: t[0])[1]
 
 
-def _returns(plane: Floats, first: int, lag: float) -> tuple[Floats, list[float]]:
-    """When a motion is nearest to what it was at a sample, again and again, and how near."""
+def _returns(plane: Floats, first: int, lag: float) -> Floats:
+    """When a motion is nearest to what it was at a sample, again and again, from it on."""
     cuts, count = [float(first)], len(plane)
-    gaps: list[float] = []
     while True:
         low = round(cuts[-1] + (1 - SLACK) * lag)
         high = min(round(cuts[-1] + (1 + SLACK) * lag), count - 1)
         if cuts[-1] + lag > count - 1 + OPEN * lag or low >= high:
-            return np.array(cuts), gaps
+            return np.array(cuts)
         away = np.linalg.norm(plane[low : high + 1] - plane[first], axis=1)
-        nearest = low + int(away.argmin())
-        at, gap = _between(plane, plane[first], nearest)
-        cuts.append(at)
-        gaps.append(gap)
+        cuts.append(_nearest(plane, plane[first], low + int(away.argmin())))
 
 
-def _between(plane: Floats, point: Floats, nearest: int) -> tuple[float, float]:
-    """Where the polyline through the samples beside the nearest one comes nearest, how near."""
-    found = (float(nearest), float(np.linalg.norm(plane[nearest] - point)))
-    for k in (nearest - 1, nearest):
+def _nearest(plane: Floats, point: Floats, sample: int) -> float:
+    """Where the polyline comes nearest to a point, beside the sample that is nearest to it."""
+    found, least = float(sample), float(np.linalg.norm(plane[sample] - point))
+    for k in (sample - 1, sample):
         if 0 <= k < len(plane) - 1:
             way = plane[k + 1] - plane[k]
             share = float(np.clip((point - plane[k]) @ way / max(way @ way, 1e-300), 0, 1))
             gap = float(np.linalg.norm(plane[k] + share * way - point))
-            if gap < found[1]:
-                found = (k + share, gap)
+            if gap < least:
+                found, least = k + share, gap
     return found
+
+
+def _between(samples: Floats, at: Floats) -> Floats:
+    """Values at fractions of samples, shape (M, d)."""
+    low = np.minimum(at.astype(int), len(samples) - 2)
+    return np.asarray(samples[low] + (at - low)[:, None] * (samples[low + 1] - samples[low]))
 
 
 def closed(period: PoseTrajectory) -> PoseTrajectory:

@@ -6,6 +6,7 @@ The others draw into axes and return what they drew.
 
 from noslip.figures.arm import executed_slip, joint_limits
 from noslip.figures.bodies import bodies_paths
+from noslip.figures.distributed import motion_distribution
 from noslip.figures.family import adapted_family
 from noslip.figures.history import constraint_history, plot_constraint
 from noslip.figures.identified import identified_constraint
@@ -37,6 +38,7 @@ __all__ = [
     "identified_constraint",
     "joint_limits",
     "learned_spread",
+    "motion_distribution",
     "orientation_adjustments",
     "plot_blades",
     "plot_constraint",

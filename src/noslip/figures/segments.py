@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import cycle
 from string import ascii_lowercase
 from typing import Any
@@ -15,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
+from noslip._instants import counts_from_afar
 from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
@@ -75,6 +77,10 @@ def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
 
 def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any]]:
     times, values = segments.recording.times, segments.signal
+    afar = counts_from_afar(times[0])
+    began = times[0] if afar else 0.0
+    times = times - began
+    intervals = [replace(i, start=i.start - began, end=i.end - began) for i in segments.intervals]
     by_contact = segments.quantity == "contact"
     if values is None:
         values = _averaged_speeds(segments.recording)
@@ -103,7 +109,7 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any
     ax.set_xlim(times[0], times[-1])
 
     colors, kept = _colors(segments), 0
-    for interval in segments.intervals:
+    for interval in intervals:
         extent = interval.start, interval.end
         if interval.reason is None:
             color = next(colors)
@@ -115,7 +121,7 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any
             ax.axvspan(*extent, **PAUSE, zorder=0.4)
             handles[interval.reason] = Patch(**PAUSE)
     reasons: dict[str, list[Interval]] = {}
-    for interval in segments.intervals:
+    for interval in intervals:
         if interval.reason and interval.reason not in BETWEEN:
             reasons.setdefault(_kind(interval.reason), []).append(interval)
     for letter, (kind, dropped) in zip(cycle(ascii_lowercase), reasons.items()):
@@ -124,7 +130,11 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any
             _write(ax, interval, letter, color="0.1")
         count = f" ({len(dropped)} times)" if len(dropped) > 1 else ""
         handles[f"{letter}: cut out, {kind}{count}"] = Patch(**DROPPED)
-    style.dress(ax, "time (s)", "contact signal" if by_contact else f"speed ({unit})")
+    style.dress(
+        ax,
+        "time since start (s)" if afar else "time (s)",
+        "contact signal" if by_contact else f"speed ({unit})",
+    )
     ax.grid(False)
     return handles
 

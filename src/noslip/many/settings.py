@@ -13,7 +13,7 @@ from noslip._version import __version__
 from noslip.chain import Chain
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import Constraint
-from noslip.constraints.system import ConstraintSystem, as_system
+from noslip.constraints.system import ConstraintSystem, each_of
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import ConstraintError, InputError, did_you_mean
 from noslip.learning import learn
@@ -62,9 +62,7 @@ def _specifications(
     if isinstance(constraints, ConstraintSystem):
         constraints = constraints.constraints
     specifications = []
-    for constraint in [constraints] if isinstance(constraints, Constraint) else constraints:
-        if not isinstance(constraint, Constraint):
-            as_system(constraint)
+    for constraint in each_of(constraints):
         try:
             specifications.append(specification(constraint))
             restore(json.loads(json.dumps(specifications[-1], default=float)))

@@ -75,11 +75,9 @@ def report(
     # The first sentence, and what it goes on with.
     title, _, rest = _title(motions, dmp).partition(".  ")
     tables = [
-        files_table(files),
-        *recordings_tables(dmp, shown, motion),
         *constraints_tables(dmp, shown, regular, verdict),
         merits_table(dmp, motions),
-        settings_table(dmp),
+        *recordings_tables(dmp, shown, motion),
     ]
     return Report(
         title=title,
@@ -89,6 +87,7 @@ def report(
         holds=verdict is None or verdict.satisfied,
         warnings=tuple(_mismatches(dmp, shown)),
         tables=tuple(tables),
+        provenance=(settings_table(dmp), files_table(files)),
         pictures=tuple(pictures(dmp, shown, motions, motion, progress)),
         commands=tuple(
             one_line(line) for line in commands(dmp, str(primitive), sources or names, preparation)

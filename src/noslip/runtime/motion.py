@@ -16,6 +16,7 @@ from noslip.bodies import Bodies
 from noslip.constraints.check import residual_text
 from noslip.constraints.declaration import ROW
 from noslip.errors import InputError
+from noslip.law.channels import Channels
 from noslip.law.layout import STATE, layouts
 from noslip.law.points import rotation_of
 from noslip.rule import no_rule
@@ -311,6 +312,11 @@ class Motion(RolledOut, PoseTrajectory):
     so that ``positions[k+1] == positions[k] + dt * linear_velocities[k+1]``.  For what it holds
     besides see :class:`RolledOut`.
     """
+
+    def accompanied(self, channels: Channels) -> Motion:
+        """Return the motion of a law from its start with what follows its phase."""
+        assert isinstance(self.asked, Asked)
+        return self.with_channels(channels.along(self, self.asked.start.duration))
 
     @classmethod
     def _moving(

@@ -16,7 +16,7 @@ from noslip.law.layout import Field, layouts
 from noslip.rule import Rule
 from noslip.runtime.rollout import initial_state
 
-Number = int | float | Floats | None
+Number = int | float | Floats
 
 
 def numbers(law: Law, rule: Rule, channels: Channels | None = None) -> dict[str, Number]:
@@ -55,10 +55,10 @@ def numbers(law: Law, rule: Rule, channels: Channels | None = None) -> dict[str,
 
 
 def _of_channels(channels: Channels | None) -> dict[str, Number]:
-    """The same of what follows the phase; arrays that are not there are None."""
+    """The same of what follows the phase; arrays without numbers, if nothing does."""
     if channels is None:
         arrays = ("centers", "widths", "weights", "trend", "least", "most")
-        none = dict.fromkeys(f"channel_{name}" for name in arrays)
+        none = dict.fromkeys((f"channel_{name}" for name in arrays), np.zeros(0))
         return {"channels": 0, "channel_functions": 0, **none, "channel_begin": 0.0}
     return {
         "channels": len(channels.names),
@@ -90,15 +90,15 @@ class Struct:
         fields: list[tuple[str, Any]] = []
         values: dict[str, Any] = {}
         # What pointers point to must live as long as the struct.
-        self._kept: list[Floats | None] = []
+        self._kept: list[Floats] = []
         given = numbers(law, rule)
         for field in _fields(law):
             value = given[field.name]
             if field.kind == "array":
-                array = None if value is None else np.array(value, dtype=np.float64, order="C")
+                array = np.array(value, dtype=np.float64, order="C")
                 self._kept.append(array)
                 fields.append((field.name, ctypes.c_void_p))
-                values[field.name] = None if array is None else array.ctypes.data
+                values[field.name] = array.ctypes.data
             elif field.kind == "int":
                 fields.append((field.name, ctypes.c_int))
                 values[field.name] = value
@@ -119,10 +119,10 @@ def text(law: Law, rule: Rule, name: str, channels: Channels | None = None) -> s
     given = numbers(law, rule, channels)
     for field in _fields(law):
         value = given[field.name]
-        if value is None:
-            # What is not named is null in C.
-            continue
         if field.kind == "array":
+            if not np.size(value):
+                # What is not named is null in C.
+                continue
             arrays.append(_array(field.name, np.asarray(value)))
             shown = field.name
         elif field.kind == "int":

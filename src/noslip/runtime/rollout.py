@@ -227,8 +227,8 @@ def initial_state(
         tau = _arguments.positive("duration", duration, "seconds")
     n, rotation = law.space.linear, partial(turn_of, law.space)
     vector = partial(_arguments.vector, unit=law.space.unit, size=n)
-    ends: dict[str, tuple[Any, Any, Any]] = {"goal": (goal, goal_position, goal_rotation)}
-    ends["start"] = (start, start_position, start_rotation)
+    ends = {"goal": (goal, goal_position, goal_rotation)}
+    ends["start"] = start, start_position, start_rotation
     (goal_position, goal_rotation), (start_position, start_rotation) = (
         point_or_parts(law, name, *given) for name, given in ends.items()
     )
@@ -298,8 +298,8 @@ def velocity_of(space: Space, name: str, state: State) -> Floats:
     velocity = state.velocity
     if len(velocity) != space.velocity_size:
         raise InputError(
-            f"{name} is a state of another kind of motion: it has {len(velocity)} velocities, this "
-            f"one {space.velocity_size}"
+            f"{name} is a state of another kind of motion: it has {len(velocity)} velocities, "
+            f"this one {space.velocity_size}"
         )
     return _arguments.vector(f"{name}: its velocity", velocity, "m/s", space.velocity_size)
 

@@ -26,8 +26,8 @@ FRAMES_PER_SECOND = 30.0
 MOST_FRAMES = 600
 """Of a long motion, which then has fewer frames per second: the file's size has a bound."""
 _BOX = f"""<style>
-.noslip {{ position: fixed; left: 12px; top: 12px; z-index: 5; padding: 8px 12px;
-  width: 27em; max-width: calc(100vw - 48px); max-height: calc(100vh - 90px); overflow: auto;
+.noslip {{ position: fixed; right: 12px; top: 12px; z-index: 5; padding: 8px 12px;
+  width: 27em; max-width: calc(100vw - 48px); max-height: calc(100vh - 80px); overflow: auto;
   background: rgba(255,255,255,.9); border: 1px solid #ddd; border-radius: 6px;
   font: 13px/1.4 system-ui, sans-serif; color: #222 }}
 .noslip svg {{ display: block; width: 100%; margin: 6px 0 }}
@@ -49,7 +49,7 @@ function follow() {{
 }}
 follow();
 </script>"""
-"""Where verdicts and charts stand: above the scene, where viser's page has nothing."""
+"""Where verdicts and charts stand: on the right, as the panel of a page that is served."""
 
 
 def save_page(
