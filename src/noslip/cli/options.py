@@ -675,15 +675,15 @@ def via(text: str, space: Space) -> Boundary:
             "--via: expected AT:X,Y,Z, AT:QW,QX,QY,QZ or AT:X,Y,Z,QW,QX,QY,QZ with 0 < AT < 1, "
             f"got {text!r}"
         ) from None
-    rotation = None
+    turn = None
     if space.rotations:
         count = len(numbers("--via", pose, (3, 4, 7)))
         cells = pose.split(",")
         moved, turned = (cells, []) if count == 3 else (cells[:-4], cells[-4:])
         position = vector("--via", ",".join(moved) or None)
-        rotation = rotation("--via", ",".join(turned) or None)
+        turn = rotation("--via", ",".join(turned) or None)
     else:
         position = point("--via", pose, space)
     if not 0 < fraction < 1:
         raise InputError(f"--via: AT must be between 0 and 1, a fraction of the motion, got {at}")
-    return Boundary.via((fraction, position, rotation))
+    return Boundary.via((fraction, position, turn))

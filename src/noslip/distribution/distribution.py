@@ -634,7 +634,7 @@ def reference_of(primitive: ConstrainedDMP) -> PoseTrajectory:
 
 def _both(one: Channels, other: Channels) -> Channels:
     """Channels of one basis beside each other."""
-    arrays = {
+    arrays: dict[str, Any] = {
         name: np.concatenate([getattr(one, name), getattr(other, name)], axis=-1)
         for name in ("trend", "weights", "least", "most")
     }
