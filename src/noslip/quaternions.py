@@ -10,7 +10,7 @@ import numpy as np
 
 from noslip._typing import Floats
 
-_SMALL = 1e-8
+SMALL = 1e-8
 """Sine of half an angle below which the angle is twice that, to the last bit."""
 
 
@@ -44,7 +44,7 @@ def turns_between(begins: Floats, ends: Floats, axis: int = -1) -> Floats:
     """Rotation vectors, shape (N, 3), that lead from rotations to others: ``Log(R' R^T)`` (rad)."""
     w, x, y, z = np.moveaxis(product(ends, inverse(begins, axis), axis), axis, 0)
     sine = np.sqrt(x * x + y * y + z * z)
-    small = sine < _SMALL
+    small = sine < SMALL
     scale = np.where(small, 2.0, 2 * np.arctan2(sine, np.abs(w)) / np.where(small, 1.0, sine))
     scale = np.where(w < 0, -scale, scale)
     return np.stack([scale * x, scale * y, scale * z], axis=axis)
@@ -53,7 +53,7 @@ def turns_between(begins: Floats, ends: Floats, axis: int = -1) -> Floats:
 def turned(turns: Floats, quaternions: Floats, axis: int = -1) -> Floats:
     """Rotations turned by rotation vectors, shape (N, 3): ``Exp(turn) R``."""
     angle = np.sqrt(np.sum(turns**2, axis=axis, keepdims=True))
-    small = angle < _SMALL
+    small = angle < SMALL
     sine = np.where(small, 0.5, np.sin(angle / 2) / np.where(small, 1.0, angle))
     return product(np.concatenate([np.cos(angle / 2), sine * turns], axis), quaternions, axis)
 

@@ -29,7 +29,8 @@ from noslip.distribution.estimation import (
 )
 from noslip.distribution.gaussian import Gaussian
 from noslip.distribution.impedance import Impedance
-from noslip.distribution.retraction import Retraction
+from noslip.distribution.kernels import Kernels
+from noslip.distribution.retraction import Retraction, kernels_of
 from noslip.distribution.stored import boundary_to_data
 from noslip.document import write_document
 from noslip.errors import CompromiseWarning, InputError, warn
@@ -458,6 +459,11 @@ class MotionDistribution(Value):
             points[:, :, k] = result.trajectory.points
         return points
 
+    @property
+    def _kernels(self) -> Kernels | None:
+        system = self.system.equalities
+        return kernels_of(system) if system.size else None
+
     @cached_property
     def _retraction(self) -> Retraction:
         request = Request(
@@ -472,6 +478,10 @@ class MotionDistribution(Value):
     def _with_velocities(self, points: Floats) -> Floats:
         """Points, motions last, and the velocities of the steps that lead to them, as states."""
         count, size, several = points.shape
+        kernels = self._kernels
+        if kernels is not None:
+            step = self.duration / (count - 1)
+            return kernels.states(step, points, self.space.velocity_size)
         states = np.empty((several, count, size + self.space.velocity_size))
         states[:, :, :size] = points.transpose(2, 0, 1)
         for rows in in_cache(count - 1, several):
@@ -555,10 +565,15 @@ class MotionDistribution(Value):
         n, space = self.space.linear, self.space
         shaped = weights.T.reshape(space.velocity_size, self.curves.count, -1)
         reference = self.reference.points[:, :, None]
-        points = np.empty((*reference.shape[:2], len(weights)))
-        for rows in in_cache(len(points), len(weights)):
-            changes = np.matmul(self._basis[rows], shaped).swapaxes(0, 1)
-            points[rows] = space.moved(reference[rows], changes, 1)
+        kernels = self._kernels
+        if kernels is not None:
+            changes = np.matmul(self._basis, shaped).swapaxes(0, 1)
+            points = kernels.moved(self.reference.points, changes)
+        else:
+            points = np.empty((*reference.shape[:2], len(weights)))
+            for rows in in_cache(len(points), len(weights)):
+                changes = np.matmul(self._basis[rows], shaped).swapaxes(0, 1)
+                points[rows] = space.moved(reference[rows], changes, 1)
         for boundary in self.kept:
             k = sample_of(boundary.at, len(points))
             if boundary.position is not None:

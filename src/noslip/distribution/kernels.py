@@ -8,8 +8,11 @@ and kept as the step at run time is (:mod:`noslip.codegen.library`).  Without a 
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import platform
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -18,6 +21,7 @@ from noslip._typing import Floats
 from noslip.codegen import c99
 from noslip.codegen.library import Native, built, function
 from noslip.constraints.system import ConstraintSystem
+from noslip.quaternions import SMALL
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,8 @@ class Kernels:
     _residuals: Callable[..., None]
     _solve: Callable[..., None]
     _led: Callable[..., None]
+    _moved: Callable[..., None]
+    _states: Callable[..., None]
 
     @classmethod
     def of(cls, system: ConstraintSystem, between: ca.Function) -> Kernels:
@@ -46,11 +52,14 @@ class Kernels:
             "LINEAR": space.linear,
             "ROTATIONS": space.rotations,
             "ROWS": system.size,
+            "SMALL": SMALL,
         }.items():
             text = text.replace(f"@{name}@", str(value))
+        native, processor = this_processor()
+        text = f"/* For {processor}. */\n{text}"
         texts = {"retract.c": text, **c99.grids(between)}
         # Sums of products may be fused here: what they are to be is tested after each step.
-        path = built("retract", texts, "-O3", "-ffp-contract=fast")
+        path = built("retract", texts, "-O3", "-ffp-contract=fast", *native)
         code, pointer, count = ctypes.CDLL(str(path)), ctypes.c_void_p, ctypes.c_longlong
         real, integer = ctypes.c_double, ctypes.c_int
         return cls(
@@ -58,6 +67,8 @@ class Kernels:
             function(code, "noslip_residuals", pointer, real, *[pointer] * 2, *[count] * 2),
             function(code, "noslip_solve", *[pointer] * 5, count, *[integer] * 2, count),
             function(code, "noslip_led", real, *[pointer] * 3, *[count] * 2),
+            function(code, "noslip_moved", *[pointer] * 3, *[count] * 2),
+            function(code, "noslip_states", real, *[pointer] * 2, *[count] * 2),
         )
 
     def residuals(self, times: Floats, time_step: float, points: Floats) -> Floats:
@@ -82,6 +93,36 @@ class Kernels:
         count, _, several = points.shape
         self._led(length, *_places(points, steps, found), count, several)
         return found
+
+    def moved(self, points: Floats, changes: Floats) -> Floats:
+        """Points, shape (N, n + 4 b), moved by changes, shape (N, n + 3 b, S): (N, n + 4 b, S)."""
+        points, changes = np.ascontiguousarray(points), np.ascontiguousarray(changes)
+        found = np.empty((*points.shape, changes.shape[2]))
+        self._moved(*_places(points, changes, found), len(points), changes.shape[2])
+        return found
+
+    def states(self, time_step: float, points: Floats, velocity_size: int) -> Floats:
+        """Points, shape (N, n + 4 b, S), and velocities of the steps to them, motions first."""
+        points = np.ascontiguousarray(points)
+        count, size, several = points.shape
+        found = np.empty((several, count, size + velocity_size))
+        self._states(time_step, *_places(points, found), count, several)
+        return found
+
+
+def this_processor() -> tuple[tuple[str, ...], str]:
+    """Options for machine code of this very processor, and what tells it from others.
+
+    None where it cannot be told: the code in the cache may be another machine's.
+    """
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    known = next((line for line in lines if line.startswith("flags")), None)
+    if platform.machine() != "x86_64" or known is None:
+        return (), "any processor"
+    return ("-march=native",), hashlib.sha256(known.encode()).hexdigest()[:16]
 
 
 def kernels(system: ConstraintSystem, between: Callable[[], ca.Function]) -> Kernels | None:

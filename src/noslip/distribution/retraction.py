@@ -26,7 +26,7 @@ from noslip._typing import Expression, Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.distribution.arrays import OnArrays, in_cache
 from noslip.distribution.blocks import Blocks
-from noslip.distribution.kernels import kernels
+from noslip.distribution.kernels import Kernels, kernels
 from noslip.errors import ConvergenceError
 from noslip.projection import newton
 from noslip.projection.problem import Problem
@@ -97,7 +97,7 @@ class Retraction:
         value, jacobian = plan.stage.slope(*plan.arguments())
         band, _ = newton.optimality(plan, plan.scaled(value), jacobian, {})
         system = self.system
-        self._kernels = kernels(system, lambda: _residual(system)) if system.size else None
+        self._kernels = kernels_of(system) if system.size else None
         self._factor = Blocks(band, self._kernels)
         if not self._factor.is_finite:
             raise ConvergenceError(
@@ -262,6 +262,11 @@ def _dot(one: Floats, other: Floats) -> Floats:
 
 _DIFFERENCE = 1e-6
 """Of the path, for central differences: their error is its square, their rounding 1e-10."""
+
+
+def kernels_of(system: ConstraintSystem) -> Kernels | None:
+    """Machine code of a system of equalities; None without a compiler."""
+    return kernels(system, lambda: _residual(system))
 
 
 def _led(space: Space, length: float, points: Floats, steps: Floats) -> Floats:

@@ -16,13 +16,19 @@ typedef double noslip_real;
 #define VELOCITY (LINEAR + 3 * ROTATIONS)
 #define ROWS @ROWS@
 #define STAGE (VELOCITY + ROWS)
+/* Of noslip.quaternions: the sine of half an angle that is it. */
+#define SMALL @SMALL@
 
-/* What is inlined takes the widest registers of the machine that it runs on. */
-#if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)
-#define WIDEST __attribute__((target_clones("arch=haswell", "default")))
-#else
-#define WIDEST
+/* As many numbers as a register of the processor holds that this is compiled for. */
+#if defined(__GNUC__) && defined(__AVX512F__)
+#define LANES 8
+#elif defined(__GNUC__) && defined(__AVX__)
+#define LANES 4
 #endif
+#ifdef LANES
+typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+#endif
+
 #ifdef __GNUC__
 #define INLINED static inline __attribute__((always_inline))
 #else
@@ -35,7 +41,7 @@ INLINED void noslip_between(const noslip_real *given, noslip_real *found);
 
 /* found[knots][ROWS][motions] of the steps to each knot of points[knots][POINT][motions]; no step
  * leads to the first one. */
-WIDEST void noslip_residuals(const double *times, double time_step, const double *points,
+void noslip_residuals(const double *times, double time_step, const double *points,
                              double *found, long long knots, long long motions) {
     for (long long k = 0; k < knots; k++) {
         const double *after = points + k * POINT * motions;
@@ -55,23 +61,35 @@ WIDEST void noslip_residuals(const double *times, double time_step, const double
     }
 }
 
-/* into[s] -= sum_j row[j] * from[j][s], for `width` j: four at a time, as loads are what it takes. */
-INLINED void subtract(double *restrict into, const double *row, const double *restrict from, int width,
+/* into[s] -= sum_j row[j] * from[j][s], for `width` j. */
+INLINED void subtract(double *into, const double *row, const double *from, int width,
                       long long motions) {
-    int j = 0;
-    for (; j + 4 <= width; j += 4) {
-        const double *restrict at = from + j * motions;
-        double a = row[j], b = row[j + 1], c = row[j + 2], d = row[j + 3];
-        for (long long s = 0; s < motions; s++)
-            into[s] -= a * at[s] + b * at[motions + s] + c * at[2 * motions + s] + d * at[3 * motions + s];
+    long long s = 0;
+#ifdef LANES
+    /* Sums stay in four registers: what takes time is loading. */
+    for (; s + 4 * LANES <= motions; s += 4 * LANES) {
+        lanes *at = (lanes *)(into + s);
+        lanes a = at[0], b = at[1], c = at[2], d = at[3];
+        for (int j = 0; j < width; j++) {
+            const lanes *x = (const lanes *)(from + j * motions + s);
+            a -= row[j] * x[0];
+            b -= row[j] * x[1];
+            c -= row[j] * x[2];
+            d -= row[j] * x[3];
+        }
+        at[0] = a;
+        at[1] = b;
+        at[2] = c;
+        at[3] = d;
     }
-    for (; j < width; j++)
-        for (long long s = 0; s < motions; s++) into[s] -= row[j] * from[j * motions + s];
+#endif
+    for (int j = 0; j < width; j++)
+        for (long long m = s; m < motions; m++) into[m] -= row[j] * from[j * motions + m];
 }
 
 /* Solve a block-tridiagonal system, factorized as noslip.distribution.blocks.Blocks tells, for
  * right[unknowns][motions], in place.  `scratch` has a block's size times motions numbers. */
-WIDEST void noslip_solve(const double *inverses, const double *lower, const double *upper,
+void noslip_solve(const double *inverses, const double *lower, const double *upper,
                          double *right, double *scratch, long long blocks, int size, int width,
                          long long motions) {
     for (long long k = 0; k < blocks; k++) {
@@ -95,7 +113,7 @@ WIDEST void noslip_solve(const double *inverses, const double *lower, const doub
 
 /* found[knots][POINT][motions]: points led by steps[knots][STAGE][motions], which have the turns
  * first, then displacements over `length`; turned by 2 atan(|r| / 2). */
-WIDEST void noslip_led(double length, const double *points, const double *steps, double *found,
+void noslip_led(double length, const double *points, const double *steps, double *found,
                        long long knots, long long motions) {
     for (long long k = 0; k < knots; k++) {
         const double *from = points + k * POINT * motions, *by = steps + k * STAGE * motions;
@@ -116,6 +134,66 @@ WIDEST void noslip_led(double length, const double *points, const double *steps,
                 p[2 * motions + s] = shorter * (y + b * w + c * x - a * z);
                 p[3 * motions + s] = shorter * (z + c * w + a * y - b * x);
             }
+        }
+    }
+}
+
+/* found[knots][POINT][motions]: points[knots][POINT], the same for all, moved by
+ * changes[knots][VELOCITY][motions]; Exp(r) R, as noslip.space.Space.moved. */
+void noslip_moved(const double *points, const double *changes, double *found, long long knots,
+                  long long motions) {
+    for (long long k = 0; k < knots; k++) {
+        const double *from = points + k * POINT, *by = changes + k * VELOCITY * motions;
+        double *to = found + k * POINT * motions;
+        for (int j = 0; j < LINEAR; j++)
+            for (long long s = 0; s < motions; s++) to[j * motions + s] = from[j] + by[j * motions + s];
+        for (int r = 0; r < ROTATIONS; r++) {
+            const double *turn = by + (LINEAR + 3 * r) * motions, *q = from + LINEAR + 4 * r;
+            double *p = to + (LINEAR + 4 * r) * motions;
+            for (long long s = 0; s < motions; s++) {
+                double a = turn[s], b = turn[motions + s], c = turn[2 * motions + s];
+                double angle = sqrt(a * a + b * b + c * c), cosine = cos(angle / 2);
+                double sine = angle < SMALL ? 0.5 : sin(angle / 2) / angle;
+                a *= sine;
+                b *= sine;
+                c *= sine;
+                p[s] = cosine * q[0] - a * q[1] - b * q[2] - c * q[3];
+                p[motions + s] = cosine * q[1] + a * q[0] + b * q[3] - c * q[2];
+                p[2 * motions + s] = cosine * q[2] + b * q[0] + c * q[1] - a * q[3];
+                p[3 * motions + s] = cosine * q[3] + c * q[0] + a * q[2] - b * q[1];
+            }
+        }
+    }
+}
+
+/* states[motions][knots][POINT + VELOCITY] of points[knots][POINT][motions]: with the velocities of the
+ * steps that lead to them, the first as the second; Log(R' R^T), as noslip.space.Space.difference. */
+void noslip_states(double time_step, const double *points, double *states, long long knots,
+                   long long motions) {
+    for (long long k = 0; k < knots; k++) {
+        const double *at = points + k * POINT * motions;
+        const double *before = at - POINT * motions;
+        for (long long s = 0; s < motions; s++) {
+            double *state = states + (s * knots + k) * (POINT + VELOCITY), *rate = state + POINT;
+            for (int j = 0; j < POINT; j++) state[j] = at[j * motions + s];
+            if (!k) continue;
+            for (int j = 0; j < LINEAR; j++) rate[j] = (state[j] - before[j * motions + s]) / time_step;
+            for (int r = 0; r < ROTATIONS; r++) {
+                const double *q = state + LINEAR + 4 * r, *p = before + (LINEAR + 4 * r) * motions + s;
+                double a = p[0], b = -p[motions], c = -p[2 * motions], d = -p[3 * motions];
+                double w = q[0] * a - q[1] * b - q[2] * c - q[3] * d;
+                double x = (q[0] * b + q[1] * a) + (q[2] * d - q[3] * c);
+                double y = (q[0] * c + q[2] * a) + (q[3] * b - q[1] * d);
+                double z = (q[0] * d + q[3] * a) + (q[1] * c - q[2] * b);
+                double sine = sqrt(x * x + y * y + z * z);
+                double scale = sine < SMALL ? 2 : 2 * atan2(sine, fabs(w)) / sine;
+                if (w < 0) scale = -scale;
+                rate[LINEAR + 3 * r] = scale * x / time_step;
+                rate[LINEAR + 3 * r + 1] = scale * y / time_step;
+                rate[LINEAR + 3 * r + 2] = scale * z / time_step;
+            }
+            if (k == 1)
+                for (int j = 0; j < VELOCITY; j++) rate[j - POINT - VELOCITY] = rate[j];
         }
     }
 }
