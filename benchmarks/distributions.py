@@ -89,6 +89,8 @@ class Sampling:
         Largest distance (m) and angle (rad) from the pose to pass.
     end : float
         Largest distance of an end from the one that was drawn, over the path.
+    fallback : float
+        Share of samples that did not arrive and were projected exactly.
     apart, apart_turn : float
         From the exact projection: largest distance over the path, and angle (rad), medians.
     """
@@ -100,6 +102,7 @@ class Sampling:
     via: float
     via_turn: float
     end: float
+    fallback: float
     apart: float
     apart_turn: float
 
@@ -193,7 +196,7 @@ def sampling(learned: MotionDistribution, count: int, rounds: int, exact: int = 
     given.sample(2)
 
     fast, slow = np.inf, np.inf
-    residual = via = via_turn = end = 0.0
+    residual = via = via_turn = end = lost = 0.0
     apart: list[tuple[float, float]] = []
     lot = max(exact, count // rounds)
     for index in range(rounds):
@@ -201,6 +204,7 @@ def sampling(learned: MotionDistribution, count: int, rounds: int, exact: int = 
         motions = given.sample(lot, seed=index)
         fast = min(fast, (process_time() - begun) / lot)
         drawn = given.drawn(lot, seed=index)
+        lost += float((~given.retraction(drawn.transpose(1, 2, 0)).arrived).sum())
         requests = []
         for number in range(exact):
             trajectory = given.trajectory(drawn[number], "drawn")
@@ -223,7 +227,16 @@ def sampling(learned: MotionDistribution, count: int, rounds: int, exact: int = 
             apart.append((off.max() / mean.path_length, angles.max()))
     off, angle = np.median(apart, axis=0)
     return Sampling(
-        lot * rounds, fast, slow, residual, via, via_turn, end, float(off), float(angle)
+        count=lot * rounds,
+        seconds=fast,
+        exact_seconds=slow,
+        residual=residual,
+        via=via,
+        via_turn=via_turn,
+        end=end,
+        fallback=lost / (lot * rounds),
+        apart=float(off),
+        apart_turn=float(angle),
     )
 
 
@@ -288,6 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "pose passed within (m)": cost.via,
         "and (rad)": cost.via_turn,
         "ends off the drawn ones by, of the path": cost.end,
+        "projected exactly, share": cost.fallback,
         "from the exact projection, of the path (median)": cost.apart,
         "and (rad)  ": cost.apart_turn,
     }.items():

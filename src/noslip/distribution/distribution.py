@@ -410,9 +410,9 @@ class MotionDistribution(Value):
             drawn = self._points(weights[part])
             points = self._feasible(drawn)
             far += int((_turned(self.space, drawn, points) > self._turning).sum())
-            states[part] = self._with_velocities(points)
+            self._with_velocities(points, states[part])
             if residuals.size:
-                residuals[part] = self._retraction.residuals(points).transpose(2, 0, 1)
+                residuals[part] = self.retraction.residuals(points).transpose(2, 0, 1)
             margins[part] = self._margins(states[part])
             if progress is not None:
                 progress(min(first + _MOVED_TOGETHER, count), count)
@@ -439,11 +439,13 @@ class MotionDistribution(Value):
         """Return motions on the constraints; exactly projected where it takes that."""
         if not self.system.size:
             return drawn
-        moved = self._retraction(drawn)
+        moved = self.retraction(drawn)
         points, lost = moved.points, ~moved.arrived
         if self.system.limits.size:
-            margins = self._margins(self._with_velocities(points)).min(axis=(1, 2))
-            lost |= ~(margins >= -KEPT)
+            width = self.space.point_size + self.space.velocity_size
+            states = np.empty((points.shape[2], len(points), width))
+            self._with_velocities(points, states)
+            lost |= ~(self._margins(states).min(axis=(1, 2)) >= -KEPT)
         for k in np.flatnonzero(lost):
             trajectory = self.trajectory(drawn[:, :, k], f"sample {k}")
             ends = self.boundaries(trajectory)
@@ -465,7 +467,8 @@ class MotionDistribution(Value):
         return kernels_of(system) if system.size else None
 
     @cached_property
-    def _retraction(self) -> Retraction:
+    def retraction(self) -> Retraction:
+        """What moves samples onto the equalities; what does not arrive is projected exactly."""
         request = Request(
             self.motion,
             self.system.equalities,
@@ -475,21 +478,25 @@ class MotionDistribution(Value):
         )
         return Retraction(request)
 
-    def _with_velocities(self, points: Floats) -> Floats:
-        """Points, motions last, and the velocities of the steps that lead to them, as states."""
+    def _with_velocities(self, points: Floats, states: Floats) -> None:
+        """Write points, motions last, and the velocities of the steps that lead to them, as states.
+
+        Parameters
+        ----------
+        states : array, shape (S, N, ...)
+            As :class:`noslip.runtime.batch.Motions` has them.
+        """
         count, size, several = points.shape
         kernels = self._kernels
         if kernels is not None:
-            step = self.duration / (count - 1)
-            return kernels.states(step, points, self.space.velocity_size)
-        states = np.empty((several, count, size + self.space.velocity_size))
+            kernels.states(self.duration / (count - 1), points, states)
+            return
         states[:, :, :size] = points.transpose(2, 0, 1)
         for rows in in_cache(count - 1, several):
             before, after = points[rows], points[rows.start + 1 : rows.stop + 1]
             moving = self.space.difference(after, before, 1) * ((count - 1) / self.duration)
             states[:, rows.start + 1 : rows.stop + 1, size:] = moving.transpose(2, 0, 1)
         states[:, 0, size:] = states[:, 1, size:]
-        return states
 
     def _margins(self, states: Floats) -> Floats:
         """Margins of the limits, shape (S, N, k); infinite where they are not asked for."""

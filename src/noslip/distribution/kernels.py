@@ -101,13 +101,16 @@ class Kernels:
         self._moved(*_places(points, changes, found), len(points), changes.shape[2])
         return found
 
-    def states(self, time_step: float, points: Floats, velocity_size: int) -> Floats:
-        """Points, shape (N, n + 4 b, S), and velocities of the steps to them, motions first."""
+    def states(self, time_step: float, points: Floats, found: Floats) -> None:
+        """Write points, shape (N, n + 4 b, S), and velocities of the steps to them, motions first.
+
+        Parameters
+        ----------
+        found : array, shape (S, N, n + 4 b + n + 3 b)
+        """
         points = np.ascontiguousarray(points)
-        count, size, several = points.shape
-        found = np.empty((several, count, size + velocity_size))
+        count, _, several = points.shape
         self._states(time_step, *_places(points, found), count, several)
-        return found
 
 
 def this_processor() -> tuple[tuple[str, ...], str]:
