@@ -374,7 +374,9 @@ def learn(
         law, off = followed_with(slower, followed, fewest, most)
         if system.size and len(followed) > 1:
             # Feasible motions have a mean that is not: it is projected as they were.
-            mean = rollout(law, no_rule(law.space), time_step=law.duration / (len(followed[0]) - 1))
+            mean: PoseTrajectory = rollout(
+                law, no_rule(law.space), time_step=law.duration / (len(followed[0]) - 1)
+            )
             if rhythmic:
                 # It begins where they do in the mean, from which its cycle is a little off.
                 mean = closed(mean)

@@ -253,10 +253,21 @@ class ConstrainedDMP(Value):
     def export_c(
         self, folder: str | Path, *, name: str = "primitive", prefix: str = "noslip"
     ) -> Exported:
-        """Write the primitive as C99; see :func:`noslip.exporting.export_c`.
+        """Write the primitive as C99, with its channels; see :func:`noslip.exporting.export_c`.
+
+        Parameters
+        ----------
+        folder : path
+            Made if it is missing.
+        name : str
+            Of the primitive in C, and of its files.
+        prefix : str
+            Of all other names: two exports with different ones can be linked into one program.
 
         Raises
         ------
+        InputError
+            If a name is no C identifier or is taken, or the folder is a file.
         MissedError
             If its motion breaks a hard limit.
         """

@@ -228,7 +228,8 @@ def test_rows_have_the_names_that_their_constraint_gives_them() -> None:
 
 @pytest.mark.parametrize("kind", CATALOG.values(), ids=list(CATALOG))
 def test_every_constraint_of_several_rows_names_each(kind: type[Constraint]) -> None:
-    constraint = kind()
+    # Without a robot, limits of joints have no rows yet.
+    constraint = JointLimits([0.0, 0.0], [1.0, 2.0]) if kind is JointLimits else kind()
     rows = len(row_units(constraint))
     assert rows == 1 or len(set(constraint.row_names)) == rows
 

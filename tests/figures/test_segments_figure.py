@@ -70,7 +70,7 @@ def test_numbers_and_reasons_stay_inside_the_axes(recording):
 
 def test_labels_do_not_meet_and_can_be_read(recording):
     """Of 30 pieces too."""
-    many = segment(recording, times=[(0.15 * k, 0.15 * k + 0.14) for k in range(30)])
+    many = segment(recording, times=[(0.28 * k, 0.28 * k + 0.2) for k in range(30)])
     for segments in (many, segment(recording)):
         figure = recording_cuts(segments)
         figure.canvas.draw()

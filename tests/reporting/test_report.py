@@ -599,6 +599,9 @@ def test_a_phone_scrolls_down_only(html, tmp_path):
         page.on("request", lambda request: asked.append(request.url))
         page.goto(path.as_uri())
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        # Tables fit: each row is a card.  Figures may be scrolled sideways by themselves.
+        fits = "[...document.querySelectorAll('table')].every(t => t.scrollWidth <= 360)"
+        assert page.evaluate(fits)
         drawn = "[...document.images].every(i => i.complete && i.naturalWidth > 0)"
         assert page.evaluate(drawn)
         browser.close()

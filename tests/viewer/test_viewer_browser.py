@@ -335,7 +335,8 @@ def test_what_is_drawn_is_what_is_computed(chromium, slipping, artifacts):
         if ((low < [x, y]) & ([x, y] < high)).all():
             continue
         off = np.abs(near(image, x, y) - colors[number, 0] / 255).max(axis=1).min()
-        matched.append(off < 0.12)
+        # The picture's tone mapping brightens by up to 0.16; blue and orange are 0.8 apart.
+        matched.append(off < 0.2)
     assert len(matched) > 15 and np.mean(matched) > 0.9
     # It slips most in the middle, and not at its ends: the colors differ.
     assert np.abs(colors[10, 0].astype(int) - colors[len(colors) // 2, 0]).max() > 100

@@ -6,6 +6,7 @@ The others draw into axes and return what they drew.
 
 from noslip.figures.arm import executed_slip, joint_limits
 from noslip.figures.bodies import bodies_paths
+from noslip.figures.cycles import rhythm_cycles
 from noslip.figures.distributed import motion_distribution
 from noslip.figures.family import adapted_family
 from noslip.figures.history import constraint_history, plot_constraint
@@ -54,5 +55,6 @@ __all__ = [
     "plot_tool_frame",
     "plot_values",
     "recording_cuts",
+    "rhythm_cycles",
     "save_figure",
 ]

@@ -165,6 +165,8 @@ def residual_rows(
     """Residuals and margins of the steps of all motions, one entry a row of the constraints."""
     system = as_system(constraints)
     residuals = {name: sample_residuals(motion, system) for name, motion in motions.items()}
+    if not system.size:
+        return []
     checks = {name: checked(motion, system).constraints for name, motion in motions.items()}
     tools = [c for c in system.constraints if c.edge is not None and c.edge.lateral is not None]
     sources = np.repeat(np.arange(len(system.constraints)), system.rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,7 +28,7 @@ COLUMNS = 2
 SEEN = 0.3
 """Share of a value's range within which a limit beyond it is drawn; a farther one would flatten
 what moves."""
-LIMIT: dict[str, object] = {"color": style.PALETTE["gray"], "linewidth": 1.0, "zorder": 1}
+LIMIT: dict[str, Any] = {"color": style.PALETTE["gray"], "linewidth": 1.0, "zorder": 1}
 """Of a joint's limit."""
 
 

@@ -227,7 +227,7 @@ def initial_state(
         tau = _arguments.positive("duration", duration, "seconds")
     n, rotation = law.space.linear, partial(turn_of, law.space)
     vector = partial(_arguments.vector, unit=law.space.unit, size=n)
-    ends = {"goal": (goal, goal_position, goal_rotation)}
+    ends: dict[str, tuple[Any, Any, Any]] = {"goal": (goal, goal_position, goal_rotation)}
     ends["start"] = start, start_position, start_rotation
     (goal_position, goal_rotation), (start_position, start_rotation) = (
         point_or_parts(law, name, *given) for name, given in ends.items()
