@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
@@ -14,7 +16,7 @@ from noslip.adapting.constants import DETOUR, FEWEST_LEFT, FEWEST_SAMPLES, LEAST
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
 from noslip.adapting.impossible import require_reachable
 from noslip.adapting.plan import Adapted, Plan, carried_out
-from noslip.boundary import Boundary, End
+from noslip.boundary import Boundary, End, rotations_of
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import InputError
 from noslip.law.law import Law
@@ -23,21 +25,18 @@ from noslip.projection.feasibility import project_pose
 from noslip.projection.request import ADAPTING, Request, Weights
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
-from noslip.runtime.rollout import initial_state, integrate
+from noslip.runtime.rollout import initial_state, integrate, point_or_parts
 from noslip.runtime.state import State
-from noslip.trajectory import PoseTrajectory
+from noslip.space import Samples, Space
 
 REPLANNED_SAMPLES = 201
 """Of a re-planned motion unless told otherwise: planned in a few milliseconds."""
-_STATE_VECTORS = ("position", "linear_velocity", "angular_velocity", "goal_position")
-"""Of a state, that must be finite."""
-
-
 def replan(
     law: Law,
     rule: Rule,
     state: State,
     *,
+    goal: Any = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     goal_velocity: Velocity = None,
@@ -60,9 +59,11 @@ def replan(
     state : State
         Of the law, as ``initial_state`` and ``step`` give it, with whatever was
         measured in place of what was expected.
+    goal : array, shape (n,), or a pair (position, Rotation), optional
+        A point of what moves, as for :func:`noslip.adapting.adapt`.
     goal_position, goal_rotation
         The state's own by default.
-    goal_velocity : 0, array of shape (3,) or (6,), or "free", optional
+    goal_velocity : 0, array of shape (n,) or (n + 3 b,), or "free", optional
         As for :func:`noslip.adapting.adapt`; that of the motion by default, and at rest where next
         to nothing of it is left.
     duration : float, optional
@@ -78,22 +79,20 @@ def replan(
         The ``initial_state`` of its law is the state to go on from.
     """
     law.require_end("replan")
-    if not law.space.is_pose:
-        raise InputError(
-            "replan is for poses; of coordinates, adapt to the goal with start_position=the state's"
-        )
+    space, system = law.space, rule.system
     samples = samples_of(law.basis.count, law.steps, samples)
-    require_state(state)
-    system = rule.system
+    require_state(state, space)
     done = min(max(law.clock.fraction(state.phase), 0.0), 1.0)
     weights = Weights(position_weight, position_smoothing, rotation_smoothing)
-    goal = asked("goal", goal_position, goal_rotation, goal_velocity)
-    own = state.goal_position, state.goal_rotation
+    parts = point_or_parts(law, "goal", goal, goal_position, goal_rotation)
+    wanted = asked("goal", *parts, goal_velocity, space)
+    own = state.goal_position, rotations_of(state.goal_quaternion)
     if duration is not None:
         duration = _arguments.positive("duration", duration, "seconds")
     # A goal that nothing names is moved onto the constraints; C does not do that in a given time.
-    if goal_velocity is None and end == "pose" and (duration is None or not goal.is_free):
-        to, seconds = goal.pose_or(*own), duration or 0.0
+    is_plain = goal_velocity is None and end == "pose" and space.is_pose
+    if is_plain and (duration is None or not wanted.is_free):
+        to, seconds = wanted.pose_or(*own), duration or 0.0
         if found := compiled.made(
             law, rule, to, weights, state=state, duration=seconds, samples=samples, steps=law.steps
         ):
@@ -101,12 +100,12 @@ def replan(
     nominal, now = _nominal(law, rule, state, done, samples - 1)
     is_given = duration is not None
     if duration is None:
-        toward = state.goal_position if goal.position is None else goal.position
+        toward = state.goal_position if wanted.position is None else wanted.position
         step = state.previous_step or state.duration / law.steps
         duration = max(_time_needed(nominal, state, now, done, toward), FEWEST_SAMPLES * step)
     rest = _rest(nominal, now, samples, duration)
     at_end = state.time + duration
-    last = placed(goal, own, system, rule.inverse_metric, at_end)
+    last = placed(wanted, own, system, rule.inverse_metric, at_end)
     if goal_velocity is None:
         ends_as = rest if is_given or _is_over(nominal, now) else nominal
         last = moving(last, ends_as, rule, at_end, end)
@@ -150,7 +149,7 @@ def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tup
 
 
 def _time_needed(
-    nominal: PoseTrajectory, state: State, now: int, done: float, goal: Floats
+    nominal: Samples, state: State, now: int, done: float, goal: Floats
 ) -> float:
     """Seconds for what is left of a motion, and for a displacement besides."""
     # Sideways, and the more so where little of the path is left to spread it over.
@@ -160,37 +159,39 @@ def _time_needed(
     speed = nominal.path_length / state.duration
     detour = DETOUR * displaced**2 / (displaced + way) if displaced else 0.0
     longer = detour / speed / state.duration if speed > 0 else 0.0
-    turn = float((state.rotation * nominal.rotations[now].inv()).magnitude()) / np.pi
-    return max(1.0 - done + longer, turn, LEAST_TIME) * state.duration
+    point = np.append(state.position, state.quaternion)
+    turns = nominal.space.difference(point, nominal.points[now])[nominal.space.linear :]
+    turn = np.linalg.norm(turns.reshape(-1, 3), axis=1).max(initial=0.0) / np.pi
+    return max(1.0 - done + longer, float(turn), LEAST_TIME) * state.duration
 
 
-def _start(system: ConstraintSystem, state: State, nominal: PoseTrajectory, now: int) -> Boundary:
-    """Pose and velocities to go on from."""
-    position, quaternion = state.position, state.rotation.as_quat(scalar_first=True)
+def _start(system: ConstraintSystem, state: State, nominal: Samples, now: int) -> Boundary:
+    """Point and velocities to go on from."""
+    position, quaternion = state.position, state.quaternion
     if "position" in system.row_levels:
         # A state off a surface is led back onto it at run time; the plan lies on it.
         position, quaternion = project_pose(system.equalities, state.time, position, quaternion)
-    turned = Rotation.from_quat(quaternion, scalar_first=True)
-    return Boundary(0.0, position, turned, *_velocities_now(nominal, now, state))
+    linear, angular = _velocities_now(nominal, now, state)
+    turning = angular if len(angular) else None
+    return Boundary(0.0, position, rotations_of(quaternion), linear, turning)
 
 
-def _rest(nominal: PoseTrajectory, now: int, samples: int, duration: float) -> PoseTrajectory:
+def _rest(nominal: Samples, now: int, samples: int, duration: float) -> Samples:
     """What remains of a motion, over another duration."""
     times = np.linspace(0.0, duration, samples)
     which = np.arange(now, now + samples)
     if _is_over(nominal, now):
         # Next to nothing: it stays where it ends.
         which[:] = len(nominal) - 1
-    poses = nominal.positions[which], nominal.rotations[which]
-    return PoseTrajectory(times, *poses, name="re-planned")
+    return nominal.with_points(nominal.points[which], times)
 
 
-def _is_over(nominal: PoseTrajectory, now: int) -> bool:
+def _is_over(nominal: Samples, now: int) -> bool:
     """Whether too little is left of a motion to plan it as it was."""
     return len(nominal) - 1 - now <= FEWEST_LEFT
 
 
-def _velocities_now(nominal: PoseTrajectory, now: int, state: State) -> tuple[Floats, Floats]:
+def _velocities_now(nominal: Samples, now: int, state: State) -> tuple[Floats, Floats]:
     """Velocities at a state, half a step after those of the step that led to it."""
     # Both velocities of the nominal motion change but little within half a step.
     k = min(max(now, 1), len(nominal) - 2)
@@ -201,13 +202,18 @@ def _velocities_now(nominal: PoseTrajectory, now: int, state: State) -> tuple[Fl
     )
 
 
-def require_state(state: State) -> None:
-    """Refuse what is not a state of a motion."""
+def require_state(state: State, space: Space) -> None:
+    """Refuse what is not a state of a motion in a space."""
     if not isinstance(state, State):
         raise InputError(f"state must be a State, got {type(state).__name__}")
-    vectors = {name: getattr(state, name) for name in _STATE_VECTORS}
-    for name, value in vectors.items():
-        _arguments.vector(f"state: {name}", value)
+    rates = f"{space.unit}/s" if len(set(space.units)) == 1 else "in their own units"
+    for name, unit, size in (
+        ("position", space.unit, space.linear),
+        ("linear_velocity", rates, space.linear),
+        ("angular_velocity", "rad/s", space.angular),
+        ("goal_position", space.unit, space.linear),
+    ):
+        _arguments.vector(f"state: {name}", getattr(state, name), unit, size)
     _arguments.positive("state: duration", state.duration, "seconds")
     _arguments.not_negative("state: previous_step", state.previous_step)
     for name in ("time", "phase"):
