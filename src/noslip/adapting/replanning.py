@@ -18,7 +18,7 @@ from noslip.adapting.impossible import require_reachable
 from noslip.adapting.plan import Adapted, Plan, carried_out
 from noslip.boundary import Boundary, End, rotations_of
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import InputError
+from noslip.errors import ConvergenceError, InputError, MissedError
 from noslip.law.law import Law
 from noslip.projection.blend import through
 from noslip.projection.feasibility import project_pose
@@ -29,8 +29,13 @@ from noslip.runtime.rollout import initial_state, integrate, point_or_parts
 from noslip.runtime.state import State
 from noslip.space import Samples, Space
 
+_BACKING = (0.15, 0.4)
+"""Of the motion: how far it backs up along its own way where it finds none straight on, as at the
+end of a cut from which a blade was pushed aside.  Either finds what the other does not."""
 REPLANNED_SAMPLES = 201
 """Of a re-planned motion unless told otherwise: planned in a few milliseconds."""
+
+
 def replan(
     law: Law,
     rule: Rule,
@@ -103,35 +108,56 @@ def replan(
         toward = state.goal_position if wanted.position is None else wanted.position
         step = state.previous_step or state.duration / law.steps
         duration = max(_time_needed(nominal, state, now, done, toward), FEWEST_SAMPLES * step)
-    rest = _rest(nominal, now, samples, duration)
-    at_end = state.time + duration
-    last = placed(wanted, own, system, rule.inverse_metric, at_end)
-    if goal_velocity is None:
-        ends_as = rest if is_given or _is_over(nominal, now) else nominal
-        last = moving(last, ends_as, rule, at_end, end)
-    last = last.part(end)
-    first = allowed(_start(system, state, nominal, now), system, rule.inverse_metric, state.time)
-    assert first.position is not None
-    require_reachable(system, first, last)
-    # Back onto the path, not just to its end, if the way there is long enough.
-    moved = through(rest, [last])
-    traveled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))
-    displaced = float(np.linalg.norm(first.position - moved.positions[0]))
-    k = max(round(SETTLED * samples), int(np.searchsorted(traveled, DETOUR * displaced)) + 1)
-    back = []
-    if k < samples - 1:
-        back = [Boundary.keeping(moved, k / (samples - 1), "pose")]
-    request = Request(
-        through(moved, [first, *back, last]),
-        system,
-        (first, last),
-        weights,
-        begin=state.time,
-    )
-    # The time step stays what it was, unless that is too long for the fit.
-    steps = round(law.steps * duration / state.duration)
-    plan = carried_out(law, rule, request, steps, request.reference.duration)
-    return plan.verified(law, rule).told()
+
+    def planned(backing: float) -> Adapted:
+        rest = _rest(nominal, now, samples, duration, backing)
+        at_end = state.time + duration
+        last = placed(wanted, own, system, rule.inverse_metric, at_end)
+        if goal_velocity is None:
+            ends_as = rest if is_given or _is_over(nominal, now) else nominal
+            last = moving(last, ends_as, rule, at_end, end)
+        last = last.part(end)
+        start = _start(system, state, nominal, now)
+        first = allowed(start, system, rule.inverse_metric, state.time)
+        assert first.position is not None
+        require_reachable(system, first, last)
+        # Back onto the path, not just to its end, if the way there is long enough.
+        moved = through(rest, [last])
+        traveled = np.cumsum(np.linalg.norm(np.diff(moved.positions, axis=0), axis=1))
+        displaced = float(np.linalg.norm(first.position - moved.positions[0]))
+        k = max(round(SETTLED * samples), int(np.searchsorted(traveled, DETOUR * displaced)) + 1)
+        back = []
+        if k < samples - 1 and not backing:
+            back = [Boundary.keeping(moved, k / (samples - 1), "pose")]
+        request = Request(
+            through(moved, [first, *back, last]),
+            system,
+            (first, last),
+            weights,
+            begin=state.time,
+        )
+        # The time step stays what it was, unless that is too long for the fit.
+        steps = round(law.steps * duration / state.duration)
+        plan = carried_out(law, rule, request, steps, request.reference.duration)
+        return plan.verified(law, rule)
+
+    # Of a pose one attempt, which is that of the exported C.
+    attempts = (0.0,) if space.is_pose or not system.equalities.size else (0.0, *_BACKING)
+    found: Adapted | None = None
+    failed: ConvergenceError | MissedError | None = None
+    for backing in attempts:
+        try:
+            another = planned(backing)
+        except (ConvergenceError, MissedError) as error:
+            failed = failed or error
+            continue
+        found = another if found is None or another.is_exact else found
+        if found.is_exact:
+            break
+    if found is None:
+        assert failed is not None
+        raise failed
+    return found.told()
 
 
 def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tuple[Motion, int]:
@@ -148,9 +174,7 @@ def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tup
     return integrate(law, rule, start, sections), passed
 
 
-def _time_needed(
-    nominal: Samples, state: State, now: int, done: float, goal: Floats
-) -> float:
+def _time_needed(nominal: Samples, state: State, now: int, done: float, goal: Floats) -> float:
     """Seconds for what is left of a motion, and for a displacement besides."""
     # Sideways, and the more so where little of the path is left to spread it over.
     displaced = float(np.linalg.norm(state.position - nominal.positions[now]))
@@ -176,14 +200,20 @@ def _start(system: ConstraintSystem, state: State, nominal: Samples, now: int) -
     return Boundary(0.0, position, rotations_of(quaternion), linear, turning)
 
 
-def _rest(nominal: Samples, now: int, samples: int, duration: float) -> Samples:
-    """What remains of a motion, over another duration."""
-    times = np.linspace(0.0, duration, samples)
-    which = np.arange(now, now + samples)
+def _rest(nominal: Samples, now: int, samples: int, duration: float, backing: float) -> Samples:
+    """What remains of a motion, over another duration; along its way back and on again first."""
+    times, places = np.linspace(0.0, duration, samples), np.arange(now, now + samples)
     if _is_over(nominal, now):
         # Next to nothing: it stays where it ends.
-        which[:] = len(nominal) - 1
-    return nominal.with_points(nominal.points[which], times)
+        places[:] = len(nominal) - 1
+    points = nominal.points[places]
+    if backing:
+        way = backing * samples * np.sin(np.pi * np.linspace(0.0, 1.0, samples)) ** 2
+        way = np.maximum(places - way, 0.0)
+        before = np.minimum(way.astype(int), len(nominal) - 2)
+        chord = nominal.space.difference(nominal.points[before + 1], nominal.points[before])
+        points = nominal.space.moved(nominal.points[before], (way - before)[:, None] * chord)
+    return nominal.with_points(points, times)
 
 
 def _is_over(nominal: Samples, now: int) -> bool:
