@@ -27,7 +27,8 @@ from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, integrate, point_or_parts
 from noslip.runtime.state import State
-from noslip.space import Samples, Space
+from noslip.space import Space
+from noslip.trajectory import PoseTrajectory
 
 _BACKING = (0.15, 0.4)
 """Of the motion: how far it backs up along its own way where it finds none straight on, as at the
@@ -98,10 +99,10 @@ def replan(
     is_plain = goal_velocity is None and end == "pose" and space.is_pose
     if is_plain and (duration is None or not wanted.is_free):
         to, seconds = wanted.pose_or(*own), duration or 0.0
-        if found := compiled.made(
+        if made := compiled.made(
             law, rule, to, weights, state=state, duration=seconds, samples=samples, steps=law.steps
         ):
-            return Plan(found.law, found.request, found.projected).verified(law, rule).told()
+            return Plan(made.law, made.request, made.projected).verified(law, rule).told()
     nominal, now = _nominal(law, rule, state, done, samples - 1)
     is_given = duration is not None
     if duration is None:
@@ -174,7 +175,7 @@ def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tup
     return integrate(law, rule, start, sections), passed
 
 
-def _time_needed(nominal: Samples, state: State, now: int, done: float, goal: Floats) -> float:
+def _time_needed(nominal: Motion, state: State, now: int, done: float, goal: Floats) -> float:
     """Seconds for what is left of a motion, and for a displacement besides."""
     # Sideways, and the more so where little of the path is left to spread it over.
     displaced = float(np.linalg.norm(state.position - nominal.positions[now]))
@@ -189,7 +190,7 @@ def _time_needed(nominal: Samples, state: State, now: int, done: float, goal: Fl
     return max(1.0 - done + longer, float(turn), LEAST_TIME) * state.duration
 
 
-def _start(system: ConstraintSystem, state: State, nominal: Samples, now: int) -> Boundary:
+def _start(system: ConstraintSystem, state: State, nominal: Motion, now: int) -> Boundary:
     """Point and velocities to go on from."""
     position, quaternion = state.position, state.quaternion
     if "position" in system.row_levels:
@@ -200,7 +201,9 @@ def _start(system: ConstraintSystem, state: State, nominal: Samples, now: int) -
     return Boundary(0.0, position, rotations_of(quaternion), linear, turning)
 
 
-def _rest(nominal: Samples, now: int, samples: int, duration: float, backing: float) -> Samples:
+def _rest(
+    nominal: Motion, now: int, samples: int, duration: float, backing: float
+) -> PoseTrajectory:
     """What remains of a motion, over another duration; along its way back and on again first."""
     times, places = np.linspace(0.0, duration, samples), np.arange(now, now + samples)
     if _is_over(nominal, now):
@@ -216,12 +219,12 @@ def _rest(nominal: Samples, now: int, samples: int, duration: float, backing: fl
     return nominal.with_points(points, times)
 
 
-def _is_over(nominal: Samples, now: int) -> bool:
+def _is_over(nominal: Motion, now: int) -> bool:
     """Whether too little is left of a motion to plan it as it was."""
     return len(nominal) - 1 - now <= FEWEST_LEFT
 
 
-def _velocities_now(nominal: Samples, now: int, state: State) -> tuple[Floats, Floats]:
+def _velocities_now(nominal: Motion, now: int, state: State) -> tuple[Floats, Floats]:
     """Velocities at a state, half a step after those of the step that led to it."""
     # Both velocities of the nominal motion change but little within half a step.
     k = min(max(now, 1), len(nominal) - 2)

@@ -57,10 +57,11 @@ from noslip.law.attractor import Attractor
 from noslip.law.clock import DONE
 from noslip.law.points import quaternions_of, rotation_of
 from noslip.runtime.engine import Memory
+from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import admissible, initial_state, point_or_parts, rollout, turn_of
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
-from noslip.space import Samples, Space
+from noslip.space import Space
 
 Point = State | ArrayLike | tuple[ArrayLike, Rotation] | Mapping[str, tuple[ArrayLike, Rotation]]
 
@@ -179,7 +180,7 @@ class SpaceController:
         self._planner = Planner(self.rule, self.memory, self.time_step, plans)
         self._job: Future[Made] | None = None
 
-    def _tolerance(self, given: ArrayLike | None, motion: Samples) -> Floats:
+    def _tolerance(self, given: ArrayLike | None, motion: Motion) -> Floats:
         space = self.law.space
         if given is not None:
             if np.ndim(given) == 0:
@@ -573,7 +574,7 @@ class SpaceController:
         return float(max(needed, EASE * fading))
 
 
-def _peaks(motion: Samples, space: Space) -> Floats:
+def _peaks(motion: Motion, space: Space) -> Floats:
     """Largest rate of each coordinate among those of its unit, and of all that turns.
 
     Of what does not move there is none, and none is too fast.
