@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,15 @@ from noslip.adapting.around import samples_of
 from noslip.adapting.constants import DETOUR, FEWEST_LEFT, FEWEST_SAMPLES, LEAST_TIME, SETTLED
 from noslip.adapting.ends import Velocity, allowed, asked, moving, placed
 from noslip.adapting.impossible import require_reachable
-from noslip.adapting.plan import Adapted, Plan, carried_out
+from noslip.adapting.plan import Adapted, Plan, carried_out, projected_onto
 from noslip.boundary import Boundary, End, rotations_of
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import ConvergenceError, InputError, MissedError
+from noslip.errors import ConvergenceError, InputError, MissedError, Refusal
 from noslip.law.law import Law
 from noslip.projection.blend import through
 from noslip.projection.feasibility import project_pose
 from noslip.projection.request import ADAPTING, Request, Weights
+from noslip.projection.result import ProjectedTrajectory
 from noslip.rule import Rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, integrate, point_or_parts
@@ -33,6 +35,8 @@ from noslip.trajectory import PoseTrajectory
 _BACKING = (0.15, 0.4)
 """Of the motion: how far it backs up along its own way where it finds none straight on, as at the
 end of a cut from which a blade was pushed aside.  Either finds what the other does not."""
+_ASTRAY = 10.0
+"""Of the path's length: way of a plan that is none.  Those that lead on take up to six."""
 REPLANNED_SAMPLES = 201
 """Of a re-planned motion unless told otherwise: planned in a few milliseconds."""
 
@@ -110,6 +114,9 @@ def replan(
         step = state.previous_step or state.duration / law.steps
         duration = max(_time_needed(nominal, state, now, done, toward), FEWEST_SAMPLES * step)
 
+    # Of a pose one attempt, which is that of the exported C.
+    once = space.is_pose or not system.equalities.size
+
     def planned(backing: float) -> Adapted:
         rest = _rest(nominal, now, samples, duration, backing)
         at_end = state.time + duration
@@ -139,11 +146,19 @@ def replan(
         )
         # The time step stays what it was, unless that is too long for the fit.
         steps = round(law.steps * duration / state.duration)
-        plan = carried_out(law, rule, request, steps, request.reference.duration)
-        return plan.verified(law, rule)
+        longest = _ASTRAY * (nominal.path_length + displaced)
+        plan = carried_out(
+            law,
+            rule,
+            request,
+            steps,
+            request.reference.duration,
+            project=projected_onto if once else partial(_projected_nearby, longest),
+        )
+        # Where another attempt follows, what would mend this one is not sought.
+        return plan.verified(law, rule, seeks_remedy=once)
 
-    # Of a pose one attempt, which is that of the exported C.
-    attempts = (0.0,) if space.is_pose or not system.equalities.size else (0.0, *_BACKING)
+    attempts = (0.0,) if once else (0.0, *_BACKING)
     found: Adapted | None = None
     failed: ConvergenceError | MissedError | None = None
     for backing in attempts:
@@ -159,6 +174,19 @@ def replan(
         assert failed is not None
         raise failed
     return found.told()
+
+
+def _projected_nearby(longest: float, request: Request) -> ProjectedTrajectory:
+    """Project a reference; refuse what went so far astray that following it is in vain."""
+    found = projected_onto(request)
+    if found.trajectory.path_length > longest:
+        raise ConvergenceError(
+            "no motion near the path found that leads on from there; give it another goal, or a "
+            "state nearer to its path",
+            code=Refusal.NOT_FOUND,
+            iterate=found.trajectory,
+        )
+    return found
 
 
 def _nominal(law: Law, rule: Rule, state: State, done: float, steps: int) -> tuple[Motion, int]:
