@@ -40,9 +40,10 @@ from noslip.control.clock import AT_REST, CELLS, Bounds, Schedule, runs_in_plan_
 from noslip.control.goal_filter import GoalFilter
 from noslip.control.observer import SEEN, Observer, compile_now
 from noslip.control.planning import (
+    SMOOTHER,
     Made,
     Planner,
-    PosePlans,
+    Plans,
     Primitive,
     Reason,
     Replanned,
@@ -246,8 +247,13 @@ class Controller:
         self._now = self.memory.data[_POSE]
         if self.replans:
             compiled.compile_for(self.rule)
-        self._plans = PosePlans(
-            self.rule, self._bounds, self._mean_speed, self.time_step, self.braking == 0
+        self._plans = Plans(
+            self.rule,
+            self._bounds,
+            self._mean_speed,
+            self.time_step,
+            self.braking == 0,
+            SMOOTHER,
         )
         self._planner = Planner(self.rule, self.memory, self.time_step, self._plans)
         self._job: Future[Made] | None = None

@@ -42,13 +42,14 @@ from noslip._typing import Floats
 from noslip._values import LONGEST_REPR, is_same, shortened
 from noslip.adapting import REPLANNED_SAMPLES, compiled
 from noslip.boundary import rotations_of
+from noslip.control.clock import Bounds, Schedule
 from noslip.control.planning import (
     Made,
     Planner,
+    Plans,
     Primitive,
     Reason,
     Replanned,
-    SpacePlans,
     Task,
     engine_of,
 )
@@ -61,7 +62,6 @@ from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import admissible, initial_state, point_or_parts, rollout, turn_of
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
-from noslip.space import Space
 
 Point = State | ArrayLike | tuple[ArrayLike, Rotation] | Mapping[str, tuple[ArrayLike, Rotation]]
 
@@ -86,7 +86,8 @@ LEFT = 1e-3
 PLAN_WITHIN = 0.1
 """s: a plan takes some 0.1 s."""
 FASTER = 1.5
-"""Times the peaks of its own motion: so fast may a plan be."""
+"""Times the peak angular speed of its own motion, and as in :class:`noslip.Controller` of other
+speeds and of accelerations: beyond, the clock of a plan slows down."""
 GOAL_MOVED = 0.02
 """Of the tolerance: a goal that moved less is not planned for."""
 BETWEEN_PLANS, AFTER_FAILURE, GIVEN_UP = 0.05, 0.1, 5
@@ -168,7 +169,8 @@ class SpaceController:
         self._tolerances = np.append(self.tolerance, np.full(self.law.space.angular, angle))
         self.memory = Memory(self.law.clock, self.rule.system)
         stepper_of(self.rule).native.wait()
-        self._fastest = FASTER * _peaks(motion, self.law.space)
+        self._bounds = Bounds.of(motion, FASTER)
+        self._mean_speed = (motion.path_length or 1.0) / motion.duration
         self._build()
         self.reset()
 
@@ -176,7 +178,7 @@ class SpaceController:
         """Build what is made of graphs, or shared."""
         if self.replans:
             compiled.compile_for(self.rule)
-        plans = SpacePlans(self.rule, self._fastest)
+        plans = Plans(self.rule, self._bounds, self._mean_speed, self.time_step)
         self._planner = Planner(self.rule, self.memory, self.time_step, plans)
         self._job: Future[Made] | None = None
 
@@ -230,6 +232,9 @@ class SpaceController:
         none = np.zeros(self.law.space.velocity_size)
         self.memory.set(begun)
         self._duration, self._amplitude, self.taken_over = begun.duration, begun.amplitude, 0
+        # Of the clock: what it is, what it is led to, and what a plan allows it.
+        self._speed = 1.0
+        self._schedule: Schedule | None = None
         self._sigma, self._force = _Damped(1.0, 1.0), _Damped(begun.amplitude, begun.amplitude)
         goal = np.append(begun.goal_position, begun.goal_quaternion)
         # The goal asked for; where the one that leads is besides; what the motion has left to do.
@@ -270,7 +275,7 @@ class SpaceController:
     @property
     def speed(self) -> float:
         """Sigma: of the motion, over its own; 1 undisturbed."""
-        return float(self._sigma.value)
+        return self._speed
 
     @property
     def reason(self) -> str:
@@ -390,10 +395,19 @@ class SpaceController:
 
     def _slow_to(self, sigma: float, h: float) -> None:
         """Lead the clock's speed a step nearer to another one: the duration is stretched."""
-        if not self._sigma.step(sigma, h / (EASE * self._duration)):
-            return
-        self._sigma.value = min(max(self._sigma.value, SLOWEST), 1.0)
-        self._stretch(self.memory.data, self._duration / self._sigma.value)
+        if self._sigma.step(sigma, h / (EASE * self._duration)):
+            self._sigma.value = min(max(self._sigma.value, SLOWEST), 1.0)
+        data, speed = self.memory.data, float(self._sigma.value)
+        if self._schedule is not None:
+            # Where this cycle ends, braking was foreseen.
+            fraction, most = data.item(self.memory.at.fraction), self._schedule.cap
+            ramp = h * self._schedule.at("ramps", fraction)
+            allowed = min(most(fraction), most(fraction + self._speed * h / self._duration))
+            speed = max(min(speed, allowed), self._speed - ramp, SLOWEST)
+            speed = min(speed, self._speed + ramp)
+        if speed != self._speed:
+            self._speed = speed
+            self._stretch(data, self._duration / speed)
 
     def _stretch(self, data: Floats, duration: float) -> None:
         """Give a state another duration, in which it goes on along the same path."""
@@ -542,7 +556,7 @@ class SpaceController:
             return
         self._task = self._job = None
         made = job.result()
-        if made.plan is None or made.state is None:
+        if made.plan is None or made.state is None or made.schedule is None:
             self.replanned.append(Replanned(self._clock, task.reason, np.nan, made.failure))
             self._next_plan = self._clock + AFTER_FAILURE * 2**self._failures * self._duration
             self._failures += 1
@@ -560,8 +574,9 @@ class SpaceController:
             data[self.memory.values] = now[self.memory.values]
             beyond = (now.item(at.fraction) - self._hand_over) * self._duration
         self.plan, self._duration = made.plan, made.plan.duration
+        self._schedule = made.schedule
         data[at.fraction] = max(beyond, 0.0) / self._duration
-        self._stretch(data, self._duration / self._sigma.value)
+        self._stretch(data, self._duration / self._speed)
         self._planned, self._pushed, self._failures = self._sought, False, 0
         self._engine = made.engine or engine_of(self.plan, self.rule, self.memory, self.time_step)
 
@@ -572,19 +587,6 @@ class SpaceController:
         fading = _FADED < self._force.value < self._amplitude
         needed = self._left.needed(self.law.attractor, self._tolerances)
         return float(max(needed, EASE * fading))
-
-
-def _peaks(motion: Motion, space: Space) -> Floats:
-    """Largest rate of each coordinate among those of its unit, and of all that turns.
-
-    Of what does not move there is none, and none is too fast.
-    """
-    linear, angular = (np.abs(rates).max(axis=0) for rates in motion.step_velocities())
-    units = np.array(space.units)
-    found = np.array([linear[units == unit].max() for unit in units])
-    turning = np.full(space.angular, angular.max(initial=0.0))
-    peaks = np.append(found, turning)
-    return np.where(peaks > 0, peaks, np.inf)
 
 
 class _Moving:

@@ -10,14 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip._values import Value
-from noslip.adapting import Adapted, replan
+from noslip.adapting import replan
 from noslip.adapting.impossible import alone, common_rows
 from noslip.control.clock import CELLS, PLAN_AT_REST, Bounds, Schedule
 from noslip.errors import muted
@@ -31,11 +31,8 @@ from noslip.runtime.stepper import stepper_of
 
 Reason = Literal["push", "goal"]
 SMOOTHER = 30.0
-"""Times as smooth a turn as when a motion is adapted from rest: else it bends within a few samples
+"""Times as smooth a turn of a pose as when a motion is adapted from rest: else it bends within a few samples
 from the twist that it is handed over with, at some ten times the accelerations of the path."""
-_GROWTHS, _SAME_SPEED = 3, 1 + 1e-3
-"""How often a plan that is too fast is given more time, and what counts as fast enough: its shape
-hardly depends on that, so mostly once."""
 _ORIENTATIONS = 6
 """At which rules are asked what they forbid for good: more than any has rows."""
 
@@ -134,13 +131,13 @@ class Made:
     failure: str = ""
 
 
-Found = tuple[Law, State, Schedule | None]
+Found = tuple[Law, State, Schedule]
 """A plan, the state to follow it from, and what it allows its clock."""
 
 
 @dataclass(frozen=True)
-class PosePlans:
-    """Plans for a pose, and what they allow the clock.
+class Plans:
+    """Plans of a rule, and what they allow the clock.
 
     Attributes
     ----------
@@ -152,13 +149,16 @@ class PosePlans:
         Of the loop (s).
     rests : bool
         Whether plans that end at speed come to rest at their ends.
+    smoother : float
+        Times as smooth a turn as when a motion is adapted from rest.
     """
 
     rule: Rule
     bounds: Bounds
     mean_speed: float
     time_step: float
-    rests: bool
+    rests: bool = True
+    smoother: float = 1.0
 
     def schedule(self, plan: Law, state: State, at_rest: float = PLAN_AT_REST) -> Schedule:
         """What a plan allows its clock, from its first state."""
@@ -169,59 +169,19 @@ class PosePlans:
 
     def __call__(self, task: Task, state: State) -> Found:
         """Plan from a state."""
-        smoother = SMOOTHER * ADAPTING.rotation_smoothing
-        plan = _replanned(self.rule, task, state, task.duration, rotation_smoothing=smoother).law
-        begun = _begun(plan, self.rule, state)
+        plan = replan(
+            task.plan,
+            self.rule,
+            state,
+            goal_position=task.goal_position,
+            goal_rotation=task.goal_rotation,
+            duration=task.duration,
+            samples=task.samples,
+            rotation_smoothing=self.smoother * ADAPTING.rotation_smoothing,
+        ).law
+        turn = state.rotation if plan.space.rotations else None
+        begun = initial_state(plan, self.rule, start_position=state.position, start_rotation=turn)
         return plan, begun, self.schedule(plan, begun)
-
-
-@dataclass(frozen=True, eq=False)
-class SpacePlans(Value):
-    """Plans in any space, in a duration in which they are not too fast.
-
-    Attributes
-    ----------
-    rule : Rule
-    fastest : array, shape (n + 3 b,)
-        What each rate may be at most, in its own unit; or what it is as the plan begins.
-    """
-
-    rule: Rule
-    fastest: Floats
-
-    def __call__(self, task: Task, state: State) -> Found:
-        """Plan from a state."""
-        begins = np.abs(np.append(state.linear_velocity, state.angular_velocity))
-        most = np.maximum(self.fastest, begins)
-        duration = task.duration
-        for _ in range(_GROWTHS):
-            found = _replanned(self.rule, task, state, duration)
-            rates = np.hstack(found.motion.step_velocities())
-            haste = float(np.max(np.abs(rates).max(axis=0) / most))
-            if haste <= _SAME_SPEED:
-                break
-            duration = haste * found.law.duration
-        return found.law, _begun(found.law, self.rule, state), None
-
-
-def _replanned(
-    rule: Rule, task: Task, state: State, duration: float | None, **options: Any
-) -> Adapted:
-    return replan(
-        task.plan,
-        rule,
-        state,
-        goal_position=task.goal_position,
-        goal_rotation=task.goal_rotation,
-        duration=duration,
-        samples=task.samples,
-        **options,
-    )
-
-
-def _begun(plan: Law, rule: Rule, state: State) -> State:
-    turn = state.rotation if plan.space.rotations else None
-    return initial_state(plan, rule, start_position=state.position, start_rotation=turn)
 
 
 class Planner:
