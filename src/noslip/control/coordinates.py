@@ -94,6 +94,9 @@ BETWEEN_PLANS, AFTER_FAILURE, GIVEN_UP = 0.05, 0.1, 5
 """Of the duration; after each failure in a row twice as long.  After so many it is done without."""
 _MORE = 1.3
 """Times as much time for a plan, after each failure in a row."""
+HASTY, _STANDS = 1.05, 0.02
+"""Times the speed that a new plan allows at its start, up to which it is handed over; and the speed
+of the clock at which what is to halt stands: the rest is dropped."""
 _LATER = 10
 """Times as far ahead, at most, when plans come too late."""
 _BUILT = ("_engine", "_planner", "_job")
@@ -247,7 +250,7 @@ class SpaceController:
         self._job = None
         # Of the plan under way: where or when it is handed over, and how far ahead that is.
         self._hand_over, self._due, self._ahead = 0.0, 0.0, self.plan_within
-        self._next_plan, self._failures = 0.0, 0
+        self._next_plan, self._failures, self._halts = 0.0, 0, False
         # Over the tolerance: how far off it was measured, and by no lag.
         self._off = self._beyond = 0.0
         self._clock = 0.0
@@ -340,7 +343,7 @@ class SpaceController:
         self._lead_goal(h)
         if self._task is None and self._is_planning and self._clock >= self._next_plan:
             self._plan()
-        slow = SLOWEST if self._is_silent else 1 / (1 + max(0.0, self._off - 1) ** 2)
+        slow = SLOWEST if self._is_silent or self._halts else 1 / (1 + max(0.0, self._off - 1) ** 2)
         self._slow_to(max(slow, SLOWEST), h)
         self._advance(h)
         self._count += 1
@@ -455,7 +458,8 @@ class SpaceController:
         point = np.append(moved.position, moved.quaternion)
         self.memory.set(moved)
         if self.replans:
-            self._pushed, self._failures, self._next_plan = True, 0, self._clock
+            self._pushed, self._halts = True, False
+            self._failures, self._next_plan = 0, self._clock
             self._task = self._job = None
         else:
             self._left.shift(space.difference(point, now))
@@ -507,8 +511,10 @@ class SpaceController:
         """Begin to plan, from where the command will be."""
         data, at, space, h = self.memory.data, self.memory.at, self.law.space, self.time_step
         fraction, n = data.item(at.fraction), space.linear
-        is_over = self.law.clock.is_over(fraction)
-        steps = 0 if is_over else ceil(self._ahead / h - 1e-9)
+        if self._halts and self._speed > _STANDS:
+            return
+        stands = self._halts or self.law.clock.is_over(fraction)
+        steps = 0 if stands else ceil(self._ahead / h - 1e-9)
         place = fraction + steps * h / self._duration
         memory = data.copy()
         self._stretch(memory, self._duration)
@@ -523,15 +529,15 @@ class SpaceController:
             memory,
             steps,
             h,
-            place >= DONE,
+            stands or place >= DONE,
             self._goal[:n],
             rotations_of(self._goal[n:]),
             duration,
             self.samples,
         )
-        self._sought, self._hand_over = self._goal, min(place, DONE)
+        self._sought, self._hand_over = self._goal, 0.0 if stands else min(place, DONE)
         # Where it stands there is no place to come to, only a time.
-        self._due = self._clock + self._ahead if is_over else 0.0
+        self._due = self._clock + self._ahead if stands else 0.0
         self._next_plan = self._clock + BETWEEN_PLANS * self._duration
         self._job = self._planner.begin(self._task)
 
@@ -561,13 +567,20 @@ class SpaceController:
             self._next_plan = self._clock + AFTER_FAILURE * 2**self._failures * self._duration
             self._failures += 1
             return
+        cap = made.schedule.cap(0.0)
+        if not task.resting and self._speed > HASTY * cap:
+            # It bends too sharply for this speed: another is made from rest.
+            self._halts = True
+            return
         self.replanned.append(Replanned(self._clock, task.reason, made.plan.duration))
         now, data, at = self.memory.data.copy(), self.memory.data, self.memory.at
         self._stretch(now, self._duration)
         self.memory.set(replace(made.state, time=now.item(at.time)))
         data[at.position], data[at.quaternion] = now[at.position], now[at.quaternion]
         beyond = 0.0
-        if not task.resting:
+        if task.resting:
+            self._speed, self._sigma = cap, _Damped(1.0, 1.0)
+        else:
             # Point and velocities are handed over as they are, as far beyond the place as it is.
             data[at.linear], data[at.angular] = now[at.linear], now[at.angular]
             data[at.previous_step] = now.item(at.previous_step)
@@ -578,6 +591,7 @@ class SpaceController:
         data[at.fraction] = max(beyond, 0.0) / self._duration
         self._stretch(data, self._duration / self._speed)
         self._planned, self._pushed, self._failures = self._sought, False, 0
+        self._halts = False
         self._engine = made.engine or engine_of(self.plan, self.rule, self.memory, self.time_step)
 
     def _needed(self) -> float:

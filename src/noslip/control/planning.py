@@ -31,8 +31,9 @@ from noslip.runtime.stepper import stepper_of
 
 Reason = Literal["push", "goal"]
 SMOOTHER = 30.0
-"""Times as smooth a turn of a pose as when a motion is adapted from rest: else it bends within a few samples
-from the twist that it is handed over with, at some ten times the accelerations of the path."""
+"""Times as smooth a turn of a pose as when a motion is adapted from rest: else it bends within few
+samples from the twist that it is handed over with, at some ten times the accelerations of the
+path."""
 _ORIENTATIONS = 6
 """At which rules are asked what they forbid for good: more than any has rows."""
 
