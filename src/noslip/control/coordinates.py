@@ -575,8 +575,14 @@ class SpaceController:
         self.replanned.append(Replanned(self._clock, task.reason, made.plan.duration))
         now, data, at = self.memory.data.copy(), self.memory.data, self.memory.at
         self._stretch(now, self._duration)
-        self.memory.set(replace(made.state, time=now.item(at.time)))
-        data[at.position], data[at.quaternion] = now[at.position], now[at.quaternion]
+        # The command has come to its place but for what it crept meanwhile.
+        begun = replace(
+            made.state,
+            time=now.item(at.time),
+            position=now[at.position],
+            rotation=rotation_of(now[at.quaternion]),
+        )
+        self.memory.set(admissible(self.rule, begun, "velocity"))
         beyond = 0.0
         if task.resting:
             self._speed, self._sigma = cap, _Damped(1.0, 1.0)
