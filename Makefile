@@ -3,10 +3,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Empty, the package is installed as its wheel has it: so continuous integration tests it.
+EDITABLE ?= --editable
+PYTHONS ?= python3.11 python3.12 python3.13
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints obstacles hard-use kills fuzz docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints rhythms obstacles hard-use kills fuzz wheels docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -15,17 +18,17 @@ $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("noslip needs Python 3.11 or newer; choose one with: make PYTHON=python3.12 ...") if sys.version_info < (3, 11) else None'
 	@echo "Setting up $(VENV) (once, and again when pyproject.toml changes) ..."
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet $(EDITABLE) .
 	@touch $@
 
 # All extras, the linters and the test tools: about 1.5 GB.
 $(VENV)/.dev: $(STAMP)
 	@echo "Installing what the tests need ..."
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet $(EDITABLE) '.[dev]'
 	@touch $@
 
 $(VENV)/.bench: $(STAMP)
-	$(BIN)/python -m pip install --quiet --editable '.[bench]'
+	$(BIN)/python -m pip install --quiet $(EDITABLE) '.[bench]'
 	@touch $@
 
 demo: $(STAMP) ## run the paper's experiments; results in noslip-demo/
@@ -77,6 +80,9 @@ reach: $(STAMP) ## adapt to 1300 goals all around, by maneuvers where it takes t
 joints: $(VENV)/.dev ## recorded contours as joints of an arm, whose tool must not slip; ten minutes
 	$(BIN)/python -m benchmarks.joints
 
+rhythms: $(VENV)/.bench ## 1e4 periods under a blade or a wheel, other frequencies, and pydmps; ten minutes
+	$(BIN)/python -m benchmarks.rhythms
+
 obstacles: $(VENV)/.bench ## ways around obstacles beside OMPL's planners, a quarter of an hour; SCENARIOS=FOLDER adds street maps
 	$(BIN)/python -m benchmarks.obstacles $(if $(SCENARIOS),--scenarios $(SCENARIOS))
 
@@ -86,8 +92,19 @@ kills: $(STAMP) ## kill processes that write into one folder and one cache, 1000
 fuzz: $(VENV)/.dev ## damage primitives, tables, bags and what exported C is given at random, 1e6 times each; hours
 	for target in primitive tables bags exported; do $(BIN)/python -m benchmarks.fuzz $$target --executions 1000000 || exit 1; done
 
+wheels: $(VENV)/.dev ## install the wheel with each extra, for each of PYTHONS that is there
+	@for python in $(PYTHONS); do \
+	    found=$$(command -v $$python) || { echo "$$python is not on this machine"; continue; }; \
+	    echo "$$found"; \
+	    NOSLIP_WHEEL_PYTHON=$$found $(BIN)/python -m pytest -q tests/test_wheel.py || exit 1; \
+	done
+
+# What an interrupted or failed build left behind may be half a file, and warns no second time: it goes.
 docs: $(VENV)/.dev ## build the documentation into docs/_build/html
+	@if test -e docs/_build/unfinished; then rm -rf docs/_build docs/_generated; fi
+	@mkdir -p docs/_build && touch docs/_build/unfinished
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html
+	@rm docs/_build/unfinished
 	@echo "docs/_build/html/index.html"
 
 clean: ## remove everything the targets made

@@ -1,6 +1,7 @@
 """Sphinx configuration."""
 
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 from noslip import __version__
@@ -24,11 +25,17 @@ extensions = [
     "links",
 ]
 source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "_ext", "plots"]
+# The gallery has chapters of its own, in gallery.md.
+exclude_patterns = ["_build", "_ext", "plots", "_generated/gallery/index.rst"]
 
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 3
 myst_dmath_double_inline = True
+
+# Formulas render without a network: MathJax lies beside the pages.  This file of it draws letters
+# as SVG and needs no other; the rest of the package, 22 MB, stays where it is.
+html_static_path = [str(files("sphinx-mathjax-offline") / "static" / "mathjax" / "tex-svg.js")]
+mathjax_path = "tex-svg.js"
 
 # Notebooks are kept without outputs, and so are executed by each build that reads them.
 nb_execution_mode = "auto"

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A start off the constraint: replaced by the nearest one that is on it, or pulled in smoothly."""
 
 import argparse

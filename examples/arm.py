@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip[robots]"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A robot arm executes a learned cut: the hand slipped, the arm's blade does not."""
 
 import argparse
@@ -40,26 +46,44 @@ ways = {
     "arm, kinematic": 1e3 * np.abs(tracked.slip[:, 0]) * np.diff(tracked.times),
 }
 times = {"hand": hand.times}
-lines = style.line_styles(ways)
-figure = style.new_figure(style.TWO_COLUMNS, 2.9)
+# Gray and black, for the colors are the joints'.
+looks = (("gray", "-", 3.2), ("black", "-", 1.1), ("black", ":", 1.4))
+lines = {
+    name: {"color": style.PALETTE[color], "linestyle": dashes, "linewidth": width}
+    for name, (color, dashes, width) in zip(ways, looks, strict=True)
+}
+figure = style.new_figure(style.TWO_COLUMNS, 3.2)
 above, joints, slipped = figure.subplots(1, 3)
-for name, color in (("commanded", "gray"), ("executed", "blue")):
-    tips = getattr(done if name == "executed" else tracked, name)
-    above.plot(*1e3 * tips.positions[:, :2].T, color=style.PALETTE[color], label=name)
+for name, path, width in (("commanded", tracked.commanded, 3), ("executed", done.executed, 1)):
+    color = style.PALETTE["gray" if width > 1 else "black"]
+    above.plot(*1e3 * path.positions[:, :2].T, color=color, linewidth=width, label=name)
 edges = done.executed.rotations[::200].apply([12, 0, 0])
 tips = 1e3 * done.executed.positions[::200]
-above.plot(*np.stack([tips - edges, tips + edges])[:, :, :2].transpose(2, 0, 1), "k", lw=1)
+above.plot(*np.stack([tips - edges, tips + edges])[:, :, :2].transpose(2, 0, 1), "k", lw=1.4)
 above.set_aspect("equal", adjustable="datalim")
 shares = (done.joint_positions - (arm.upper + arm.lower) / 2) / (arm.upper - arm.lower) * 2
-for joint, line in zip(shares.T, style.trial_styles(arm.size), strict=True):
-    joints.plot(tracked.times, joint, **line)
-joints.set_ylim(-1.05, 1.05)
+for joint, name, line in zip(shares.T, arm.joint_names, style.joint_styles(arm.size), strict=True):
+    joints.plot(tracked.times, joint, label=name, **line)
+joints.axhline(1, color=style.PALETTE["gray"], lw=1)
+joints.axhline(-1, color=style.PALETTE["gray"], lw=1, label="limits")
+joints.set_ylim(-1.1, 1.1)
 for name, way in ways.items():
-    slipped.semilogy(times.get(name, tracked.times)[1:], np.cumsum(way) + 1e-9, **lines[name])
+    since = times.get(name, tracked.times)[1:]
+    slipped.semilogy(since, np.cumsum(way) + 1e-9, label=name, **lines[name])
 style.dress(above, "x (mm)", "y (mm)", title="the blade, from above the arm's table")
-style.dress(joints, "time (s)", "each joint in its range", title="all within limits")
+style.dress(joints, "time (s)", "joint in its range (share)", title="all within their limits")
 style.dress(slipped, "time (s)", "way slipped so far (mm)", title="slip")
-style.name_lines(figure, ways)
+# Each panel has its own lines, and so its own legend, below it.
+for ax, columns in ((above, 2), (joints, 3), (slipped, 1)):
+    ax.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.24),
+        ncols=columns,
+        fontsize=style.SMALL_FONT_SIZE,
+        frameon=False,
+        handlelength=1.8,
+        columnspacing=1.0,
+    )
 person, robot = (style.number(float(ways[name].sum())) for name in list(ways)[:2])
 style.write_title(figure, f"The hand slips {person} mm in all, the arm's blade {robot} mm")
 save_figure(figure, out)

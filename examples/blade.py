@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A blade along a curved cut: the hand slips sideways, the learned motion cannot."""
 
 import argparse

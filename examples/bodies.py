@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A knife and the tissue that another tool moves: the blade must not slip in the tissue."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A tool that stays on a surface, plane, sphere, cylinder or formula, with a blade that cuts it."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Eight cuts, what they have in common, and cuts like them through a pose: none of them slips."""
 
 import argparse

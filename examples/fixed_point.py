@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A lid on its hinge, opened by the handle: the hand knows no axis, the motion keeps to it."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Which constraint holds: a tracker on a knife tells that it is one, and where its edge is."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A cut around a nerve and a vessel: the tool keeps out of a sphere and of a capsule."""
 
 import argparse

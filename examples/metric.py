@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Who gives way: position, rotation or both, where a blade moves forth, rests, and comes back."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A cut in tissue that breathes: the blade must not slip in the tissue, which itself moves."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A steerable needle with a beveled tip: its path bends everywhere alike, and roll steers it."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A cut adapted to other goals, under the blade's constraint: each is reached, none slips."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Rules of your own: a screw that advances as it turns, and that is never turned back."""
 
 import argparse
@@ -12,21 +18,22 @@ parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--out", default="own_rule.png", help="the picture's file")
 out = parser.parse_args().out
 
-LEAD = 0.004  # meters a turn
-
 
 @ns.velocity_constraint
-def screw(motion):
-    """Along its axis z, the driver advances by the lead for each turn."""
+def screw(motion: ns.Instant, *, lead: float):
+    """Along its axis z, the driver advances by the lead (m) for each turn."""
     axis = motion.rotation[:, 2]
-    return axis.T @ motion.linear_velocity - LEAD / (2 * np.pi) * axis.T @ motion.angular_velocity
+    return axis.T @ motion.linear_velocity - lead / (2 * np.pi) * axis.T @ motion.angular_velocity
 
 
 @ns.keep_nonnegative
-def never_back(motion):
+def never_back(motion: ns.Instant):
     """The ratchet holds: no turn to the left."""
     return motion.rotation[:, 2].T @ motion.angular_velocity
 
+
+LEAD = 0.004  # meters a turn
+held = screw(lead=LEAD)
 
 # Four turns in 8 s by a wrist that goes back a little between them; 1.2 leads deep a turn.
 s = np.linspace(0, 1, 801)
@@ -40,10 +47,10 @@ hand = ns.PoseTrajectory(
     name="demonstration",
 )
 
-motion = ns.learn(hand, [screw, never_back]).rollout()
+motion = ns.learn(hand, [held, never_back]).rollout()
 motions = {"demonstration": hand, "learned motion": motion}
 for m in motions.values():
-    print(ns.check(m, [screw]))
+    print(ns.check(m, [held]))
 print(f"largest residual {np.abs(motion.constraint_residuals).max():.1e} m/s")
 print(f"least margin {motion.margins.min():.1e} rad/s; gave way: {motion.gave_way}")
 

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A paper's figure, one column wide or two: a blade's path, yaw, slip and speed."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Contradicting limits: the hard one holds, and of the soft ones the less important gives way."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Pushed off its path, a blade comes back without slipping, and follows a goal that moves."""
 
 import argparse

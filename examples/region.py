@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Where a tool must stay: no deeper than allowed, on its side of a plane, within a box."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """A glass carried upright, and a torch at its work angle to a pipe."""
 
 import argparse

@@ -1,3 +1,9 @@
+# /// script
+# requires-python = ">=3.11"
+# dependencies = ["noslip"]
+# [tool.uv.sources]
+# noslip = { path = ".." }
+# ///
 """Edge first, and no bend too tight: a saw that never backs up, a cart that turns like a car."""
 
 import argparse

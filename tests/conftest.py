@@ -90,8 +90,9 @@ def compiling(monkeypatch: pytest.MonkeyPatch, run_folder: Path) -> Path:
     # The same to the bit; better code takes longer to make than it then saves here.
     from noslip.codegen import library
 
-    quick = tuple(flag.replace("-O2", "-O1") for flag in library.FLAGS)
+    quick = tuple(flag.replace("-O2", "-O0") for flag in library.FLAGS)
     monkeypatch.setattr(library, "FLAGS", quick)
+    monkeypatch.setattr("noslip.projection.planner.OPTIMIZED", "-O0")
     return folder
 
 

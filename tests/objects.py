@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import subprocess
 import tempfile
 from collections.abc import Sequence
@@ -15,16 +16,25 @@ FOLDER = Path()
 def objects(folder: Path, sources: Sequence[str], *command: str | None) -> list[Path]:
     """Compile each source without a word of the compiler's, or take what the same gave before.
 
-    The same are command and source, and all headers of the folder.
+    The same are command and source, and all of the folder that it includes.
     """
-    headers = [
-        part for file in sorted(folder.glob("*.h")) for part in (file.name, file.read_text())
-    ]
-    return [_object(folder, source, headers, [str(word) for word in command]) for source in sources]
+    words = [str(word) for word in command]
+    return [_object(folder, source, _texts(folder, source), words) for source in sources]
 
 
-def _object(folder: Path, source: str, headers: list[str], command: list[str]) -> Path:
-    parts = [*command, source, (folder / source).read_text(), *headers]
+def _texts(folder: Path, source: str) -> list[str]:
+    """Names and texts of a source and of what it includes, and of what that does."""
+    found, wanted = {}, [source]
+    while wanted:
+        name = wanted.pop()
+        if name not in found and (folder / name).exists():
+            found[name] = (folder / name).read_text()
+            wanted += re.findall(r'#include "(\S+)"', found[name])
+    return [part for name in sorted(found) for part in (name, found[name])]
+
+
+def _object(folder: Path, source: str, texts: list[str], command: list[str]) -> Path:
+    parts = [*command, source, *texts]
     kept = FOLDER / f"{hashlib.sha256(chr(0).join(parts).encode()).hexdigest()}.o"
     if not kept.exists():
         FOLDER.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""The README's way from a bag with tf alone to an arm's motion, as it stands there."""
+"""The way of docs/arm.md from a bag with tf alone to an arm's motion, as it stands there."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ pytest.importorskip("rosbags", reason="needs noslip[bags]")
 pytest.importorskip("mujoco", reason="needs noslip[robots]")
 pytestmark = pytest.mark.slow
 
-README = Path(__file__).resolve().parents[1] / "README.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "arm.md"
 
 
 def block(name: str) -> list[str]:
-    """Return the commands of the README's console block that mentions a file."""
-    blocks = re.findall(r"```console\n(.*?)```", README.read_text(), re.S)
+    """Return the commands of the page's console block that mentions a file."""
+    blocks = re.findall(r"```console\n(.*?)```", PAGE.read_text(), re.S)
     (text,) = (text for text in blocks if name in text)
     lines = text.replace("\\\n", " ").splitlines()
     return [line.partition("#")[0].removeprefix("$ ").strip() for line in lines if line.strip()]

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import runpy
 import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +17,7 @@ import pytest
 
 from noslip.constraints.catalog import CATALOG, parse_constraint
 from noslip.constraints.check import check
+from noslip.errors import MissingDependencyError
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
@@ -31,8 +36,9 @@ FAR = 0.01
 EXECUTED = {"shielded_policy": "blade"}
 # These read recordings that lie beside the repository.
 RECORDED = {"other_placement"}
-# These need the extra robots.
-ROBOTS = {"arm"}
+# This one has no constraint.
+UNCONSTRAINED = {"primitive"}
+HEADER = re.compile(r"# /// script\n((?:# .*\n)+)# ///\n")
 RECORDINGS = ROOT.parent / "shared" / "data"
 
 
@@ -41,6 +47,33 @@ def run(name: str, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str
     script = ROOT / "examples" / f"{name}.py"
     monkeypatch.setattr(sys, "argv", [str(script), *arguments])
     return runpy.run_path(str(script), run_name="__main__")
+
+
+def header(name: str) -> tuple[dict[str, Any], str]:
+    """Return what an example says that it needs (PEP 723), and the rest of it."""
+    text = (ROOT / "examples" / f"{name}.py").read_text()
+    found = HEADER.match(text)
+    assert found, f"examples/{name}.py: begins with no '# /// script'"
+    return tomllib.loads(found[1].replace("# ", "")), text[found.end() :]
+
+
+def extras(name: str) -> set[str]:
+    """Return the extras of noslip that an example's header names."""
+    needs, _ = header(name)
+    (noslip,) = needs["dependencies"]
+    named = re.fullmatch(r"noslip(?:\[(\w+(?:,\w+)*)\])?", noslip)
+    assert named, noslip
+    return set(named[1].split(",")) if named[1] else set()
+
+
+def brought() -> dict[str, str]:
+    """Return the extra that brings each package, of those that bring packages themselves."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    found = {}
+    for extra, needs in project["optional-dependencies"].items():
+        if extra not in ("bench", "docs", "dev"):
+            found |= {re.split(r"[\[>=<!~]", need)[0].lower(): extra for need in needs}
+    return found
 
 
 def is_png(path: Path) -> bool:
@@ -55,15 +88,27 @@ def test_an_example_draws_its_picture_and_holds_its_constraints(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "picture.png"
-    if name in ROBOTS:
-        pytest.importorskip("daqp", reason="the extra robots is not installed")
+    asked: set[str] = set()
+
+    def import_module(module: str) -> Any:
+        asked.add(module.partition(".")[0])
+        return importlib.import_module(module)
+
+    monkeypatch.setattr("noslip._extras.importlib", SimpleNamespace(import_module=import_module))
     if name in RECORDED and not RECORDINGS.is_dir():
         pytest.skip("the recordings (../shared/data, seen from the repository) are absent")
     monkeypatch.chdir(ROOT)
-    found = run(name, monkeypatch, "--out", str(out))
+    try:
+        found = run(name, monkeypatch, "--out", str(out))
+    except MissingDependencyError as error:
+        assert extras(name), error
+        pytest.skip(str(error))
     assert is_png(out)
     assert list(tmp_path.iterdir()) == [out]
-    assert re.search(r"residual|margin", capsys.readouterr().out)
+    packages = packages_distributions()
+    needed = {name.lower() for module in asked for name in packages[module]} & set(brought())
+    assert {brought()[package] for package in needed} == extras(name)
+    assert name in UNCONSTRAINED or re.search(r"residual|margin", capsys.readouterr().out)
     if name in GIVE_WAY:
         return
     motion = found["motion"]
@@ -88,7 +133,10 @@ def test_without_an_argument_the_picture_lies_in_the_current_folder(
 
 def test_each_example_is_about_one_screen_of_the_public_interface() -> None:
     for name in EXAMPLES:
-        text = (ROOT / "examples" / f"{name}.py").read_text()
+        needs, text = header(name)
+        assert needs["requires-python"] == ">=3.11"
+        # In a checkout, before there is a release to install.
+        assert needs["tool"]["uv"]["sources"]["noslip"] == {"path": ".."}
         assert len(text.splitlines()) <= 90, name
         imported = set(re.findall(r"^(?:from|import) (\S+)", text, re.MULTILINE))
         public = {"argparse", "dataclasses", "numpy", "matplotlib.lines", "scipy.spatial.transform"}

@@ -30,6 +30,10 @@ RULES = [
 ]
 
 
+POSED = [kind() for name, kind in CATALOG.items() if name != "joint-limits"]
+"""Each of the catalog that is declared of poses."""
+
+
 @cache
 def things() -> dict[str, Any]:
     dmp = cutting()
@@ -50,7 +54,7 @@ def things() -> dict[str, Any]:
         "projected": ns.project_trajectory(cut(), ns.Blade()),
         "via": ns.Boundary(0.5, [0.1, 0.2, 0.3], Rotation.from_euler("z", 0.5)),
         "system": dmp.system,
-        "long system": ConstraintSystem([kind() for kind in CATALOG.values()]),
+        "long system": ConstraintSystem(POSED),
         "long name": replace(cut(), name="/data/" + 40 * "session/" + "cut.csv"),
         "bowl": BOWL,
     }

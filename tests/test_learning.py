@@ -330,7 +330,9 @@ def test_the_record_tells_what_the_projection_did() -> None:
 def test_the_initial_velocity_projected_is_the_one_learned(seed: int) -> None:
     """Eq. 22 of the paper: ``v_0`` less its part across the blade, as it is held at the start."""
     demonstration = cut(seed)
-    plain, projected = (learn(demonstration, [BLADE], project_start=p) for p in (False, True))
+    plain, projected = (
+        learn(demonstration, [BLADE], project_start=p) for p in ("nothing", "velocity")
+    )
     for held, before, law in (
         (demonstration.rotations[0], plain.demonstrated, projected.demonstrated),
         (plain.law.start_rotation, plain.law, projected.law),

@@ -97,7 +97,7 @@ def test_preparation_and_options_reach_the_worker(runs, tmp_path):
         ns.Blade(),
         out=tmp_path / "out",
         preparation={"rate": 50.0, "relative": True, "tool_frame": np.array([0.01, 0, 0])},
-        project_start=True,
+        project_start="velocity",
         metric=np.full(6, 2.0),
         **FEW,
     )
@@ -108,7 +108,7 @@ def test_preparation_and_options_reach_the_worker(runs, tmp_path):
         tool_frame=[0.01, 0, 0],
     )
     options = {"metric": [2.0] * 6, **FEW}
-    alone = ns.learn(given, ns.Blade(), project_start=True, **options)
+    alone = ns.learn(given, ns.Blade(), project_start="velocity", **options)
     path = alone.save(tmp_path / "alone.json")
     assert Path(learned.results[0].primitive).read_bytes() == path.read_bytes()
 

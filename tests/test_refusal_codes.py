@@ -20,6 +20,7 @@ from learned import cutting, under
 from measures import slip, steps
 from motions import cut, eased, facing, planar_cut
 from noslip.errors import InputError, NoslipError, Refusal, muted
+from noslip.maneuvers.search import _LEVELS
 from noslip.robots.refusal import InfeasibleMotionError
 from noslip.verification import verify
 
@@ -90,7 +91,9 @@ CASES: dict[str, tuple[Refusal, Callable[[], Any]]] = {
 
 @cache
 def raised(name: str) -> NoslipError:
-    with muted(), pytest.raises(NoslipError) as caught:
+    with muted(), pytest.MonkeyPatch.context() as patch, pytest.raises(NoslipError) as caught:
+        # The finest search for a way takes most of the time, and finds no more.
+        patch.setattr("noslip.maneuvers.search._LEVELS", _LEVELS[:2])
         CASES[name][1]()
     return caught.value
 

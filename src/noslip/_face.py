@@ -4,10 +4,12 @@ from noslip import constraints, demonstrations, errors, recordings
 from noslip._version import __version__
 from noslip.bodies import Bodies
 from noslip.boundary import Boundary
+from noslip.citing import cite
 from noslip.constraints import (
     Blade,
     Constraint,
     DepthLimit,
+    Instant,
     KeepOutSphere,
     Needle,
     SpeedLimit,
@@ -42,6 +44,7 @@ __all__ = [
     "Constraint",
     "Controller",
     "DepthLimit",
+    "Instant",
     "KeepOutSphere",
     "Motion",
     "Needle",
@@ -55,6 +58,7 @@ __all__ = [
     "Wheel",
     "__version__",
     "check",
+    "cite",
     "constraints",
     "demonstrations",
     "errors",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._arguments import MOST_SAMPLES
+from noslip._instants import EXACT, seconds
 from noslip._typing import Floats
 from noslip.errors import RecordingError
 
@@ -181,19 +182,20 @@ class Source:
         if len(wrong):
             move, before = moves[wrong[0]], int(still[wrong[0]])
             index = before + 1
+            one, other = (seconds(times[k], times[0], EXACT) for k in (before, index))
             if periods[before] < 0:
                 problem = (
-                    f"time runs backwards, from {times[before]} s ({self.sample(before)}) to "
-                    f"{times[index]} s; unsorted='sort' or 'split' (--unsorted) goes on"
+                    f"time runs backwards, from {one} ({self.sample(before)}) to {other}; "
+                    "unsorted='sort' or 'split' (--unsorted) goes on"
                 )
             else:
                 if rotations is None:
-                    other = f"with other values ({move:.2g} away)"
+                    pose = f"with other values ({move:.2g} away)"
                 else:
                     turned = (rotations[index] * rotations[before].inv()).magnitude()
-                    other = f"at another pose ({move:.2g} m and {turned:.2g} rad away)"
+                    pose = f"at another pose ({move:.2g} m and {turned:.2g} rad away)"
                 problem = (
-                    f"{times[index]} s is also the time of {self.sample(before)}, {other}; "
+                    f"{other} is also the time of {self.sample(before)}, {pose}; "
                     "duplicates='first' or 'last' (--duplicates) keeps one"
                 )
             raise self.error(index, self.times, problem)

@@ -39,7 +39,9 @@ from noslip._samples import Samples
 from noslip._turns import KINDS, Turn, parse_turn
 from noslip._typing import Floats
 from noslip._value_columns import (
+    DEGREE,
     ValueColumns,
+    known_as,
     listed_places,
     not_a_pose,
     of_joints,
@@ -49,7 +51,7 @@ from noslip._value_columns import (
     stacked,
     values_of,
 )
-from noslip.errors import RecordingError
+from noslip.errors import RecordingError, did_you_mean
 from noslip.named_columns import listed, plural, shown
 
 
@@ -99,6 +101,10 @@ class Asked:
                 f"in {', '.join(METERS)}, angles in deg or rad"
             )
         return units
+
+    def angle_units(self) -> list[str]:
+        """Of these, those of angles."""
+        return [unit for unit in self.stated_units() if unit in ("deg", "rad")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,19 +302,24 @@ class PoseColumns:
 class JointColumns:
     """Where the positions of a robot's joints are, from which its tool's pose comes."""
 
-    rotation: list[Place]
+    values: ValueColumns
     robot: Kinematics
     group: str = ""
     planar: bool = False
 
     @property
+    def rotation(self) -> list[Place]:
+        """Where they are."""
+        return self.values.rotation
+
+    @property
     def places(self) -> list[Place]:
         """All of them."""
-        return self.rotation
+        return self.values.places
 
     def poses(self, source: Source, of: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Return positions (m), (N, 3), and quaternions, (N, 4), from columns, (N, width)."""
-        joints = stacked(self.rotation, of)
+        joints = self.values.named(of).values
         whole = np.isfinite(joints).all(axis=1)
         positions, quaternions = (np.full((len(joints), count), np.nan) for count in (3, 4))
         if whole.any():
@@ -325,8 +336,11 @@ class JointColumns:
 
     def understood(self, available: Mapping[str, Column]) -> dict[str, str]:
         """Return what its columns were taken for."""
-        columns = dict.fromkeys(name for name, _ in self.rotation)
-        return dict.fromkeys(columns, f"joints of {self.robot.name}, rad")
+        both = zip(self.rotation, self.values.factors, strict=True)
+        return {
+            column: f"joints of {self.robot.name}, {'deg' if factor == DEGREE else 'rad'}"
+            for (column, _), factor in both
+        }
 
 
 Columns = PoseColumns | JointColumns | ValueColumns
@@ -390,27 +404,28 @@ def content_of(
 
 
 def _joints(
-    where: str | object, available: Mapping[str, Column], columns: str | None, robot: Kinematics
+    where: str | object, available: Mapping[str, Column], asked: Asked, robot: Kinematics
 ) -> JointColumns:
     """Return where a robot's joints are: as listed, by their names, or in a column of as many."""
     named = [name.lower() for name in robot.joint_names]
     numbered = [f"q{k}" for k in range(1, robot.size + 1)]
     wide = [name for name, column in available.items() if column.width == robot.size]
-    measured = [name for name in wide if "action" not in name]
-    if columns is not None:
-        chosen = list(listed_places(where, columns, available))
-    elif all(name in available for name in named):
-        chosen = [(name, 0) for name in named]
-    elif all(name in available for name in numbered):
-        chosen = [(name, 0) for name in numbered]
-    else:
-        chosen = [(name, k) for name in measured[:1] for k in range(robot.size)]
-    if len(chosen) != robot.size or (columns is None and len(measured) > 1):
+    measured, known = [name for name in wide if "action" not in name], known_as(available)
+    columns = asked.columns
+    if columns is None:
+        called = next((each for each in (named, numbered) if known.keys() >= set(each)), None)
+        columns = ",".join(called or measured[:1])
+    found = values_of(where, available, columns, asked.angle_units()) if columns else None
+    if (
+        found is None
+        or len(found.rotation) != robot.size
+        or (asked.columns is None and len(measured) > 1)
+    ):
         raise RecordingError(
             f"{where}: where are the {robot.size} joints of {robot.name}? list them with "
             f'columns="..." (--columns); found {described(available)}'
         )
-    return JointColumns(rotation=chosen, robot=robot)
+    return JointColumns(values=found, robot=robot)
 
 
 def pose_of(
@@ -431,7 +446,7 @@ def pose_of(
         clock = clock_of(where, available, asked, known).columns if whole else ()
         return values_of(where, available, asked.columns, asked.stated_units(), clock)
     if asked.robot is not None:
-        return _joints(where, available, asked.columns, asked.robot)
+        return _joints(where, available, asked, asked.robot)
     names = list(names_of(available))
     turn = known.euler if asked.rotation is None else parse_turn(asked.rotation)
     poses = poses_of(names)
@@ -665,7 +680,10 @@ def clock_of(
         chosen = [one.strip().lower() for one in asked.time.split(",")]
         of = {name.place[0]: name for name in names}
         if missing := [one for one in chosen if one not in of]:
-            raise RecordingError(f"{where}: no column {missing[0]}; found {described(available)}")
+            near = did_you_mean(missing[0], available)
+            raise RecordingError(
+                f"{where}: no column {missing[0]}{near}; found {described(available)}"
+            )
         told = [of[one] for one in chosen]
         if len(told) > 2:
             raise RecordingError(f"{where}: time is one column, or seconds and nanoseconds")

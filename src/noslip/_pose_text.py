@@ -13,7 +13,7 @@ from noslip._pose_columns import Asked, Known, clock_of, layout_of
 from noslip._pose_names import UNITS, Column
 from noslip._samples import Samples
 from noslip._typing import Floats
-from noslip.errors import RecordingError
+from noslip.errors import RecordingError, did_you_mean
 from noslip.named_columns import NamedColumns, number
 
 
@@ -59,7 +59,8 @@ def read_text_column(path: str | Path, column: str, asked: Asked) -> tuple[Sourc
     name = " ".join(column.split()).lower()
     if name not in available:
         raise RecordingError(
-            f"{path}: no column {name!r}, found {', '.join(available)}; name one of them"
+            f"{path}: no column {name!r}{did_you_mean(name, available)}, found "
+            f"{', '.join(available)}; name one of them"
         )
     clock = clock_of(path, available, asked, known)
     texts = clock.columns if clock.unit == "date" else ()

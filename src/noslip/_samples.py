@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Slerp
 
+from noslip._instants import interval, on_clock
 from noslip._pose_checks import MAX_GAP, MINIMUM_SAMPLES, SAME_POSE, Source, require_few
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError, RecordingWarning, warn
@@ -291,7 +292,7 @@ class Samples:
         for before, count in zip(gaps, counts.astype(int), strict=True):
             parts = before + np.arange(1, count + 1) / (count + 1)
             at.append(parts)
-            places.append(f"{self.times[before]:.6g} to {self.times[before + 1]:.6g} s")
+            places.append(interval(self.times[before], self.times[before + 1], self.times[0]))
         where = np.sort(np.concatenate(at))
         low = np.minimum(where.astype(int), len(self) - 2)
         share = (where - low)[:, None]
@@ -321,13 +322,18 @@ class Samples:
 
     def _around(self, start: float | None, end: float | None) -> Samples:
         """Return what is whole around a time that matters."""
-        begin, stop = -np.inf if start is None else start, np.inf if end is None else end
+        began = float(self.times[0])
+        begin = -np.inf if start is None else on_clock(start, began)
+        stop = np.inf if end is None else on_clock(end, began)
         inside = np.flatnonzero((self.times >= begin) & (self.times <= stop) & ~self._lost())
         if not len(inside):
             raise RecordingError(
-                f"{self.name}: no samples from {begin:g} to {stop:g} s; they go from "
-                f"{np.nanmin(self.times, initial=np.inf):.6g} to "
-                f"{np.nanmax(self.times, initial=-np.inf):.6g} s"
+                f"{self.name}: no samples from {interval(begin, stop, began)}; they go from "
+                + interval(
+                    np.nanmin(self.times, initial=np.inf),
+                    np.nanmax(self.times, initial=-np.inf),
+                    began,
+                )
             )
         lost = self._lost()
         periods = np.diff(self.times)

@@ -23,7 +23,7 @@ from noslip._pose_names import (
 )
 from noslip._samples import Named
 from noslip._typing import Floats
-from noslip.errors import RecordingError
+from noslip.errors import RecordingError, did_you_mean
 
 _OUTSIDE_BRACKETS = re.compile(r",(?![^\[]*\])")
 """A comma that separates columns, not places in one."""
@@ -261,6 +261,16 @@ def of_joints(available: Mapping[str, Column]) -> str:
 # ---------------------------------------------------------------------- places
 
 
+def known_as(available: Mapping[str, Column]) -> dict[str, str]:
+    """Return columns by their names, with and without the unit that stands behind one."""
+    bare: dict[str, list[str]] = {}
+    for key in available:
+        if match := _IN_BRACKETS.match(key):
+            bare.setdefault(match[1], []).append(key)
+    alone = {name: keys[0] for name, keys in bare.items() if len(keys) == 1}
+    return alone | {key: key for key in available}
+
+
 def listed_places(
     where: str | object, columns: str, available: Mapping[str, Column]
 ) -> Iterator[Place]:
@@ -283,19 +293,16 @@ def require_once(where: str | object, available: Mapping[str, Column], used: Ite
 
 
 def _places(where: str | object, entry: str, available: Mapping[str, Column]) -> Iterator[Place]:
-    entry = entry.lower()
+    entry, known = entry.lower(), known_as(available)
     name, bracket, inside = entry, "", ""
-    if entry not in available and entry.endswith("]"):
+    if entry not in known and entry.endswith("]"):
         name, bracket, inside = entry[:-1].partition("[")
-    if name not in available:
-        # A name may be given without the unit that stands behind it.
-        bare = [
-            key for key in available if (match := _IN_BRACKETS.match(key)) and match[1] == entry
-        ]
-        if len(bare) == 1:
-            name, bracket, inside = bare[0], "", ""
-    if name not in available:
-        raise RecordingError(f"{where}: no column {name or entry}; found {described(available)}")
+    if name not in known:
+        near = did_you_mean(name or entry, available)
+        raise RecordingError(
+            f"{where}: no column {name or entry}{near}; found {described(available)}"
+        )
+    name = known[name]
     column = available[name]
     for part in map(str.strip, inside.split(",") if bracket else [":"]):
         places = _inside(part, column)

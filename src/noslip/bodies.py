@@ -194,7 +194,7 @@ def relative(body: PoseTrajectory, work: PoseTrajectory, name: str) -> PoseTraje
     back = inverse(work.quaternions)
     turned = Rotation.from_quat(product(back, body.quaternions), scalar_first=True)
     place = work.rotations.inv().apply(body.positions - work.positions)
-    return PoseTrajectory(body.times, place, turned, name=name)
+    return PoseTrajectory(body.times, place, turned, name=name, channels=body.channels)
 
 
 def _beside(parts: Any) -> Floats:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,8 @@ from noslip.trajectory import PoseTrajectory
 
 End = Literal["free", "position", "rotation", "pose"]
 """What of a pose is kept to."""
+Point = ArrayLike | tuple[ArrayLike, Rotation] | Mapping[str, tuple[ArrayLike, Rotation]]
+"""A place of whatever moves: coordinates, a pose, or poses of bodies by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,17 @@ class Boundary(Value):
     rotation: Rotation | None = None
     linear_velocity: Floats | None = None
     angular_velocity: Floats | None = None
+
+    if TYPE_CHECKING:
+        # Given as anything like an array, kept as arrays.
+        def __init__(
+            self,
+            at: float,
+            position: ArrayLike | None = None,
+            rotation: Rotation | None = None,
+            linear_velocity: ArrayLike | None = None,
+            angular_velocity: ArrayLike | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         at = _arguments.finite("boundary at", self.at)

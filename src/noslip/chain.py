@@ -361,11 +361,11 @@ class Chain:
             found = np.einsum("kij,kj->ki", jacobians, rates)
             linear, angular = found[:, :3], found[:, 3:]
         return PoseTrajectory(
-            times,  # type: ignore[arg-type]
+            times,
             positions,
             Rotation.from_quat(quaternions, scalar_first=True),
-            linear,  # type: ignore[arg-type]
-            angular,  # type: ignore[arg-type]
+            linear,
+            angular,
             name=self.name if name is None else name,
         )
 

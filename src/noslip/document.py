@@ -28,7 +28,7 @@ from noslip.errors import InputError, NoslipError
 from noslip.law.attractor import Attractor
 from noslip.law.basis import Basis
 from noslip.law.channels import Channels
-from noslip.law.clock import Cycle, Phase
+from noslip.law.clock import Clock, Cycle, Phase
 from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.points import Goal
@@ -114,7 +114,7 @@ def law_to_data(law: Law) -> dict[str, Any]:
     """Return plain data from which :meth:`Reader.law` makes the same law again."""
     return {
         "attractor": asdict(law.attractor),
-        **({"cyclic": True} if law.clock.returns else {"alpha_s": law.clock.alpha_s}),
+        **_clock_to_data(law.clock),
         "basis_functions": law.basis.count,
         "weights": law.forcing.weights.tolist(),
         "start": law.start.tolist(),
@@ -161,10 +161,14 @@ def rule_to_data(rule: Rule) -> dict[str, Any]:
     }
 
 
+def _clock_to_data(clock: Clock) -> dict[str, Any]:
+    return {"cyclic": True} if clock.returns else {"alpha_s": clock.alpha_s}
+
+
 def channels_to_data(channels: Channels) -> dict[str, Any]:
     """Return plain data from which :meth:`Reader.channels` makes the same channels again."""
     return {
-        "alpha_s": channels.basis.phase.alpha_s,
+        **_clock_to_data(channels.basis.phase),
         "basis_functions": channels.basis.count,
         "trend": channels.trend.tolist(),
         "weights": channels.weights.tolist(),
@@ -277,20 +281,26 @@ class Reader:
         constants = self.part(data, "attractor")
         attractor = Attractor(self.number(constants, "alpha"), self.number(constants, "beta"))
         count, space = self.count(data, "basis_functions"), self.space(data)
-        n, cyclic = space.linear, data.get("cyclic") is True
-        basis = Basis(count, Cycle() if cyclic else Phase(self.number(data, "alpha_s")))
+        n, basis = space.linear, self._basis(data, count)
         size = space.velocity_size
         return Law(
             attractor,
             ForcingTerm(basis, self.array(data, "weights", (count, size))),
             self.unit_quaternions(data, "start", (space.point_size,), n),
             self.array(data, "start_velocity", (size,)),
-            Goal(self.array(data, "goal_position", (n,)), *self._windings(data, space, cyclic)),
+            Goal(
+                self.array(data, "goal_position", (n,)),
+                *self._windings(data, space, basis.phase.returns),
+            ),
             self.number(data, "duration", _duration),
             self.count(data, "steps"),
             float(self.array(data, "begin", ())),
             space,
         )
+
+    def _basis(self, data: dict[str, Any], count: int) -> Basis:
+        is_cycle = data.get("cyclic") is True
+        return Basis(count, Cycle() if is_cycle else Phase(self.number(data, "alpha_s")))
 
     def _windings(self, data: dict[str, Any], space: Space, cyclic: bool) -> list[Winding]:
         if space.rotations == 1:
@@ -378,7 +388,7 @@ class Reader:
             for name in ("names", "units")
         )
         count, k = self.count(part, "basis_functions"), len(names)
-        basis = Basis(count, Phase(self.number(part, "alpha_s")))
+        basis = self._basis(part, count)
         trend, weights = self.array(part, "trend", (2, k)), self.array(part, "weights", (count, k))
         least, most = (self.array(part, name, (k,)) for name in ("least", "most"))
         begin = self.number(part, "begin", _arguments.not_negative)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,6 +136,14 @@ def across(axis: Axis, other: Axis, what: str = "axes") -> Floats:
     if not np.linalg.norm(vector) > _PARALLEL:
         raise ConstraintError(f"{what} must not be parallel, got {axis!r} and {other!r}")
     return unit(vector)
+
+
+def axis_names(axes: Iterable[Floats]) -> tuple[str, ...]:
+    """Return what body axes are called: by their letters, if all have one, else numbered."""
+    named = [checked_axis("axis", axis.tolist()) for axis in axes]
+    if all(isinstance(name, str) for name in named):
+        return tuple(str(name).removeprefix("-") for name in named)
+    return tuple(str(k) for k in range(1, len(named) + 1))
 
 
 def other_axes(axis: Axis) -> tuple[Floats, Floats]:

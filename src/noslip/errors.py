@@ -9,9 +9,10 @@ that they cannot forge a line or steer a terminal.
 
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, ClassVar
 
@@ -21,6 +22,14 @@ _muted: ContextVar[bool] = ContextVar("muted", default=False)
 def one_line(text: object) -> str:
     """Return a text with all escaped that is no printable character: ends of lines, escapes, ..."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
+
+
+def did_you_mean(found: str, known: Iterable[str]) -> str:
+    """Return ``" (did you mean x?)"`` of the name nearest to one that is none, or nothing."""
+    # Of names in any case and with any dashes: what differs there alone is surely meant.
+    plain = {name.lower().replace("_", "-"): name for name in known}
+    close = get_close_matches(found.lower().replace("_", "-"), plain, n=1)
+    return f" (did you mean {plain[close[0]]}?)" if close else ""
 
 
 class Refusal(StrEnum):
@@ -52,7 +61,8 @@ class NoslipError(Exception):
     Attributes
     ----------
     page : str
-        Of the documentation, that tells more; empty where the message tells all.
+        Of the documentation, that tells more: ``noslip docs PAGE`` shows it.  Empty where the
+        message tells all.
     code : Refusal or None
         Why there is no motion as asked; None of what has no motion to do with.
     iterate : PoseTrajectory or None
@@ -86,26 +96,26 @@ class InputError(NoslipError, ValueError):
 class RecordingError(InputError):
     """A file is not the recording that it must be."""
 
-    page = "docs/recordings.md"
+    page = "recordings"
 
 
 class ConstraintError(NoslipError, ValueError):
     """A constraint is declared wrongly or cannot be understood."""
 
-    page = "docs/concepts/constraints.md"
+    page = "concepts/constraints"
 
 
 class ConvergenceError(NoslipError, RuntimeError):
     """A projection did not converge; the message says what to change."""
 
-    page = "docs/concepts/projections.md"
+    page = "concepts/projections"
     code = Refusal.NOT_CONVERGED
 
 
 class MissedError(NoslipError, RuntimeError):
     """A motion misses its goal, a via point or a hard limit; says by how much and what to do."""
 
-    page = "docs/refusals.md"
+    page = "refusals"
     code = Refusal.MISSED
 
 

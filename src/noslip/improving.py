@@ -38,6 +38,7 @@ from noslip.errors import (
     muted,
     warn,
 )
+from noslip.law.channels import Channels
 from noslip.law.law import Law
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import LEARNING, Request
@@ -222,6 +223,8 @@ class _Search:
         At the samples of its own motion.
     scales : array, shape (n + 3 b,)
         What a number of 1 displaces; 0 for what does not vary.
+    channels : Channels or None
+        What goes with each motion.
     """
 
     law: Law
@@ -231,6 +234,7 @@ class _Search:
     cost: Callable[[Motion], float]
     splines: Floats
     scales: Floats
+    channels: Channels | None
 
     @classmethod
     def of(
@@ -276,7 +280,9 @@ class _Search:
             for time in [law.begin + at * law.duration]
         )  # fmt: skip
         fractions = np.linspace(0.0, 1.0, count)
-        return cls(law, rule, own, (first, last), cost, splines(fractions, shapes), scales)
+        return cls(
+            law, rule, own, (first, last), cost, splines(fractions, shapes), scales, dmp.channels
+        )
 
     @property
     def size(self) -> int:
@@ -317,7 +323,10 @@ class _Search:
             return str(error)
         if not found.is_exact:
             return "; ".join(found.notes)
-        return _paid(self.cost, found.motion, number)
+        motion = found.motion
+        if self.channels is not None:
+            motion = motion.accompanied(self.channels)
+        return _paid(self.cost, motion, number)
 
 
 def splines(fractions: Floats, count: int) -> Floats:

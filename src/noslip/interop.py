@@ -94,7 +94,7 @@ def from_pqs(times: ArrayLike, pqs: ArrayLike, *, name: str = "pqs") -> PoseTraj
 
 
 def to_pqs(trajectory: PoseTrajectory) -> Floats:
-    """Return positions and quaternions (x, y, z, qw, qx, qy, qz), shape (N, 7).
+    """Return positions and quaternions (x, y, z, qw, qx, qy, qz), shape (N, 7), without channels.
 
     Quaternions do not flip their sign from one sample to the next.  ``from_pqs`` gives the same
     poses back to the bit; velocities it estimates anew.
@@ -139,7 +139,7 @@ def from_transforms(
 
 
 def to_transforms(trajectory: PoseTrajectory) -> RigidTransform:
-    """Return the poses as SciPy's RigidTransform, tool to world, length N.
+    """Return the poses as SciPy's RigidTransform, tool to world, length N, without channels.
 
     ``to_transforms(trajectory).as_matrix()`` are pytransform3d's transforms, shape (N, 4, 4).
     ``from_transforms`` gives the same positions back to the bit, rotations to 1e-15 rad.
@@ -189,9 +189,9 @@ def to_movement_primitives(
     where the motion is smooth, up to 0.03 and 2 degrees where it is noisy.
 
     What does not carry over: constraints (those of a ConstrainedDMP hold in noslip only; joints
-    leave theirs and their robot behind); and, in ``open_loop``, the velocity at the start, which
-    theirs always begin without.  It is stored, and kept by ``theirs.step(y, yd)`` from ``reset()``
-    on.
+    leave theirs and their robot behind); channels; and, in ``open_loop``, the velocity at the
+    start, which theirs always begin without.  It is stored, and kept by ``theirs.step(y, yd)`` from
+    ``reset()`` on.
 
     Parameters
     ----------

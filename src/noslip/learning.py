@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial, wraps
 from itertools import compress
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, cast
+from typing import Any, Literal, ParamSpec, TypedDict, cast
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.agreement import require_agreement
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.demonstrations.cycles import closed
+from noslip.demonstrations.cycles import closed, periods
 from noslip.distribution import MotionDistribution
 from noslip.errors import CompromiseWarning, ConvergenceError, InputError, warn
 from noslip.law.channels import Channels
@@ -34,7 +34,7 @@ from noslip.law.fitting import (
 )
 from noslip.law.law import Law
 from noslip.primitive import ConstrainedDMP
-from noslip.projection.feasibility import require_consistent
+from noslip.projection.feasibility import project_pose, require_consistent
 from noslip.projection.metric import Metric, inverse_metric
 from noslip.projection.pointwise import project_velocities
 from noslip.projection.request import LEARNING, Request, Weights
@@ -45,7 +45,7 @@ from noslip.provenance import LearningRecord, Origin
 from noslip.rule import BARRIER_RATE, STABILIZATION, Rule, no_rule
 from noslip.runtime.motion import Motion
 from noslip.runtime.rhythm import settled
-from noslip.runtime.rollout import rollout
+from noslip.runtime.rollout import ProjectStart, require_choice, rollout
 from noslip.runtime.timing import stretched, unhurried
 from noslip.scale import require_motion
 from noslip.series import Series
@@ -69,6 +69,31 @@ a wrong axis does; the numerical example, which never turns its tool, is turned 
 
 Fitted = tuple[Law, float, list[PoseTrajectory], list[ProjectedTrajectory | None]]
 """A law, how far it leaves what it follows, that, and the projections that led there."""
+
+
+class Learning(TypedDict, total=False):
+    """Options of :func:`learn` that say how, which other functions have too."""
+
+    robot: Chain | str | Path | None
+    basis_functions: int | Literal["auto"]
+    alpha: float
+    beta: float
+    alpha_s: float
+    ridge: float
+    hold_position: bool
+    start: End
+    end: End | Literal["auto"]
+    position_weight: float
+    position_smoothing: float
+    rotation_smoothing: float
+    metric: Metric
+    metric_length: float | None
+    stabilization: float
+    barrier_rate: float
+    align: bool
+    rhythmic: bool
+    period: float | None
+    project_start: ProjectStart
 
 
 def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]:
@@ -109,9 +134,10 @@ def learn(
     barrier_rate: float = BARRIER_RATE,
     align: bool = False,
     rhythmic: bool = False,
+    period: float | None = None,
     distribution: bool = False,
     context: Mapping[str, Sequence[float]] | None = None,
-    project_start: bool = False,
+    project_start: ProjectStart = "nothing",
     progress: Callable[[int, int], None] | None = None,
 ) -> ConstrainedDMP:
     """Learn a primitive from demonstrations that holds constraints exactly.
@@ -151,7 +177,8 @@ def learn(
     metric : "auto", "position", "shared" or 6 positive weights
         Who gives way at run time: M of Gauss's principle, see :mod:`noslip.projection.metric`.
         "auto" is the position, as in the paper, where that can hold every constraint all along the
-        demonstrations and no limit is about turning; else both.
+        demonstrations and no limit is about turning; else both.  Of a rhythm whose velocities are
+        constrained it is both: so it turns back to its cycle.
     metric_length : float, optional
         Meters that weigh as much as a radian; by default the length of a mean step, twice the lever
         of a turn in it: with the lever itself, a tool turns 1.2 to 1.7 times as fast through a rest
@@ -164,17 +191,22 @@ def learn(
         Bring several demonstrations into step first, see
         :func:`noslip.demonstrations.alignment.align`.
     rhythmic : bool
-        Each demonstration is one period of a cycle, whose last sample is the first again: the
-        primitive goes round for ever.  It is projected as a cycle, which closes.
+        Each demonstration is one period of a cycle, whose last sample is the first again, or holds
+        several, which are learned together: the primitive goes round for ever.  Each period is
+        projected as a cycle, which closes.
+    period : float, optional
+        Of a rhythm whose demonstrations hold several periods: seconds of one, about.  By default it
+        is found, and told by a warning; see :func:`noslip.demonstrations.cycles.periods`.
     distribution : bool
         Return a :class:`noslip.distribution.MotionDistribution` of three demonstrations or more,
         to condition and to sample; its ``mean`` is a primitive.
     context : mapping of name to numbers, optional
         What the motions of a distribution depend on, a number a demonstration, such as the size of
         a workpiece.
-    project_start : bool
-        Begin with the demonstrated velocity projected onto the constraints at the start (the
-        paper's eq. 22), as a rollout does by itself; the unconstrained law then does too.
+    project_start : "velocity", "pose" or "nothing"
+        What of the demonstrated start is replaced by the nearest that satisfies the constraints:
+        its velocity (the paper's eq. 22), as a rollout does by itself, or its pose too; the
+        unconstrained law then has it too.
     progress : callable, optional
         Called with (demonstrations done, all) after each projection.
 
@@ -198,13 +230,30 @@ def learn(
     """
     if rhythmic and distribution:
         raise InputError("distribution=True is of motions that end; leave out rhythmic")
+    require_choice("project_start", project_start, ProjectStart)
     if context is not None and not distribution:
         raise InputError("context is what a distribution depends on; give distribution=True")
+    if period is not None and not rhythmic:
+        raise InputError("period is of a rhythm; give rhythmic=True, or leave it out")
+    if rhythmic:
+        unused = {
+            "start": start != "free",
+            "end": end != "auto",
+            "alpha_s": alpha_s != 1,
+            "project_start": project_start != "nothing",
+        }
+        for name, is_given in unused.items():
+            if is_given:
+                raise InputError(
+                    f"{name} is of motions that end, and a rhythm goes round for ever; leave it out"
+                )
     recorded = as_demonstrations(demonstrations)
     if robot is not None:
         recorded = _carried_by(robot, recorded)
     for demonstration in recorded:
         require_motion(demonstration)
+    if rhythmic:
+        recorded = [each for one in recorded for each in periods(one, period)]
     require_agreement(recorded, aligned=align)
     space = recorded[0].space
     if rhythmic:
@@ -223,7 +272,9 @@ def learn(
     def rule_along(demonstrations: Sequence[PoseTrajectory]) -> Rule:
         return Rule(
             system,
-            inverse_metric(system, metric, metric_length, mean_step, demonstrations),
+            inverse_metric(
+                system, metric, metric_length, mean_step, demonstrations, returns=rhythmic
+            ),
             stabilization=stabilization,
             barrier_rate=barrier_rate,
         )
@@ -254,8 +305,8 @@ def learn(
 
     def nearest(demonstration: PoseTrajectory, shaping: ConstraintSystem) -> ProjectedTrajectory:
         if rhythmic:
-            period = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
-            return project_heeding_what_it_can(period)
+            cycle = Request(demonstration, shaping, (), weights, hold_position, is_periodic=True)
+            return project_heeding_what_it_can(cycle)
         if end != "auto":
             return projected(demonstration, shaping, end)
         try:
@@ -275,7 +326,7 @@ def learn(
             rhythmic=rhythmic,
         )
         law = replace(law, duration=factor * duration, steps=default_steps(recorded[0], count))
-        return _begun_on(law, system) if project_start else law
+        return _begun_on(law, system, project_start)
 
     def carried_out(shaping: ConstraintSystem, factor: float) -> Fitted:
         """Learn under what shapes the path, run through slower by a factor."""
@@ -289,7 +340,12 @@ def learn(
         law, off = followed_with(slower, followed, fewest, most)
         if system.size and len(followed) > 1:
             # Feasible motions have a mean that is not: it is projected as they were.
-            mean = rollout(law, no_rule(law.space), time_step=law.duration / (len(followed[0]) - 1))
+            mean: PoseTrajectory = rollout(
+                law, no_rule(law.space), time_step=law.duration / (len(followed[0]) - 1)
+            )
+            if rhythmic:
+                # It begins where they do in the mean, from which its cycle is a little off.
+                mean = closed(mean)
             law = slower([nearest(mean, shaping).trajectory], law.basis.count)
         return law, off, followed, results
 
@@ -343,6 +399,12 @@ def learn(
 
 def _channels_of(demonstrations: Sequence[PoseTrajectory]) -> list[Series]:
     """What demonstrations recorded beside their poses; empty if none did."""
+    for one in demonstrations:
+        if named := [name for name, part in getattr(one, "parts", {}).items() if part.channels]:
+            raise InputError(
+                f"{one.name}: {named[0]} has channels, which go with the pose of one body alone; "
+                f"leave them out, {named[0]}.with_channels(None)"
+            )
     found = [d.channels for d in demonstrations if isinstance(d, PoseTrajectory) and d.channels]
     if found and len(found) < len(demonstrations):
         without = next(d for d in demonstrations if getattr(d, "channels", None) is None)
@@ -435,10 +497,15 @@ def _tell(
         )
 
 
-def _begun_on(law: Law, system: ConstraintSystem) -> Law:
-    """Return a law whose start velocity satisfies the constraints: the paper's eq. 22."""
+def _begun_on(law: Law, system: ConstraintSystem, what: ProjectStart) -> Law:
+    """Return a law whose start satisfies the constraints: its velocity, or its pose too."""
+    if what == "nothing" or not system.size:
+        return law
     start, velocity, n = law.start, law.start_velocity / law.duration, law.space.linear
+    if what == "pose":
+        start = np.concatenate(project_pose(system, law.begin, start[:n], start[n:]))
     linear, angular, _ = project_velocities(
         system, 0.0, start[:n], start[n:], velocity[:n], velocity[n:]
     )
-    return replace(law, start_velocity=law.duration * np.concatenate([linear, angular]))
+    velocity = law.duration * np.concatenate([linear, angular])
+    return replace(law, start=start, start_velocity=velocity)

@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypedDict, TypeVar, Unpack
 
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
@@ -25,14 +26,13 @@ from noslip.document import (
     spread_to_data,
     write_document,
 )
-from noslip.exporting import export_c
+from noslip.exporting import Exported, export_c
 from noslip.law.channels import Channels
 from noslip.law.law import Law
 from noslip.law.scaling import scaled
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule, no_rule
 from noslip.runtime.batch import rollout_many
-from noslip.runtime.motion import Motion
 from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread
@@ -69,31 +69,16 @@ def _telling(
 
 
 def _with_channels(
-    method: Callable[Concatenate[ConstrainedDMP, P], Motion],
-) -> Callable[Concatenate[ConstrainedDMP, P], Motion]:
+    method: Callable[Concatenate[ConstrainedDMP, P], T], give: Callable[[T, Channels], T]
+) -> Callable[Concatenate[ConstrainedDMP, P], T]:
     """Return a rollout whose motion has the primitive's channels."""
 
     @wraps(method)
-    def channeled(self: ConstrainedDMP, /, *args: P.args, **options: P.kwargs) -> Motion:
-        motion = method(self, *args, **options)
-        return (
-            motion if self.channels is None else motion.with_channels(self.channels.along(motion))
-        )
+    def channeled(self: ConstrainedDMP, /, *args: P.args, **options: P.kwargs) -> T:
+        found = method(self, *args, **options)
+        return found if self.channels is None else give(found, self.channels)
 
     return channeled
-
-
-def _within_limits(
-    function: Callable[Concatenate[Law, Rule, P], T],
-) -> Callable[Concatenate[Law, Rule, P], T]:
-    """Return a function that is called of laws alone that keep their hard limits."""
-
-    @wraps(function)
-    def within(law: Law, rule: Rule, /, *args: P.args, **options: P.kwargs) -> T:
-        require_hard_limits(law, rule)
-        return function(law, rule, *args, **options)
-
-    return within
 
 
 def _adapting(
@@ -120,6 +105,22 @@ def _described(
     )
     method.__doc__ = (function.__doc__ or "").replace("law : Law\n    rule : Rule\n    ", "")
     return method
+
+
+class Controlling(TypedDict, total=False):
+    """Options of what steps a primitive in a control loop."""
+
+    follows: bool
+    lag: float | None
+    tolerance: ArrayLike | None
+    angle_tolerance: float
+    bias: float
+    faster: float
+    samples: int
+    replan: bool
+    plan_within: float
+    real_time: bool
+    braking: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,20 +239,55 @@ class ConstrainedDMP(Value):
 
     # ---------------------------------------------------------------- motion
 
-    rollout = _with_channels(_method(_telling(rollout, tell)))
+    rollout = _with_channels(
+        _method(_telling(rollout, tell)),
+        lambda motion, channels: motion.accompanied(channels),
+    )
     initial_state = _method(initial_state)
     step = _method(step)
-    rollout_many = _method(_telling(rollout_many, tell_many))
-    export_c = _method(_within_limits(export_c))
+    rollout_many = _with_channels(
+        _method(_telling(rollout_many, tell_many)),
+        lambda motions, channels: replace(motions, channels=channels),
+    )
 
-    def controller(self, *, time_step: float, **options: Any) -> Controller | SpaceController:
+    def export_c(
+        self, folder: str | Path, *, name: str = "primitive", prefix: str = "noslip"
+    ) -> Exported:
+        """Write the primitive as C99, with its channels; see :func:`noslip.exporting.export_c`.
+
+        Parameters
+        ----------
+        folder : path
+            Made if it is missing.
+        name : str
+            Of the primitive in C, and of its files.
+        prefix : str
+            Of all other names: two exports with different ones can be linked into one program.
+
+        Raises
+        ------
+        InputError
+            If a name is no C identifier or is taken, or the folder is a file.
+        MissedError
+            If its motion breaks a hard limit.
+        """
+        require_hard_limits(self.law, self.rule)
+        return export_c(
+            self.law, self.rule, folder, name=name, prefix=prefix, channels=self.channels
+        )
+
+    def controller(
+        self, *, time_step: float, **options: Unpack[Controlling]
+    ) -> Controller | SpaceController:
         """Return what steps this primitive in a control loop.
 
         Of a pose that comes to an end a :class:`noslip.Controller`, which plans; of all else a
         :class:`~noslip.control.coordinates.SpaceController`.
         """
         plans = self.law.space.is_pose and not self.law.clock.returns
-        return (Controller if plans else SpaceController)(self, time_step=time_step, **options)
+        kind: Any = Controller if plans else SpaceController
+        made: Controller | SpaceController = kind(self, time_step=time_step, **options)
+        return made
 
     def compile(self) -> bool:
         """Compile the step, and what plans, and wait for it; whether a C compiler was there.

@@ -31,6 +31,8 @@ class RecordingResult:
         Why it failed, or what a person should know (the warnings).
     recording, primitive : str
         Paths; the latter empty where there is none.
+    unit : str
+        Of positions: what stands for m in the names of columns; another of vectors alone.
     samples, duration_s, path_length_m
         Of the recording as prepared.
     recording_residual_peak, recording_residual_rms : float or None
@@ -51,7 +53,7 @@ class RecordingResult:
     least_margins : str
         Of each limit along that motion, ``name=margin`` separated by commas.
     end_position_error_m, end_rotation_error_deg : float or None
-        From the recording's last pose to that motion's.
+        From the recording's last sample to that motion's; rotations of what turns alone.
     position_rms_m, rotation_rms_deg, rotation_error_deg : float or None
         Between recording and motion.
     angular_speed_peak_rad_s, angular_acceleration_peak_rad_s2 : float or None
@@ -72,6 +74,7 @@ class RecordingResult:
     message: str = ""
     recording: str
     primitive: str = ""
+    unit: str = ""
     samples: int | None = None
     duration_s: float | None = None
     path_length_m: float | None = None

@@ -6,6 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from noslip._instants import seconds
 from noslip._pose_names import SECONDS, SPARSEST
 from noslip._typing import Floats
 from noslip.errors import InputError, RecordingError, RecordingWarning, warn
@@ -77,8 +78,8 @@ def require_motion(recording: Recording) -> None:
         step = int(turns.argmax())
         raise InputError(
             f"{recording.name}: turns by {np.degrees(turns[step]):.0f} degrees from sample {step} "
-            f"to {step + 1} ({recording.times[step]:.6g} s), so that nothing says which way "
-            "round; record at a higher rate, or correct the rotation there"
+            f"to {step + 1} ({seconds(recording.times[step], recording.times[0])}), so that "
+            "nothing says which way round; record at a higher rate, or correct the rotation there"
         )
     ask_after_units(recording)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import scipy
@@ -21,7 +21,7 @@ from noslip._pose_text import read_text_table
 from noslip._samples import Samples
 from noslip._supplied import Supplied
 from noslip._typing import Floats
-from noslip.errors import InputError
+from noslip.errors import InputError, did_you_mean
 from noslip.named_columns import numbers_text
 from noslip.timed import Timed, step_estimates
 
@@ -62,6 +62,18 @@ class Series(Timed):
     velocities: Floats = None  # type: ignore[assignment]
     units: tuple[str, ...] = None  # type: ignore[assignment]
     name: str = "trajectory"
+
+    if TYPE_CHECKING:
+        # Given as anything like an array, kept as arrays.
+        def __init__(
+            self,
+            times: ArrayLike,
+            values: ArrayLike,
+            names: Sequence[str] | None = None,
+            velocities: ArrayLike | None = None,
+            units: Sequence[str] | None = None,
+            name: str = "trajectory",
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         times = self._require_times()
@@ -126,7 +138,10 @@ class Series(Timed):
     def column(self, name: str) -> Floats:
         """Return the values under one name, shape (N,)."""
         if name not in self.names:
-            raise InputError(f"{self.name}: no value {name!r}; there are {', '.join(self.names)}")
+            near = did_you_mean(name, self.names)
+            raise InputError(
+                f"{self.name}: no value {name!r}{near}; there are {', '.join(self.names)}"
+            )
         return np.asarray(self.values[:, self.names.index(name)])
 
     @cached_property
@@ -143,16 +158,12 @@ class Series(Timed):
         rates: Any = None  # estimated anew
         return replace(self, times=own, values=points, velocities=rates)
 
-    def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Self:
-        """Return it at other instants, by cubic splines.
+    def retimed(self, times: Floats) -> Self:
+        """Return the same values at other times, shape (N,)."""
+        return self.with_points(self.values, times)
 
-        Parameters
-        ----------
-        rate : float
-            Samples per second.  The first sample stays; the last is the last that fits.
-        times : array, shape (M,)
-            Or the instants themselves (s), within the recorded time.
-        """
+    def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Self:
+        """Return it at other instants, by cubic splines; as :meth:`PoseTrajectory.resampled`."""
         instants = self._instants(rate, times)
         inside = np.clip(instants, self.times[0], self.times[-1])
         values, rates = self._spline(inside), self._spline(inside, 1)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._instants import interval, seconds
 from noslip._typing import Floats
 from noslip._values import Value, html_table, shortened
 from noslip.errors import InputError
@@ -46,8 +47,8 @@ class Timed(Value):
         if not np.all(np.diff(times) > 0):
             row = int(np.argmin(np.diff(times) > 0)) + 1
             raise InputError(
-                f"{self.name}: times must increase, but sample {row} is at {times[row]} s "
-                f"after {times[row - 1]} s"
+                f"{self.name}: times must increase, but sample {row} is at "
+                f"{seconds(times[row], times[0])} after {seconds(times[row - 1], times[0])}"
             )
         return times
 
@@ -166,9 +167,10 @@ class Timed(Value):
             if instants.ndim != 1 or len(instants) < 2 or not np.all(np.isfinite(instants)):
                 raise InputError(f"{self.name}: resample at 2 or more finite times")
             if instants.min() < self.times[0] - margin or instants.max() > self.times[-1] + margin:
+                began = self.times[0]
                 raise InputError(
-                    f"{self.name}: recorded from {self.times[0]:g} to {self.times[-1]:g} s, "
-                    f"cannot be resampled from {instants.min():g} to {instants.max():g} s"
+                    f"{self.name}: recorded from {interval(began, self.times[-1], began)}, cannot "
+                    f"be resampled from {interval(instants.min(), instants.max(), began)}"
                 )
         return np.asarray(instants)
 

@@ -6,7 +6,7 @@ import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import scipy
@@ -64,6 +64,19 @@ class PoseTrajectory(Timed):
     angular_velocities: Floats = field(default=None)  # type: ignore[arg-type]
     name: str = "trajectory"
     channels: Series | None = None
+
+    if TYPE_CHECKING:
+        # Given as anything like an array, kept as arrays.
+        def __init__(
+            self,
+            times: ArrayLike,
+            positions: ArrayLike,
+            rotations: Rotation,
+            linear_velocities: ArrayLike | None = None,
+            angular_velocities: ArrayLike | None = None,
+            name: str = "trajectory",
+            channels: Series | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         times = self._require_times()
@@ -140,12 +153,19 @@ class PoseTrajectory(Timed):
         return self
 
     def with_points(self, points: Floats, times: Floats | None = None) -> PoseTrajectory:
-        """Return other poses under the same name, shape (N, 7)."""
+        """Return other poses under the same name, shape (N, 7).
+
+        Each has the channels of its sample, if there are as many.
+        """
+        beside = self.channels if len(points) == len(self) else None
+        if beside is not None and times is not None:
+            beside = beside.retimed(times)
         return PoseTrajectory(
             self.times if times is None else times,
             points[:, :3],
             Rotation.from_quat(points[:, 3:], scalar_first=True),
             name=self.name,
+            channels=beside,
         )
 
     def with_velocities(self, linear: Floats, angular: Floats) -> PoseTrajectory:

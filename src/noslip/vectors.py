@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +48,19 @@ class Trajectory(Series):
     """
 
     carrier: Chain | None = None
+
+    if TYPE_CHECKING:
+        # Given as anything like an array, kept as arrays.
+        def __init__(
+            self,
+            times: ArrayLike,
+            values: ArrayLike,
+            names: Sequence[str] | None = None,
+            velocities: ArrayLike | None = None,
+            units: Sequence[str] | None = None,
+            name: str = "trajectory",
+            carrier: Chain | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -122,7 +136,7 @@ class Trajectory(Series):
     # ---------------------------------------------------------------- new ones from it
 
     def resampled(self, *, rate: float | None = None, times: ArrayLike | None = None) -> Trajectory:
-        """Return it at other instants, by cubic splines; see :meth:`Series.resampled`."""
+        """Return it at other instants, by cubic splines; as :meth:`PoseTrajectory.resampled`."""
         # Of a rollout too the values alone: what constraints did to it is of its own steps.
         alone = replace(self.with_points(self.values), velocities=self.velocities)
         return super(Trajectory, alone).resampled(rate=rate, times=times)

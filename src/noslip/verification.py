@@ -189,6 +189,8 @@ def tell(law: Law, rule: Rule, motion: Motion) -> None:
     if wrong is None:
         return
     remedy = "adapt to what is asked, and a way there is planned"
+    if law.clock.returns:
+        remedy = "constraints lead it there: learn a rhythm of that size, or from nearer its cycle"
     usual = rollout(law, rule)
     if _same_task(motion, usual):
         if motion.period <= usual.period or any(_misses(usual, rule, [_goal_of(usual)])):

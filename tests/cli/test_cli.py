@@ -185,7 +185,7 @@ def test_learn_prepares_as_the_options_ask(noslip, slipping, tmp_path):
     result = noslip(
         *("learn", slipping, "--constraint", "blade", "--out", out, "--json"),
         *("--tool-frame", "0.01,0,0.02", "--trim-time", "0.1:1.9", "--trim-speed", "0.01"),
-        *("--rate", "60", "--lowpass", "4.8", "--relative", "--project-start"),
+        *("--rate", "60", "--lowpass", "4.8", "--relative", "--project-start", "velocity"),
     )
     assert result.code == 0
     demonstration = ns.prepare(
@@ -197,7 +197,7 @@ def test_learn_prepares_as_the_options_ask(noslip, slipping, tmp_path):
         lowpass=4.8,
         relative=True,
     )
-    expected = ns.learn(demonstration, [ns.Blade()], project_start=True).rollout()
+    expected = ns.learn(demonstration, [ns.Blade()], project_start="velocity").rollout()
     np.testing.assert_array_equal(ns.load_primitive(out).rollout().positions, expected.positions)
     assert json.loads(result.out)["residual_peak"] <= 1e-10
 

@@ -53,7 +53,7 @@ def test_check_learn_and_plot_read_bags(noslip, cut, tmp_path) -> None:
     assert code == 2
     assert err == (
         f"noslip: error: {bag}: no topic /odom; those with poses are /pose "
-        "(geometry_msgs/PoseStamped, 241) (see docs/recordings.md)\n"
+        "(geometry_msgs/PoseStamped, 241) (see noslip docs recordings)\n"
     )
 
 

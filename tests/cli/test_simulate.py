@@ -145,7 +145,7 @@ def test_another_controller_noise_and_duration_do_something(
 def test_a_model_of_ones_own_is_taken(noslip, folder: Path, tmp_path: Path) -> None:
     model = tmp_path / "arm.xml"
     model.write_text(Path(robots.__file__).with_name("panda.xml").read_text())
-    options = ("--model", model, "--tool", "tool", "--dynamics", "none", *PLACED)
+    options = ("--robot", model, "--robot-tool", "tool", "--dynamics", "none", *PLACED)
     result = noslip("simulate", folder / "cut.json", *options, "--out", tmp_path / "own")
     assert result.code == 0, result.err
     assert result.out.startswith("arm.xml: ")
@@ -177,9 +177,9 @@ def test_a_video_is_drawn_where_that_can_be(folder: Path, tmp_path: Path) -> Non
         (("--placement", "0.4,0,0.2"), "--placement: expected 4 numbers"),
         (("--placement", "0.4,0,nan,0"), "placement must be"),
         (("--robot", "ur5"), "there is panda"),
-        (("--model", "none.xml"), "--model needs --tool"),
-        (("--tool", "tip"), "--tool needs --model"),
-        (("--model", "none.xml", "--tool", "tip"), "none.xml: no such file"),
+        (("--robot", "none.xml"), "--robot none.xml needs --robot-tool"),
+        (("--robot-tool", "tip"), "--robot-tool is for a model's file"),
+        (("--robot", "none.xml", "--robot-tool", "tip"), "none.xml: no such file"),
         ((*PLACED, "--delay", "0.5"), "delay must be"),
         ((*PLACED, "--bag", "arm.bag"), "--bag: arm.bag must end in .mcap"),
         ((*PLACED, "--bag", str(Path(__file__).parent)), "exists already"),

@@ -37,9 +37,9 @@ def test_save_writes_one_file_and_serves_nothing(noslip, recording, tmp_path):
     [
         (["missing.csv"], "missing.csv: no such file"),
         (["cut.csv", "--save", "scene.png"], "must end in .html"),
-        (["cut.csv", "--tool", "tool.step"], "a tool is a mesh in"),
+        (["cut.csv", "--tool-mesh", "tool.step"], "a tool is a mesh in"),
         (
-            ["cut.csv", "--tool", "tool.stl", "--tool-scale", "0"],
+            ["cut.csv", "--tool-mesh", "tool.stl", "--tool-scale", "0"],
             "tool scale must be a positive number",
         ),
         (["cut.csv", "--constraint", "sword"], "no constraint is called 'sword'"),

@@ -202,14 +202,14 @@ def test_stacked_rows_are_the_single_ones_in_the_order_given(symbolic: Symbolic)
     np.testing.assert_array_equal(b, np.concatenate([c for _, c in single]))
     assert stacked.row_names == [
         "blade",
-        "needle [0]",
-        "needle [1]",
+        "needle, row 1",
+        "needle, row 2",
         "curving",
         "carried",
         "sphere",
         "moving_plane",
-        "upright_over_a_slope [0]",
-        "upright_over_a_slope [1]",
+        "upright_over_a_slope, row 1",
+        "upright_over_a_slope, row 2",
     ]
     assert stacked.row_is_velocity.tolist() == [True] * 5 + [False] * 4
 

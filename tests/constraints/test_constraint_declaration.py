@@ -13,8 +13,12 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from noslip import Blade, Constraint, position_constraint, velocity_constraint
 from noslip.constraints import ConstraintSystem, Instant
+from noslip.constraints.catalog import restore, specification
+from noslip.constraints.declaration import CATALOG, row_units
+from noslip.constraints.joints import JointLimits
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
+from noslip.space import vectors
 from refusals import refusal
 
 INSTANT = (0.5, [0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [0.4, 0.5, 0.6])
@@ -201,3 +205,40 @@ def test_a_choice_within_a_rule_is_fine() -> None:
         lambda m: ca.if_else(m.position[0] > 0, m.position[1], m.position[2] + 1)
     )
     assert ConstraintSystem([rule]).size == 1
+
+
+def test_rows_have_the_names_that_their_constraint_gives_them() -> None:
+    limits = JointLimits((None, -1.0, -2.0), (None, 1.0, 2.0))
+    assert ConstraintSystem(limits, vectors("abc", ["rad"] * 3)).row_names == [
+        "joint position limits, joint 2",
+        "joint position limits, joint 3",
+    ]
+    assert restore(specification(limits)).row_names == ("joint 2", "joint 3")
+    seen = ns.constraints.InMovingFrame(ns.Wheel())
+    assert ConstraintSystem([ns.Wheel(), ns.Wheel(normal=None), seen]).row_names == [
+        *("wheel, sideways", "wheel, vertical", "wheel 2"),
+        *(f"wheel in moving frame, {row}" for row in ("sideways", "vertical")),
+    ]
+    curved = ns.Needle(shaft="-y", curvature=3.0)
+    kinds = ("sideways", "turning about")
+    assert curved.row_names == tuple(f"{kind} {axis}" for kind in kinds for axis in "zx")
+    box = ns.constraints.Box(lower=(0.0, None, -1.0), upper=(None, 1.0, None))
+    assert box.row_names == ("least x", "least z", "largest y")
+
+
+@pytest.mark.parametrize("kind", CATALOG.values(), ids=list(CATALOG))
+def test_every_constraint_of_several_rows_names_each(kind: type[Constraint]) -> None:
+    # Without a robot, limits of joints have no rows yet.
+    constraint = JointLimits([0.0, 0.0], [1.0, 2.0]) if kind is JointLimits else kind()
+    rows = len(row_units(constraint))
+    assert rows == 1 or len(set(constraint.row_names)) == rows
+
+
+def test_names_that_are_no_rows_are_refused() -> None:
+    @ns.velocity_constraint
+    def one(motion: Instant) -> Any:
+        return motion.linear_velocity[0]
+
+    one.row_names = ("a", "b")  # type: ignore[attr-defined]
+    with pytest.raises(ConstraintError, match="has 1 rows and 2 row_names"):
+        ConstraintSystem(one)

@@ -51,7 +51,7 @@ def pairs() -> dict[str, tuple[Constraint, Constraint]]:
     def frame() -> Any:
         return lambda t: [0.1 * t, 0, ca.sin(t)]
 
-    found = {name: (kind(), kind()) for name, kind in CATALOG.items()}
+    found = {name: (kind(), kind()) for name, kind in CATALOG.items() if name != "joint-limits"}
     found["decorated"] = (decorated, ns.velocity_constraint(decorated.function))  # type: ignore[attr-defined]
     found["lambda"] = (table(), table())
     found["class"] = (Rail(0.5), Rail(0.5))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -15,11 +16,16 @@ from hypothesis import strategies as st
 import noslip as ns
 from noslip.chain import Chain, Joint
 from noslip.constraints import ConstraintSystem
-from noslip.constraints.catalog import restore, specification
+from noslip.constraints.catalog import (
+    constraint_text,
+    parse_constraint,
+    restore,
+    specification,
+)
 from noslip.constraints.declaration import constraint_function, row_units
 from noslip.constraints.joints import JointLimits, joint_limits
 from noslip.errors import ConstraintError
-from noslip.space import jointed
+from noslip.space import POSE, jointed
 
 CHAIN = Chain(
     [
@@ -29,6 +35,7 @@ CHAIN = Chain(
     ],
     (0.1, 0, 0),
 )
+FREE = Chain([Joint("free")])
 JOINTS = jointed(CHAIN, CHAIN.joint_names, CHAIN.units)
 finite = st.floats(-5, 5)
 
@@ -100,5 +107,17 @@ def test_what_bounds_nothing_is_refused(wrong: Any, message: str) -> None:
         wrong()
 
 
+@pytest.mark.parametrize("limits", joint_limits(CHAIN), ids=lambda each: each.level)
+def test_without_bounds_they_are_the_robot_s(limits: JointLimits) -> None:
+    """By the name of the command line, too, and saved as what they came to."""
+    asked = parse_constraint(f"joint-limits(level={limits.level!r}, priority=2)")
+    system = ConstraintSystem([ns.Blade(), asked], JOINTS)
+    assert system.constraints[1] == replace(limits, priority=2)
+    assert parse_constraint(constraint_text(limits)) == limits
+    for space, message in ((POSE, "of which robot"), (jointed(FREE, ["free"], ["rad"]), "has no")):
+        with pytest.raises(ConstraintError, match=message):
+            ConstraintSystem(asked, space)
+
+
 def test_a_chain_that_knows_no_limits_has_none() -> None:
-    assert joint_limits(Chain([Joint("free")])) == []
+    assert joint_limits(FREE) == []

@@ -86,7 +86,7 @@ def test_a_row_of_several_is_named() -> None:
     def both(motion: Instant) -> Any:
         return [motion.linear_velocity[2], direction(motion)]
 
-    assert "'both [1]' is nan at 0.39 s" in refusal(ConstraintError, ns.check, paused(), both)
+    assert "'both, row 2' is nan at 0.39 s" in refusal(ConstraintError, ns.check, paused(), both)
 
 
 def test_what_is_guarded_is_defined() -> None:

@@ -60,6 +60,7 @@ ELSEWHERE = {
             "noslip rollout reach.json",
             "noslip adapt reach.json",
             "noslip learn joints.csv",
+            "noslip view joints.csv",
             "noslip learn stirring.csv",
             "noslip rollout stirring.json",
         ),
@@ -260,6 +261,15 @@ def run(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
         fine = {2}
     assert done.value.code in fine, f"{command}: exit code {done.value.code}\n{told.err}{told.out}"
     return told.out + told.err
+
+
+def test_each_name_of_the_library_on_a_page_is_there() -> None:
+    for page in pages():
+        for dotted in re.findall(r"\bns((?:\.[A-Za-z_]\w*)+)", page.read_text()):
+            found = ns
+            for name in dotted[1:].split("."):
+                assert hasattr(found, name), f"{page.name}: ns{dotted}"
+                found = getattr(found, name)
 
 
 def test_every_block_names_its_language() -> None:

@@ -14,6 +14,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from mpl_toolkits.mplot3d import Axes3D
 from panels import panel, title_of
 from scipy.spatial.transform import Rotation
@@ -146,7 +147,11 @@ def every_figure(motions, cuts, trained, resting, recording, limited, yielding):
     pair = {name: motions[name] for name in ("demonstration", "optimized")}
     awkward = {"_private $x$ name": recording, "a name " * 12: resting, "third": cuts[0]}
     return {
-        "compare": figures.compare_motions(motions, BLADE),
+        "compare": figures.compare_motions(motions, BLADE, tool=True),
+        "compare wheel": figures.compare_motions(motions["demonstration"], noslip.Wheel()),
+        "compare many": figures.compare_motions(
+            {f"cut {i}": cuts[i % TRIALS] for i in range(9)} | {"learned": trained[0]}, BLADE
+        ),
         "compare rows": figures.compare_motions(pair, several),
         "compare one": figures.compare_motions(motions["optimized"], BLADE),
         "compare recording": figures.compare_motions(recording, BLADE),
@@ -200,7 +205,14 @@ def test_every_axis_has_a_unit(every_figure):
 
 def test_every_figure_has_a_title_with_a_number(every_figure):
     for name, figure in every_figure.items():
-        assert numbers_in(title_of(figure)), name
+        told = title_of(figure)
+        assert numbers_in(told) or told.endswith("does not slip"), name
+
+
+def test_no_text_of_a_figure_numbers_a_row_in_brackets(every_figure):
+    for name, figure in every_figure.items():
+        for text in figure.findobj(Text):
+            assert not re.search(r"\[\d+\]", text.get_text()), (name, text.get_text())
 
 
 def test_own_title_replaces_the_finding(motions, cuts, trained):
@@ -282,7 +294,7 @@ def test_pyplot_stays_unused():
 
 def test_comparison_draws_each_motions_samples(every_figure, motions):
     figure = every_figure["compare"]
-    for index, coordinate in enumerate("xyz"):
+    for index, coordinate in enumerate("xy"):
         drawn = curves(panel(figure, f"{coordinate} (m)"))
         for name, motion in motions.items():
             np.testing.assert_array_equal(drawn[name][:, 0], motion.times - motion.times[0])
@@ -290,12 +302,30 @@ def test_comparison_draws_each_motions_samples(every_figure, motions):
 
 
 def test_comparison_draws_roll_pitch_and_yaw(every_figure, motions):
-    figure = every_figure["compare"]
     for index, angle in enumerate(("roll", "pitch", "yaw")):
-        drawn = curves(panel(figure, f"{angle} (°)"))
+        drawn = {}
         for name, motion in motions.items():
+            figures.plot_orientation(ax := Figure().subplots(), motion, angle)
+            drawn[name] = ax.get_lines()[0].get_ydata()
             wanted = np.unwrap(motion.rotations.as_euler("xyz"), axis=0)[:, index]
-            np.testing.assert_allclose(drawn[name][:, 1], np.degrees(wanted), atol=1e-9)
+            np.testing.assert_allclose(drawn[name], np.degrees(wanted), atol=1e-9)
+    yaw = curves(panel(every_figure["compare"], "yaw (°)"))
+    assert set(yaw) == set(motions)
+
+
+def test_what_does_not_change_has_no_panel_and_is_named(every_figure, recording):
+    note = every_figure["compare"].legends[0].get_title().get_text()
+    assert note == "Without a panel, as it does not change: z 0 m; roll 0°; pitch 45°"
+    labels = {ax.get_ylabel() for ax in every_figure["compare"].axes}
+    assert not labels & {"z (m)", "roll (°)", "pitch (°)"}
+    figure = every_figure["compare wheel"]
+    labels = {label_of(ax) for ax in figure.axes}
+    assert "lateral velocity (m/s)" in labels and "wheel, vertical (m/s)" not in labels
+    assert figure.get_supxlabel().endswith("wheel, vertical below 1e-9 m/s")
+    # Of what moves, nothing is left out.
+    labels = [ax.get_ylabel() for ax in every_figure["compare recording"].axes]
+    assert {"x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)"} <= set(labels)
+    assert not every_figure["compare recording"].get_supxlabel()
 
 
 def test_comparison_draws_the_residual_of_each_step(every_figure, motions):
@@ -311,10 +341,38 @@ def test_comparison_draws_the_residual_of_each_step(every_figure, motions):
 
 
 def test_comparison_title_is_what_check_reports(every_figure, motions):
-    bound, first = numbers_in(title_of(every_figure["compare"]))
-    assert noslip.check(motions["optimized"], BLADE).peak < bound == 1e-9
-    assert first == pytest.approx(noslip.check(motions["demonstration"], BLADE).peak, rel=0.005)
-    assert title_of(every_figure["compare"]).startswith("Optimized slips less than 1e-9 m/s,")
+    told = title_of(every_figure["compare"])
+    assert told.startswith("Demonstration slips ") and "; optimized does not slip, ends " in told
+    slipped, peak, off = numbers_in(told)
+    found = noslip.check(motions["demonstration"], BLADE)
+    assert slipped == pytest.approx(found.slip_distance, rel=0.005)
+    assert peak == pytest.approx(found.peak, rel=0.005)
+    assert noslip.check(motions["optimized"], BLADE).peak < 1e-9
+    unit = 1e-6 if "µm" in told else 1e-3
+    assert motions["optimized"].end_error <= 1.01 * off * unit
+
+
+def test_a_motion_that_slips_or_misses_its_goal_is_said_to(motions):
+    slipping = figures.compare_motions(motions["regular"], BLADE)
+    assert title_of(slipping).startswith("Regular slips ")
+    pair = {"optimized": motions["optimized"], "regular": motions["regular"]}
+    told = title_of(figures.compare_motions(pair, BLADE))
+    assert re.match("Optimized does not slip; regular slips .* m .up to ", told)
+    missed = motions["constrained"].end_error
+    told = title_of(figures.compare_motions(motions["constrained"], BLADE))
+    assert told == f"Constrained does not slip, ends {missed:.3g} m from its goal"
+
+
+def test_more_than_eight_motions_share_a_line_but_for_those_that_are_told_apart(every_figure, cuts):
+    figure = every_figure["compare many"]
+    worst = max(range(TRIALS), key=lambda i: noslip.check(cuts[i], BLADE).peak)
+    assert f"the worst, cut {worst}, slips" in title_of(figure)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == [f"cut {worst}", "learned", "8 others"]
+    lines = {line.get_label(): line for line in panel(figure, "x (mm)").get_lines()}
+    others = {line.get_color() for name, line in lines.items() if name not in texts}
+    assert others == {style.MANY["color"]}
+    assert len({lines[name].get_color() for name in texts[:2]} | others) == 3
 
 
 def test_lines_that_coincide_differ_in_color_and_dashes(motions):
@@ -322,16 +380,16 @@ def test_lines_that_coincide_differ_in_color_and_dashes(motions):
     assert len({s["color"] for s in styles.values()}) == 4
     assert len({str(s["linestyle"]) for s in styles.values()}) == 3
     assert styles["demonstration"]["linewidth"] > 2 * styles["regular"]["linewidth"]
-    many = style.line_styles(f"motion {i}" for i in range(20))
-    assert len({(s["color"], str(s["linestyle"])) for s in many.values()}) == 20
+    eight = style.line_styles(f"motion {i}" for i in range(8))
+    assert len({(s["color"], str(s["linestyle"])) for s in eight.values()}) == 8
 
 
 def test_residuals_that_can_be_seen_need_no_logarithmic_axis(every_figure):
     scales = [ax.get_yscale() for ax in every_figure["compare recording"].axes]
     assert set(scales) == {"linear"}
-    # One motion whose residual cannot be seen shows nothing but sizes.
+    # One motion whose residual is zero but for rounding shows none.
     labels = [ax.get_ylabel() for ax in every_figure["compare one"].axes]
-    assert "|lateral velocity| (m/s)" in labels and "lateral velocity (m/s)" not in labels
+    assert not any("lateral velocity" in label for label in labels)
 
 
 def test_a_constraint_forces_panel_shows_rollouts_alone(every_figure, motions):
@@ -361,8 +419,8 @@ def test_each_row_of_several_constraints_has_a_panel(every_figure, motions):
         [
             ("lateral velocity (m/s)", 1),
             ("stay on table (mm)", 1e3),
-            ("upright [0] (rad/s)", 1),
-            ("upright [1] (rad/s)", 1),
+            ("upright, row 1 (rad/s)", 1),
+            ("upright, row 2 (rad/s)", 1),
         ]
     ):
         drawn = curves(panel(figure, label))["demonstration"][:, 1]
@@ -492,7 +550,7 @@ def test_rows_of_a_limit_are_drawn_one_by_one_if_asked_for(limited):
     ax = Figure().subplots()
     (line,) = figures.plot_residuals(ax, limited, BOX, row=4)
     np.testing.assert_allclose(line.get_ydata(), 1.2 - limited.positions[:, 1], atol=1e-12)
-    assert ax.get_ylabel().replace("\n", " ") == "margin of box [4] (m)"
+    assert ax.get_ylabel().replace("\n", " ") == "margin of box, largest y (m)"
     assert forbidden_side(ax)[1] == pytest.approx(0, abs=1e-12)
 
 
@@ -545,7 +603,7 @@ def test_titles_say_which_limit_is_kept_and_by_how_much(motions, limited):
     # An equality first, then the limit.
     told = title_of(figures.compare_motions(pair, [SPEED, BLADE]))
     assert re.match(
-        r"Optimized slips less than 1e-9 m/s, demonstration .*\.  Optimized reaches", told
+        r"Demonstration slips .*; optimized does not slip, ends .*\.  Optimized reaches", told
     )
 
 
@@ -596,8 +654,11 @@ def test_history_has_a_row_of_panels_a_constraint(every_figure, limited):
     assert [row[0] for row in labels] == [
         *("|residual| (m/s)", "margin (m)", "margin (m/s)", "margin (m)")
     ]
-    assert all(row[1:] == ["multiplier (m/s²)", "force (m/s²)"] for row in labels)
-    assert [ax.get_xlabel() for ax in rows[-1]] == ["time since start (s)"] * 3
+    added = ["multiplier (m/s²)", "added acceleration (m/s²)"]
+    # The box did nothing, and has no panels to say so.
+    assert [bool(limited.force_of(name).any()) for name in headings] == [True] * 3 + [False]
+    assert [row[1:] for row in labels] == [added, added, added, []]
+    assert [ax.get_xlabel() for ax in rows[-1]] == ["time since start (s)"]
     assert [bool(row[0].patches) for row in rows] == [False, True, True, True]
 
 
@@ -609,25 +670,25 @@ def test_history_draws_what_the_rollout_says(every_figure, limited):
         (speed, limited.margins[:, 1:2], limited.limit_multipliers[:, 1:2]),
         (box, limited.margins[:, 2:], limited.limit_multipliers[:, 2:]),
     ]
-    for (values, multipliers, force), margins, pushes in expected:
+    for (values, *more), margins, pushes in expected:
         name = values.get_title(loc="left").split(":")[0]
-        for ax, columns in ((values, margins), (multipliers, pushes)):
+        for ax, columns in zip([values, *more[:1]], (margins, pushes), strict=False):
             drawn = list(curves(ax).items())
             lines = [xy for label, xy in drawn if not label.startswith("_child")]
             assert len(lines) == columns.shape[1]
             for line, column in zip(lines, columns.T, strict=True):
                 np.testing.assert_array_equal(line[:, 0], limited.times)
                 np.testing.assert_array_equal(line[:, 1], column)
-        (line,) = force.get_lines()
         wanted = np.linalg.norm(limited.force_of(name)[:, :3], axis=1)
+        if not wanted.any():
+            assert not more
+            continue
+        (line,) = more[-1].get_lines()
         np.testing.assert_array_equal(line.get_ydata(), wanted)
-        heading = force.get_title(loc="left")
-        if wanted.any():
-            peak, at = numbers_in(heading)
-            assert peak == pytest.approx(wanted.max(), rel=0.06)
-            assert at == pytest.approx(limited.times[np.argmax(wanted)], abs=1e-3)
-        else:
-            assert heading == "no force"
+        heading = more[-1].get_title(loc="left")
+        peak, at = numbers_in(heading.replace(" m/s²", ""))
+        assert peak == pytest.approx(wanted.max(), rel=0.06)
+        assert at == pytest.approx(limited.times[np.argmax(wanted)], abs=1e-3)
 
 
 def test_all_forces_of_a_history_add_up_to_the_constraint_force(limited):
@@ -638,7 +699,7 @@ def test_all_forces_of_a_history_add_up_to_the_constraint_force(limited):
 
 def test_history_names_the_rows_of_a_box(every_figure):
     texts = [text.get_text() for text in every_figure["history"].legends[0].get_texts()]
-    assert texts == [f"row [{i}]" for i in range(6)]
+    assert texts == [f"{end} {axis}" for end in ("least", "largest") for axis in "xyz"]
     lines = rows_of(every_figure["history"])[3][0].get_lines()
     assert len({line.get_color() for line in lines if line.get_label() in texts}) == 6
     assert not every_figure["history of a blade"].legends
@@ -648,7 +709,7 @@ def test_history_says_the_finding(every_figure, limited):
     told = title_of(every_figure["history"])
     residual = np.abs(limited.constraint_residuals).max()
     found = re.fullmatch(
-        r"Blade holds to (.*) m/s; (.*) is reached at (.*) s, and kept; "
+        r"Blade holds within (.*) m/s; (.*) is reached at (.*) s, and kept; "
         r"(.*) pushes hardest, up to (.*) m/s², from (.*) to (.*) s",
         told,
     )
@@ -669,7 +730,7 @@ def test_history_says_the_finding(every_figure, limited):
 def test_history_says_what_gave_way_and_shows_turning_forces(every_figure, yielding):
     figure = every_figure["history yielding"]
     labels = {label_of(ax) for ax in figure.axes}
-    assert "turning force (rad/s²)" in labels
+    assert "added angular acceleration (rad/s²)" in labels
     assert {"margin (rad/s)", "margin (m/s²)", "margin (rad/s²)"} <= labels
     gave_way = {limit.name: limit for limit in yielding.gave_way}
     assert "a limit of a rather long name that gives way" in gave_way
@@ -852,8 +913,11 @@ def test_snapshots_tell_slip_and_distance_from_the_desired_path(every_figure, mo
         "D   Optimized",
     ]
     for (_, slip, off, *end), motion in zip(titles, motions.values(), strict=True):
-        peak = max(noslip.check(motion, BLADE).peak, 1e-9)
-        assert numbers_in(slip)[0] == pytest.approx(peak, rel=0.06)
+        found = noslip.check(motion, BLADE)
+        if found.peak < 1e-9:
+            assert slip == "does not slip"
+        else:
+            assert numbers_in(slip) == pytest.approx([found.slip_distance, found.peak], rel=0.06)
         if motion is motions["demonstration"]:
             assert off == "on the desired path"
             continue
@@ -919,17 +983,23 @@ def test_spread_shows_the_signed_lateral_velocity(every_figure, cuts):
     assert all(ax.get_yscale() == "linear" for ax in every_figure["spread"].axes)
 
 
-def test_spread_of_trained_motions_shows_how_near_to_zero_they_are(every_figure, trained):
+def test_spread_of_trained_motions_says_that_they_are_zero(every_figure, trained):
     figure = every_figure["spread trained"]
     wanted = 1e3 * max(noslip.check(motion, BLADE).peak for motion in trained)
     assert wanted < 1e-9
-    sizes = panel(figure, "|lateral velocity| (mm/s)")
-    assert sizes.get_yscale() == "log"
-    assert max(line.get_ydata().max() for line in sizes.get_lines()) == pytest.approx(wanted)
-    assert sizes.texts[0].get_text() == "largest of all: < 1e-9 m/s"
+    assert not any("lateral velocity" in ax.get_ylabel() for ax in figure.axes)
+    note = figure.legends[0].get_title().get_text()
+    assert note == "Without a panel, as all motions keep it: lateral velocity below 1e-9 m/s"
     assert title_of(figure).endswith("below 1e-9 m/s")
-    flat = panel(figure, "lateral velocity (mm/s)")
-    assert np.ptp(flat.get_ylim()) > 1
+
+
+def test_spread_shows_sizes_of_residuals_too_small_to_be_seen(cuts):
+    nearly = noslip.velocity_constraint(name="nearly")(lambda m: 1e-6 * m.linear_velocity[0])
+    ax = panel(figures.demonstration_spread(cuts, nearly), "|nearly| (mm/s)")
+    assert ax.get_yscale() == "log"
+    wanted = 1e3 * max(noslip.check(cut, nearly).peak for cut in cuts)
+    assert max(line.get_ydata().max() for line in ax.get_lines()) == pytest.approx(wanted)
+    assert ax.texts[0].get_text().startswith("largest of all: ")
 
 
 def test_one_motion_has_no_spread(every_figure):

@@ -109,12 +109,12 @@ def test_one_constraint_of_a_rollout_is_drawn_as_it_was(dmp):
         multipliers = motion.limit_multipliers[:, row]
         np.testing.assert_array_equal(drawn["multiplier"][row][:, 1], multipliers)
     ax = figures.column_figure().subplots()
-    (force,) = data(figures.plot_constraint(ax, motion, held, "blade", "force"))
+    (force,) = data(figures.plot_constraint(ax, motion, held, "blade", "acceleration"))
     pushed = np.linalg.norm(motion.force_of("blade")[:, :3], axis=1)
     np.testing.assert_allclose(force[:, 1], pushed)
     with pytest.raises(InputError, match="constraint is one of blade, box; got 'needle'"):
         figures.plot_constraint(ax, motion, held, "needle")
-    with pytest.raises(InputError, match="show is one of residual, multiplier, force, turning"):
+    with pytest.raises(InputError, match="show is one of residual, multiplier, acceleration"):
         figures.plot_constraint(ax, motion, held, "blade", "push")
 
 

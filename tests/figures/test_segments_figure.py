@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -42,13 +44,13 @@ def test_it_shows_speed_thresholds_pieces_and_reasons(recording):
     low, _ = over_time.get_ylim()
     assert low < drawn[0]
     (dropped,) = (i.reason for i in segments.intervals if i.reason not in (None, "rest"))
-    assert texts(over_time) == ["1", dropped, "2"]
+    assert sorted(texts(over_time)) == ["1", "2", "a"]
     assert texts(above) == ["1", "2"]
     assert figure.get_suptitle().startswith("run.csv: 2 pieces of ")
     assert figure.get_suptitle().endswith("1 more cut out")
     (legend,) = figure.legends
     named = {text.get_text() for text in legend.get_texts()}
-    assert {"rest", "cut out", "path cut out"} <= named
+    assert {"rest", f"a: cut out, {dropped.split(', ')[1]}", "path cut out"} <= named
 
 
 def test_numbers_and_reasons_stay_inside_the_axes(recording):
@@ -61,7 +63,23 @@ def test_numbers_and_reasons_stay_inside_the_axes(recording):
         box = text.get_window_extent()
         assert frame.y0 <= box.y0
         assert box.y1 <= frame.y1
-    assert "far from the others" in texts(ax)
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "a: cut out, far from the others" in named
+    assert any(text.startswith("b: cut out, less than ") for text in named)
+
+
+def test_labels_do_not_meet_and_can_be_read(recording):
+    """Of 30 pieces too."""
+    many = segment(recording, times=[(0.28 * k, 0.28 * k + 0.2) for k in range(30)])
+    for segments in (many, segment(recording)):
+        figure = recording_cuts(segments)
+        figure.canvas.draw()
+        for ax in figure.axes[:1]:
+            boxes = [text.get_window_extent() for text in ax.texts]
+            assert len(boxes) > 2 or segments is not many
+            assert all(text.get_fontsize() >= 7 and not text.get_rotation() for text in ax.texts)
+            for a, b in combinations(boxes, 2):
+                assert min(a.x1, b.x1) <= max(a.x0, b.x0)
 
 
 def test_contact_times_and_no_rest_have_figures_of_their_own(recording):

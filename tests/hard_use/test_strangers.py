@@ -472,3 +472,25 @@ def test_a_file_forges_no_line(noslip: Callable[..., Any], tmp_path: Path) -> No
         assert told.out or told.err
         for line in (told.out + told.err).splitlines():
             assert line.isprintable() and not line.startswith("HOLDS"), command
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("digits.json", b"1" * 1_000_000),
+        ("long.csv", b"t,x,y,theta\n" + b"1" * 3_000_000 + b",0,0,0\n" * 9),
+        ("empty.npz", b""),
+        ("empty.json", b""),
+        ("pickle.npz", b"\x80\x04cos\nsystem\n(S'true'\ntR."),
+        ("table.parquet", b"PAR1" * 4),
+    ],
+)
+def test_a_file_that_is_none_of_its_kind_is_refused_in_a_line(
+    name: str, content: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    read: Callable[[Path], Any] = (
+        ns.load_primitive if path.suffix == ".json" else ns.load_demonstrations
+    )
+    refusal(path, read)

@@ -187,24 +187,16 @@ def npz_of(shape: str) -> bytes:
 
 
 SENT = [
-    ("bomb.npz", npz_of("(600000000,)")),
     ("bomb.npz", npz_of("(9, 10000000000)")),
     ("deep.json", b"[" * 100_000),
-    ("digits.json", b"1" * 1_000_000),
     ("wide.csv", b"t," + b"x," * 200_000 + b"\n" + b"1," * 200_001),
-    ("long.csv", b"t,x,y,theta\n" + b"1" * 3_000_000 + b",0,0,0\n" * 9),
     ("nul.csv", bytes(1_000_000)),
     ("empty.csv", b""),
-    ("empty.npz", b""),
-    ("empty.json", b""),
     ("text.json", "\ufeff\u202e".encode()),
-    ("pickle.npz", b"\x80\x04cos\nsystem\n(S'true'\ntR."),
     ("x" * 5000 + ".csv", b"t"),
     ("..", b"t"),
     ("a\x1b[2Jb\n.csv", b"t"),
     ("\ud800.csv", b"t"),
-    ("bag.mcap", b"\x89MCAP0\r\n"),
-    ("table.parquet", b"PAR1" * 4),
 ]
 
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from identification.test_places import deviations
 from identification.test_places import is_within as is_place_within
 from identification.worlds import world
 
-WORLDS = int(os.environ.get("NOSLIP_WORLDS", "3"))
+WORLDS = int(os.environ.get("NOSLIP_WORLDS", "1"))
 FIRST = 1000
 """Seed of the first: none that anything was tuned on."""
 SURE = 1e-3
@@ -41,11 +42,19 @@ def is_met(hits: list[bool], rate: float) -> bool:
     return bool(binom.sf(misses - 1, len(hits), 1 - rate) > SURE)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("noise", "rate"), [(EXACT, 0.98), (FINE, 0.98), (COARSE, 0.9)])
-@pytest.mark.parametrize("kind", RULES)
-def test_tools_are_told(kind: str, noise: tuple[float, float], rate: float) -> None:
-    right, near, within = list[bool](), list[bool](), list[bool]()
+@dataclass
+class Told:
+    """Of each world of a kind, whether it was told; of those told, how well, how surely."""
+
+    right: list[bool] = field(default_factory=list)
+    near: list[bool] = field(default_factory=list)
+    within: list[bool] = field(default_factory=list)
+
+
+def told(kind: str, noise: tuple[float, float]) -> Told:
+    """What is told of so many worlds of a kind; printed as a line of the table."""
+    table = Told()
+    right, near, within = table.right, table.near, table.within
     for seed in range(FIRST, FIRST + WORLDS):
         seen = world(kind, seed, noise)
         found = ns.identify(seen.trajectory)
@@ -71,8 +80,23 @@ def test_tools_are_told(kind: str, noise: tuple[float, float], rate: float) -> N
     if near:
         words += f", {np.mean(near):6.1%} near, {np.mean(within):6.1%} within their 95 % regions"
     print(words)
+    return table
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", RULES)
+def test_tools_are_told(kind: str) -> None:
+    rates = {EXACT: 0.98, FINE: 0.98, COARSE: 0.9}
     # A car seldom at the stop of its steering is a wheel, and some wheels bend as cars do.
-    assert is_met(right, rate - 0.06 if kind in ("car", "wheel") else rate)
-    if noise == FINE and near:
+    less = 0.06 if kind in ("car", "wheel") else 0.0
+    found = {noise: told(kind, noise) for noise in rates}
+    # Of few worlds only all noises together can tell of a miss too many.
+    assert is_met(
+        [hit for table in found.values() for hit in table.right],
+        float(np.mean(list(rates.values()))) - less,
+    )
+    for noise, rate in rates.items():
+        assert is_met(found[noise].right, rate - less)
+    if near := found[FINE].near:
         assert is_met(near, 0.98)
-        assert is_met(within, 0.9)
+        assert is_met(found[FINE].within, 0.9)

@@ -179,7 +179,7 @@ def test_the_options_that_it_prints_say_the_same(
     for recording in blade.recordings:
         files.append(tmp_path / f"{recording.name}.csv")
         write_recording(recording, files[-1])
-    result = noslip("identify", *files, "--out", tmp_path / "why.png")
+    result = noslip("identify", *files, "--figure", tmp_path / "why.png")
     assert result.code == 0
     assert (tmp_path / "why.png").read_bytes()[:4] == b"\x89PNG"
     here, there = [line for line in result.out.splitlines() if line.startswith("--")]
@@ -209,7 +209,7 @@ def test_it_is_an_exit_code_and_json(
     assert json.loads(result.out)["constraints"] == []
     plain = noslip("identify", *files)
     assert plain.code == 1 and "--constraint" not in plain.out
-    assert noslip("identify", *files, "--out", tmp_path / "why.txt").code == 2
+    assert noslip("identify", *files, "--figure", tmp_path / "why.txt").code == 2
 
 
 # ---------------------------------------------------------------- the figure

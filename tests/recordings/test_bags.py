@@ -628,7 +628,7 @@ def test_empty_bags(tmp_path, refusal) -> None:
         ({"turn": (0, 0, 0, 0)}, "sample 7, orientation: the quaternion is zero"),
         ({"turn": (0, 0, 0, 1.1)}, "sample 7, orientation: the quaternion has norm 1.1"),
         ({"stamp": 1}, "sample 7, stamp of the header: time runs backwards"),
-        ({"stamp": 4_000_000_000}, "sample 7, stamp of the header: 4.0 s is also the time of"),
+        ({"stamp": 4_000_000_000}, "sample 7, stamp of the header: 4 s is also the time of"),
     ],
 )
 def test_a_bad_pose(tmp_path, motion, refusal, change, words) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
+from noslip.constraints.check import step_residuals
 from noslip.errors import InputError
 from noslip.law import fit
 from noslip.law.attractor import Attractor
@@ -274,28 +275,132 @@ def test_a_wheel_laps_without_slip_or_drift(wheel: ns.ConstrainedDMP) -> None:
     assert motion.end_error < 1e-10
 
 
+@pytest.fixture(scope="module")
+def saw() -> ns.ConstrainedDMP:
+    """A blade to and fro, held by a hand that wavers: nothing but a turn leads it aside."""
+    times = np.linspace(0.0, PERIOD, 201)
+    angle = np.pi * times
+    places = [0.06 * np.cos(angle), 0.001 * np.sin(2 * angle + 1), 0.003 * np.sin(angle)]
+    turns = np.column_stack([0.02 * np.cos(3 * angle), 0.05 * np.sin(angle), 0.01 * np.cos(angle)])
+    cut = PoseTrajectory(times, np.stack(places, 1), Rotation.from_euler("zyx", turns), name="saw")
+    return ns.learn(cut, [ns.Blade()], rhythmic=True)
+
+
+def test_a_saw_that_was_pushed_aside_comes_back_to_its_cycle(saw: ns.ConstrainedDMP) -> None:
+    aside = saw.start_position + 0.005 * saw.start_rotation.as_matrix()[:, 1]
+    motion, own = saw.rollout(cycles=4, start_position=aside), saw.rollout()
+    away = np.linalg.norm(motion.positions[:: saw.steps] - own.positions[0], axis=1)
+    assert away[0] == pytest.approx(0.005)
+    assert away[2] < 1e-6
+    assert np.abs(motion.constraint_residuals).max() < 1e-10
+
+
+def test_what_ends_within_a_period_ends_where_its_law_does(saw: ns.ConstrainedDMP) -> None:
+    motion, own = saw.rollout(cycles=1.5), saw.rollout(cycles=2)
+    there = own.positions[len(motion) - 1]
+    np.testing.assert_allclose(motion.positions[-1], there, atol=1e-12)
+    assert motion.end_error < 1e-5 * motion.path_length < np.linalg.norm(there - own.positions[0])
+
+
+@pytest.mark.parametrize("share", [1, 0.63])
+def test_a_saw_does_not_drift_at_any_step(saw: ns.ConstrainedDMP, share: float) -> None:
+    steps = round(saw.steps / share)
+    motion = saw.rollout(cycles=12, time_step=saw.duration / steps)
+    periods = motion.points[::steps]
+    # At its own step it begins on its cycle, at another it comes to one in a few periods.
+    first = 0 if share == 1 else 8
+    moved = saw.law.space.difference(periods[first:], np.tile(periods[-1], (13 - first, 1)))
+    assert np.abs(moved).max() < 1e-13
+
+
 def test_a_rhythm_survives_its_file(wheel: ns.ConstrainedDMP, tmp_path: object) -> None:
     again = ns.load_primitive(wheel.save(f"{tmp_path}/wheel.json"))
     assert again == wheel
     np.testing.assert_array_equal(again.rollout(cycles=2).points, wheel.rollout(cycles=2).points)
 
 
-def test_a_motion_enters_a_rhythm_with_its_twist(wheel: ns.ConstrainedDMP) -> None:
-    begin = wheel.initial_state()
-    to = Rotation.from_quat(begin.quaternion, scalar_first=True)
-    back = begin.position - 0.1 * to.as_matrix()[:, 0]
-    times = np.linspace(0, 1, 101)
-    line = PoseTrajectory(
-        times, back + times[:, None] * (begin.position - back), Rotation.concatenate([to] * 101)
-    )
-    entering = ns.learn(line, [ns.Wheel()]).adapt(
-        goal_position=begin.position,
-        goal_rotation=to,
-        goal_velocity=begin.linear_velocity,
-    )
-    last = entering.rollout()
-    apart = last.linear_velocities[-1] - begin.linear_velocity
-    assert np.linalg.norm(apart) < 0.02 * np.linalg.norm(begin.linear_velocity)
+def _straight(rule: ns.Constraint, state: State, *, ends: bool) -> ns.ConstrainedDMP:
+    """A cut of 10 cm that ends in a state's pose, or begins in it, at rest."""
+    held = Rotation.from_quat(state.quaternion, scalar_first=True)
+    ahead = held.as_matrix()[:, 0] * np.sign(state.linear_velocity @ held.as_matrix()[:, 0])
+    s = np.linspace(0, 1, 81)
+    u = s**3 * (10 - 15 * s + 6 * s**2) - ends
+    path = state.position + 0.1 * u[:, None] * ahead
+    return ns.learn(PoseTrajectory(1.5 * s, path, Rotation.concatenate([held] * 81)), [rule])
+
+
+def _twist(state: State) -> np.ndarray:
+    return np.concatenate([state.linear_velocity, state.angular_velocity])
+
+
+@pytest.fixture(scope="module")
+def joined_run(
+    saw: ns.ConstrainedDMP,
+) -> tuple[list[State], tuple[int, int], ns.ConstrainedDMP, float]:
+    """A cut that goes over into sawing, and out of it to a goal: states, and where it goes over."""
+    h = 0.004
+    entering = _straight(ns.Blade(), saw.initial_state(), ends=True).adapt(goal=saw.initial_state())
+    state = entering.initial_state()
+    states = [state]
+    while not state.done:
+        states.append(state := entering.step(state, h))
+    into = len(states)
+    state = saw.initial_state(start=state)
+    for _ in range(round(1.3 * saw.duration / h)):
+        states.append(state := saw.step(state, h))
+    out = len(states)
+    leaving = _straight(ns.Blade(), state, ends=False).adapt(start=state)
+    state = leaving.initial_state()
+    while not state.done:
+        states.append(state := leaving.step(state, h))
+    return states, (into, out), leaving, h
+
+
+def test_a_motion_goes_over_into_a_rhythm_and_out_of_it_without_a_jump(
+    saw: ns.ConstrainedDMP,
+    joined_run: tuple[list[State], tuple[int, int], ns.ConstrainedDMP, float],
+) -> None:
+    states, seams, _, _ = joined_run
+    changes = np.abs(np.diff([_twist(state) for state in states], axis=0))
+    for seam in seams:
+        # No more than accelerations change in a step on both sides of it.
+        beside = changes[[*range(seam - 6, seam - 2), *range(seam + 1, seam + 5)]]
+        for part in (slice(3), slice(3, 6)):
+            allowed = np.linalg.norm(beside[:, part], axis=1).max()
+            assert np.linalg.norm(changes[seam - 1, part]) <= 1.05 * allowed
+    assert np.linalg.norm(states[seams[0]].position - saw.start_position) < 1e-3
+
+
+def test_entering_and_leaving_keep_the_constraint_and_come_to_rest_at_the_goal(
+    joined_run: tuple[list[State], tuple[int, int], ns.ConstrainedDMP, float],
+) -> None:
+    states, (_, out), leaving, h = joined_run
+    poses = np.array([state.vector()[:7] for state in states])
+    turned = Rotation.from_quat(poses[:, 3:], scalar_first=True)
+    moved = PoseTrajectory(h * np.arange(len(poses)), poses[:, :3], turned)
+    assert np.abs(step_residuals(moved, ns.Blade())).max() < 1e-10
+    last = states[-1]
+    assert np.linalg.norm(last.position - leaving.goal_position) < 1e-4 * 0.1
+    assert np.linalg.norm(last.linear_velocity) < 1e-3
+    # Times go on: rules that depend on them do.
+    assert leaving.law.begin == pytest.approx(states[out - 1].time)
+    assert states[-1].time == pytest.approx(states[out - 1].time + leaving.duration)
+
+
+def test_a_state_is_no_goal_of_a_rollout_and_has_one_velocity(saw: ns.ConstrainedDMP) -> None:
+    state = saw.initial_state()
+    cut = _straight(ns.Blade(), state, ends=True)
+    with pytest.raises(InputError, match="adapt"):
+        cut.rollout(goal=state)
+    with pytest.raises(InputError, match="goal_velocity is given twice"):
+        cut.adapt(goal=state, goal_velocity=0)
+    with pytest.raises(InputError, match="start is given twice"):
+        cut.adapt(start=state, start_position=[0, 0, 0])
+    with pytest.raises(InputError, match="another baseline"):
+        saw.adapt(goal=state)
+    vectors = ns.learn(ns.Trajectory([0, 1, 2], [[0, 0], [1, 1], [2, 0]], names=["x", "y"]))
+    with pytest.raises(InputError, match="another kind of motion"):
+        vectors.rollout(start=state)
 
 
 def test_a_rhythm_is_led_to_another_baseline_under_its_rule(wheel: ns.ConstrainedDMP) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_export import ARM, CC, EMULATOR, build, needs_emulator
+from test_export import ARM, CC, EMULATOR, SANITIZED, build, needs_emulator
 
 import noslip as ns
 from benchmarks.feedback import tasks
@@ -276,9 +276,7 @@ def test_it_is_clean_and_ends_at_its_goal(name: str, tmp_path: Path) -> None:
     length = PRIMITIVES[name]().rollout().path_length
     assert (finished, plans, failures) == (100, 1, 0)
     assert left <= 4e-3 * length
-    checked, _ = ran(
-        program(name, clean, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    )
+    checked, _ = ran(program(name, clean, *SANITIZED))
     np.testing.assert_allclose(checked, poses, rtol=0, atol=SAME)
 
 

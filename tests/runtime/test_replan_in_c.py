@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
-from test_export import ARM, CC, EMULATOR, STRICT, moving, needs_compiler, primitive
+from test_export import ARM, CC, EMULATOR, SANITIZED, STRICT, moving, needs_compiler, primitive
 
 import noslip as ns
 from learned import under
@@ -296,8 +296,7 @@ def test_what_became_of_it_has_a_code(tmp_path: Path, uncounted: None) -> None:
 @pytest.mark.parametrize("name", ["blade", "winding", "limits", "contact"])
 def test_it_is_clean_under_the_sanitizers(name: str, tmp_path: Path, uncounted: None) -> None:
     dmp = of(name)
-    flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g0")
-    program = build(dmp, tmp_path, 1, flags)
+    program = build(dmp, tmp_path, 1, SANITIZED)
     assert run(program, dmp, pushed(dmp, 0.3, 0.02), farther(dmp, 0.02), dmp.goal_rotation).calls
     assert run(program, dmp, None, farther(dmp, 0.02), dmp.goal_rotation).calls
 

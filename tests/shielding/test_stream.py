@@ -25,7 +25,7 @@ from noslip.errors import InputError
 from objects import objects
 
 CC = shutil.which("cc")
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O2")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O1")
 X, Y, Z = np.eye(3)
 RUNS: dict[str, tuple[ns.Constraint, list[Floats], float]] = {
     "contour_following/data_demo_a_1.csv": (ns.Blade(), [Y], 12),
@@ -458,7 +458,7 @@ def test_the_command_exports_a_shield(
     noslip: Callable[..., Any], tmp_path: Path, uncounted: None
 ) -> None:
     out = tmp_path / "out"
-    given = "--shield", "--constraint", "blade(lateral='z')", "--rate", "500"
+    given = "--shield", "--constraint", "blade(lateral='z')", "--loop-rate", "500"
     result = noslip("export", *given, "--out", out, "--prefix", "knife", "--json")
     assert result.code == 0, result.err
     files = [Path(file) for file in json.loads(result.out)["files"]]
@@ -473,11 +473,14 @@ def test_the_command_exports_a_shield(
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ([], "give a primitive, or --shield with --constraint and --rate"),
-        (["--shield", "--rate", "9"], "--shield takes what must hold (--constraint) and the loop"),
+        ([], "give a primitive, or --shield with --constraint and --loop-rate"),
+        (
+            ["--shield", "--loop-rate", "9"],
+            "--shield takes what must hold (--constraint) and --loop-rate",
+        ),
         (["--shield", "--constraint", "blade"], "--shield takes what must hold (--constraint)"),
         (["cut.json", "--shield"], "--shield takes no primitive and no --name"),
-        (["cut.json", "--rate", "9"], "--constraint and --rate are for --shield"),
+        (["cut.json", "--loop-rate", "9"], "--constraint and --loop-rate are for --shield"),
     ],
 )
 def test_what_the_command_cannot_export_is_refused(

@@ -8,14 +8,18 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
+import noslip as ns
+from browser import ARGUMENTS, CHROMIUM, NEEDS_CHROMIUM
+from kinds import joint_cut
 from waiting import PATIENCE, until
 
 pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
@@ -25,28 +29,12 @@ from matplotlib.image import imread
 from playwright.sync_api import sync_playwright
 
 from noslip.viewer import Page, read_simulation, save_page
+from noslip.viewer.entries import extent
 from noslip.viewer.found import LENGTH
-from noslip.viewer.goal_panel import GIZMO
+from noslip.viewer.handles import GIZMO
+from noslip.viewer.tool import HANDLE
 
-CHROMIUM = os.environ.get("NOSLIP_CHROMIUM") or shutil.which("chromium")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no Chromium found; name it with NOSLIP_CHROMIUM=/path/to/chromium"
-    ),
-]
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
+pytestmark = NEEDS_CHROMIUM
 WIDTH, HEIGHT = 1100, 620
 SHARPNESS = 0.5
 """Pixels drawn per pixel of the scene's picture, in either direction: fewer are faster."""
@@ -101,9 +89,8 @@ class Tab:
         self.view.on("request", lambda request: self.asked.append(request.url))
 
     def open(self, address: str) -> None:
-        """Go there; the warning that drawing is slow without a graphics card is put away."""
+        """Go there."""
         self.view.goto(f"{address}?fixedDpr={self.sharpness}")
-        self.view.locator(".mantine-Notification-closeButton").click()
 
     def _note(self, message) -> None:
         if message.type == "error":
@@ -202,8 +189,36 @@ def test_a_saved_page_plays_from_disk_with_the_network_off(
     assert clock.input_value() == "2.5"
     assert pictures[0] != pictures[1]
     assert "violated: blade" in tab.view.inner_text("body")
+    # The cursor of a chart is at the time that is shown.
+    line = tab.view.locator(".noslip line.now").first
+    until(lambda: float(line.get_attribute("x1")) > 200, "the cursor to move")
+    left, right, end = (float(line.get_attribute(f"data-{d}")) for d in ("left", "right", "end"))
+    share = (float(line.get_attribute("x1")) - left) / (right - left)
+    assert share == pytest.approx(2.5 / end, abs=0.01)
     assert tab.errors == []
     assert all(url.startswith(("file:", "blob:", "data:")) for url in tab.asked)
+    tab.context.close()
+
+
+def test_a_saved_page_leaves_a_phone_room_for_the_scene(chromium, slipping, tmp_path, artifacts):
+    file = save_page(tmp_path / "scene.html", {"slipping.csv": slipping}, constraints=[ns.Blade()])
+    tab = Tab(chromium, width=390, height=844, offline=True, sharpness=0.3)
+    tab.open(file.as_uri())
+    tab.view.locator("input").first.wait_for()
+    tab.view.screenshot(path=artifacts / "saved_phone.png")
+    box = tab.view.locator(".noslip").bounding_box()
+    assert box["x"] >= 0 and box["x"] + box["width"] <= 390 and box["height"] < 844 / 4
+    # The camera stands farther away than in a wide window, by the window's own shape.
+    told = dict(parse_qsl(urlsplit(tab.view.url).query))
+    place, look_at = (
+        np.array([float(x) for x in told[f"initialCamera{what}"].split(",")])
+        for what in ("Position", "LookAt")
+    )
+    _, size = extent([slipping])
+    half = np.linalg.norm(place - look_at) * np.tan(np.radians(25)) * 390 / 844
+    assert half > 0.7 * size
+    tab.view.locator(".noslip summary").click()
+    assert tab.view.locator(".noslip svg").first.is_visible()
     tab.context.close()
 
 
@@ -243,6 +258,151 @@ def test_the_arm_of_a_simulation_is_drawn_where_it_is(chromium, arm_folder, arti
             until(lambda: darkness(tab, page, places[-1]) > 0.6, "the holder to be drawn there")
             tab.view.screenshot(path=artifacts / f"arm_{instant}.png")
         assert darkness(tab, page, places[0]) < 0.6
+
+
+# ---------------------------------------------------------------- what is drawn (alone too)
+
+
+def picture(tab: Tab) -> np.ndarray:
+    """The scene's pixels, shape (HEIGHT, WIDTH, 3), each from 0 to 1."""
+    image = imread(io.BytesIO(tab.view.screenshot()))[..., :3]
+    assert image.shape == (HEIGHT, WIDTH, 3)
+    return image
+
+
+def near(image: np.ndarray, x: float, y: float, reach: int = 3) -> np.ndarray:
+    """Pixels about a place, shape (K, 3)."""
+    return image[
+        round(y) - reach : round(y) + reach + 1, round(x) - reach : round(x) + reach + 1
+    ].reshape(-1, 3)
+
+
+def dark(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
+    """Share of pixels that are as dark as the tool's handle, and nothing else in the scene."""
+    return float((image[y, x].max(axis=1) < 0.55).mean())
+
+
+def on_screen(page: Page, points: np.ndarray) -> np.ndarray:
+    return np.array([pixel(page, point) for point in points])
+
+
+def covered(outline: np.ndarray, inset: float) -> np.ndarray:
+    """Pixels that lie within a convex outline, shape (K, 2), as x and y; farther in than inset."""
+    hull = ConvexHull(outline)
+    grid = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).reshape(-1, 2)
+    away = grid @ hull.equations[:, :2].T + hull.equations[:, 2]
+    return grid[(away <= -inset).all(axis=1)]
+
+
+def test_what_is_drawn_is_what_is_computed(chromium, slipping, artifacts):
+    """Tool, path and obstacle, each where its own geometry is projected to, in its own colors."""
+    ball = ns.KeepOutSphere(center=(0.06, -0.05, 0.0), radius=0.012)
+    page = Page({"slipping.csv": slipping}, constraints=[ns.Blade(), ball], port=0)
+    tab = Tab(chromium, sharpness=1.0)
+    tab.open(f"{page.address}/")
+    track = page.entry.track
+    tab.view.get_by_text("slip angle").wait_for()
+    handles = []
+    for instant in (0.8, 3.2):
+        page.post("seek", lambda instant=instant: page._seek(instant))
+        until(lambda instant=instant: page.time == instant, "the time")
+        k = track.sample(instant)
+        # The tool's handle: its corners, moved by the pose and projected by the camera.
+        (handle,) = (p for p in page.drawing.tool if p.color == HANDLE)
+        corners = slipping.positions[k] + slipping.rotations[k].apply(handle.vertices)
+        handles.append(covered(on_screen(page, corners), 4))
+        x, y = handles[-1].T
+        assert len(x) > 200
+        until(
+            lambda x=x, y=y: dark(picture(tab), x, y) > 0.95,
+            "the handle to be dark where it must be",
+        )
+    image = picture(tab)
+    tab.view.screenshot(path=artifacts / "computed.png")
+    # Where it was before is nothing of it now.
+    x, y = handles[0].T
+    assert dark(image, x, y) < 0.1
+
+    # The path has the colors of its violations, in front of a grid that is gray.
+    segments, colors = track.trail(page._worst)
+    tool = on_screen(page, slipping.positions[k] + slipping.rotations[k].apply(
+        np.concatenate([p.vertices for p in page.drawing.tool])
+    ))  # fmt: skip
+    low, high = tool.min(axis=0) - 8, tool.max(axis=0) + 8
+    matched = []
+    for number in range(10, len(segments) - 10, 12):
+        x, y = pixel(page, segments[number].mean(axis=0))
+        if ((low < [x, y]) & ([x, y] < high)).all():
+            continue
+        off = np.abs(near(image, x, y) - colors[number, 0] / 255).max(axis=1).min()
+        # The picture's tone mapping brightens by up to 0.16; blue and orange are 0.8 apart.
+        matched.append(off < 0.2)
+    assert len(matched) > 15 and np.mean(matched) > 0.9
+    # It slips most in the middle, and not at its ends: the colors differ.
+    assert np.abs(colors[10, 0].astype(int) - colors[len(colors) // 2, 0]).max() > 100
+
+    # The obstacle is a disc of vermillion, seen through, as large as its radius says.
+    ahead = np.subtract(page.server.initial_camera.look_at, page.server.initial_camera.position)
+    aside = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
+    center, redder = np.array(ball.center), []
+    for share in (0.0, 0.8, -0.8, 1.3, -1.3):
+        spot = near(image, *pixel(page, center + share * ball.radius * aside), 2)
+        redder.append(float((spot[:, 0] - spot[:, 2]).mean()))
+    assert min(redder[:3]) > 0.12 and max(redder[3:]) < 0.06
+    assert tab.errors == []
+    tab.context.close()
+    page.stop()
+
+
+def test_the_arm_of_joints_moves(chromium, artifacts):
+    joints = joint_cut()
+    page = Page({"joints.csv": joints}, constraints=[ns.Blade()], port=0)
+    tab = Tab(chromium, sharpness=1.0)
+    tab.open(f"{page.address}/")
+    tab.view.get_by_text("slip angle").wait_for()
+    links = page.entry.follower
+    for instant in (0.0, page.duration):
+        page.post("seek", lambda instant=instant: page._seek(instant))
+        until(lambda instant=instant: page.time == pytest.approx(instant), "the time")
+        corners = links.corners[page.entry.track.sample(page.time)]
+        # Of each of the three upper links the middle.
+        for place in (corners[1:4] + corners[2:5]) / 2:
+            x, y = pixel(page, place)
+            assert 0 < x < WIDTH and 0 < y < HEIGHT
+            until(
+                lambda x=x, y=y: near(picture(tab), x, y).max(axis=1).min() < 0.5,
+                "a link to be drawn there",
+            )
+    tab.view.screenshot(path=artifacts / "joints.png")
+    assert tab.errors == []
+    tab.context.close()
+    page.stop()
+
+
+def test_on_a_phone_the_scene_comes_first_and_the_panel_unfolds(chromium, cut, artifacts):
+    page = Page({"cut.csv": cut}, constraints=[ns.Blade()], port=0)
+    tab = Tab(chromium, width=390, height=844)
+    tab.open(f"{page.address}/")
+    bar = tab.view.get_by_text("noslip", exact=True)
+    play = tab.view.get_by_role("button", name="Play")
+    bar.wait_for()
+    play.wait_for(state="hidden")
+    until(lambda: page.server.get_clients(), "the page's camera")
+    (client,) = page.server.get_clients().values()
+    _, size = extent([cut])
+    away = lambda: np.linalg.norm(np.subtract(client.camera.position, client.camera.look_at))  # noqa: E731
+    # Half of the window's width, where the path is.
+    until(
+        lambda: away() * np.tan(np.radians(25)) * 390 / 844 > 0.7 * size, "the camera to step back"
+    )
+    tab.view.screenshot(path=artifacts / "phone_folded.png")
+    bar.click()
+    play.wait_for()
+    assert tab.view.evaluate("document.documentElement.scrollWidth") <= 390
+    tab.view.screenshot(path=artifacts / "phone_unfolded.png")
+    assert tab.errors == []
+    tab.context.close()
+    page.stop()
 
 
 # ---------------------------------------------------------------- what holds (alone too)
@@ -296,7 +456,10 @@ def test_a_command_that_is_dragged_leads_the_shielded_tool(chromium, primitive, 
 def test_the_page_loads_without_errors(tab, page, artifacts):
     text = tab.view.inner_text("body")
     assert "blade: HOLDS" in text and "Against the demonstration" in text
-    assert "log₁₀ of the residual" in text and "constraint force" in text
+    assert "residual, log₁₀ of m/s, m" in text and "constraint force, " in text
+    # Nothing stands before it: no notice of the library that draws.
+    assert tab.view.locator(".mantine-Notification-root").count() == 0
+    assert tab.view.title() == "noslip"
     assert tab.view.locator("canvas").count() >= 3
     tab.view.screenshot(path=artifacts / "loaded.png")
     assert tab.errors == []
@@ -375,7 +538,8 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
     # The gizmo's first arrow, which is the tool's x axis at the goal.
     axis = primitive.goal_rotation.apply([1.0, 0.0, 0.0])
     goal = primitive.goal_position
-    grip = goal + 0.95 * GIZMO * page.drawing.size * axis
+    handle = np.array(page.goals.handles["goal"].gizmo.position)
+    grip = handle + 0.95 * GIZMO * page.drawing.size * axis
     there = grip + 0.02 * axis
     drag(tab, page, grip, there)
     until(lambda: page.entry.wish.goal.position is not None, "the goal to be dragged")

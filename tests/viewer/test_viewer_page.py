@@ -230,7 +230,7 @@ def test_a_tool_that_is_held_waits_and_is_pushed_to_where_it_is_released(primiti
         done(page, page.pushes.start)
         run = page.pushes.run
         until(lambda: run.clock >= 0.3, "the tool to run")
-        assert page.pushes.grip.visible and not page.goals.gizmos["goal"].visible
+        assert page.pushes.grip.visible and not page.goals.handles["goal"].visible
         done(page, lambda: page.pushes.pull(False))
         held = len(run.states)
         tool = run.states[-1].position
@@ -251,7 +251,7 @@ def test_a_tool_that_is_held_waits_and_is_pushed_to_where_it_is_released(primiti
         reached = np.array([state.position for state in run.states[held:]])
         assert np.linalg.norm(reached - (tool + [0.0, 0.006, 0.0]), axis=1).min() < 2e-3
         assert run.goal_error < 2e-3 and run.residual < EXACT
-        assert not page.pushes.grip.visible and page.goals.gizmos["goal"].visible
+        assert not page.pushes.grip.visible and page.goals.handles["goal"].visible
 
 
 def test_a_tool_that_does_not_run_cannot_be_pulled(primitive):
@@ -388,7 +388,7 @@ def test_a_shielded_tool_follows_its_command_and_does_not_slip(primitive):
         done(page, lambda: page._seek(2.0))
         before, turn = page.drawing.tool_pose("cut.json")
         run = lead(page)
-        assert page.shields.command.visible and not page.goals.gizmos["goal"].visible
+        assert page.shields.command.visible and not page.goals.handles["goal"].visible
         assert page.shields.command.position == pytest.approx(before, abs=1e-6)
         ahead = before + turn.apply([0.015, 0.003, 0.0])
         page.shields.command.position = ahead
@@ -413,7 +413,7 @@ def test_a_shielded_tool_follows_its_command_and_does_not_slip(primitive):
         assert page.shields.run is None and not page.shields.command.visible
         assert page.drawing.tool_pose("cut.json")[0] == pytest.approx(before)
         assert "pushed" not in page.drawing._nodes["cut.json"]
-        assert page.goals.gizmos["goal"].visible
+        assert page.goals.handles["goal"].visible
 
 
 @pytest.mark.parametrize(

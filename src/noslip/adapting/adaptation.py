@@ -29,7 +29,7 @@ from noslip.adapting.plan import (
     projected_along,
     projected_onto,
 )
-from noslip.boundary import Boundary, End
+from noslip.boundary import Boundary, End, Point
 from noslip.constraints.check import quantity_text
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import ConvergenceError, InputError, MissedError, Refusal
@@ -40,7 +40,8 @@ from noslip.projection.blend import through
 from noslip.projection.request import ADAPTING, Request, Weights
 from noslip.rule import Rule, no_rule
 from noslip.runtime.motion import Motion
-from noslip.runtime.rollout import initial_state, motion_from, point_or_parts
+from noslip.runtime.rollout import initial_state, motion_from, point_or_parts, velocity_of
+from noslip.runtime.state import State
 
 _PER_GAP = 2
 """Basis functions from one place to pass to the next, which are to be told apart."""
@@ -50,7 +51,7 @@ def adapt(
     law: Law,
     rule: Rule,
     *,
-    goal: ArrayLike | None = None,
+    goal: Point | State | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     goal_velocity: Velocity = None,
@@ -62,7 +63,7 @@ def adapt(
     scaling: Scaling = "none",
     shape: Shape = "demonstrated",
     reverse: bool | None = None,
-    start: End = "pose",
+    start: End | State = "pose",
     end: End = "pose",
     samples: int | None = None,
     position_weight: float = ADAPTING.position,
@@ -83,7 +84,8 @@ def adapt(
     rule : Rule
     goal : array, shape (n,), or a pair (position, Rotation), optional
         A point of what moves: coordinates such as joints, or a pose; of several bodies a mapping of
-        names to such pairs, in which those that are left out stay where the law has them.
+        names to such pairs, in which those that are left out stay where the law has them.  Or the
+        State that another motion begins in, or is in: it is reached with its velocity.
     goal_position, start_position : array, shape (n,), optional
         Meters, or the coordinates' own units; those of the law by default.
     goal_rotation, start_rotation : Rotation, optional
@@ -114,7 +116,8 @@ def adapt(
         :class:`noslip.constraints.TurningRadius` that is declared lets it.
     start, end : "free", "position", "rotation" or "pose"
         What of the start and the goal is kept to; all of it by default.  What is not named in
-        the call is that of the law.
+        the call is that of the law.  The start may be the State that another motion is in: this
+        one takes over from it, in its pose, with its velocity, at its time.
     samples : int, optional
         Of the projection; by default one a step, from 4 a basis function up to 2001.
     position_weight, position_smoothing, rotation_smoothing : float
@@ -134,7 +137,13 @@ def adapt(
         duration = _arguments.positive("duration", duration, "seconds")
     if shape not in get_args(Shape):
         raise InputError(f"shape must be demonstrated or shortest, got {_arguments.short(shape)}")
+    goal_velocity = _velocity_of(law, "goal", goal, goal_velocity)
     goal_position, goal_rotation = point_or_parts(law, "goal", goal, goal_position, goal_rotation)
+    if isinstance(start, State):
+        start_velocity = _velocity_of(law, "start", start, start_velocity)
+        parts = point_or_parts(law, "start", start, start_position, start_rotation)
+        start_position, start_rotation = parts
+        law, start = replace(law, begin=start.time), "pose"
     named = {
         "start": (start_position, start_rotation, start_velocity),
         "goal": (goal_position, goal_rotation, goal_velocity),
@@ -191,6 +200,15 @@ def adapt(
         )
         found = replace(found, notes=(*found.notes, told))
     return found.told()
+
+
+def _velocity_of(law: Law, name: str, point: Any, given: Velocity) -> Velocity:
+    """The velocity of an end that is given as a state, or as it is given."""
+    if not isinstance(point, State):
+        return given
+    if given is not None:
+        raise InputError(f"{name}_velocity is given twice; {name} is a state, which has one")
+    return velocity_of(law.space, name, point)
 
 
 _Named = Mapping[str, tuple[ArrayLike | None, Rotation | None, Velocity]]

@@ -15,16 +15,24 @@ from types import FrameType
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from noslip._version import __version__
-from noslip.errors import ConvergenceError, MissedError, NoslipError, NoslipWarning, one_line
+from noslip.errors import (
+    ConvergenceError,
+    InputError,
+    MissedError,
+    NoslipError,
+    NoslipWarning,
+    did_you_mean,
+    one_line,
+)
 
 EXIT_VIOLATED, EXIT_USAGE = 1, 2
 """What a script tells apart: a job that was not done, and a call that is wrong."""
 
 PANELS = {
-    "Start here": ("demo", "doctor"),
+    "Start here": ("demo", "docs", "doctor"),
     "Recordings": ("topics", "convert", "segment", "check", "identify", "shield"),
     "Primitives": ("learn", "rollout", "adapt"),
     "Look at them": ("plot", "view", "report"),
@@ -61,14 +69,53 @@ def _command(name: str, panel: str) -> Any:
     _, _, examples = (command.__doc__ or "").partition("\n\n")
     alone = typer.Typer(**_LOOK)
     alone.command(
-        name=name, epilog=f"\nExamples:\n\n{indent(examples, '  ')}", rich_help_panel=panel
+        name=name,
+        cls=_Command,
+        epilog=f"\nExamples:\n\n{indent(examples, '  ')}",
+        rich_help_panel=panel,
     )(command.run)
     return typer.main.get_command(alone)
+
+
+# Typer brings a Click of its own, or takes the one that is installed.
+_USAGE: Any = typer.BadParameter.__base__
+
+
+@contextmanager
+def _usage_as_line(context: Any) -> Iterator[None]:
+    """Tell a call that is wrong as one line, like any other error."""
+    try:
+        yield
+    except _USAGE as error:
+        told: Any = error
+        what = " ".join(told.format_message().replace("Value error, ", "").split()).rstrip(".")
+        if hasattr(told, "possibilities"):
+            known = [name for each in context.command.params for name in each.opts]
+            what = f"no such option {told.option_name}{did_you_mean(told.option_name, known)}"
+        raise InputError(f"{what}; see {context.command_path} --help") from None
+
+
+class _Command(TyperCommand):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        with _usage_as_line(ctx):
+            return super().parse_args(ctx, args)
 
 
 class _Group(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes | {"commands": _Commands()})
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not args:
+            return super().parse_args(ctx, args)
+        with _usage_as_line(ctx):
+            return super().parse_args(ctx, args)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args and not args[0].startswith("-") and args[0] not in self.commands:
+            near = did_you_mean(args[0], self.commands)
+            raise InputError(f"no command {args[0]!r}{near}; noslip --help lists them")
+        return super().resolve_command(ctx, args)
 
 
 app = typer.Typer(
@@ -173,7 +220,7 @@ def main() -> None:
         with _interruptible():
             app()
     except NoslipError as error:
-        more = f" (see {error.page})" if error.page else ""
+        more = f" (see noslip docs {error.page})" if error.page else ""
         print(f"noslip: error: {error}{more}", file=sys.stderr)
         undone = isinstance(error, (ConvergenceError, MissedError))
         sys.exit(EXIT_VIOLATED if undone else EXIT_USAGE)

@@ -31,9 +31,8 @@ from noslip.adapting import Shape
 from noslip.boundary import Boundary, twist
 from noslip.cli import options, output
 from noslip.cli.outcome import Outcome, csv_text, sentences, sentences_together
-from noslip.cli.plot import FORMATS
 from noslip.constraints.check import checked
-from noslip.errors import InputError, NoslipError, NoslipWarning
+from noslip.errors import InputError, NoslipError, NoslipWarning, did_you_mean
 from noslip.figures import adapted_family, save_figure
 from noslip.figures.family import end_errors
 from noslip.law.scaling import Scaling
@@ -52,8 +51,6 @@ _FILE_NAME = re.compile(r"\w[\w .+-]{0,99}")
 _KNOWN = "x,y,z (all or none), qw,qx,qy,qz (all or none), duration, name"
 """Columns of a file of goals, of poses."""
 
-Point = Annotated[str | None, options.optional("X,Y,Z", "Meters.")]
-"""An option that is a position."""
 Velocity = Annotated[
     str | None,
     options.optional(
@@ -62,20 +59,13 @@ Velocity = Annotated[
     ),
 ]
 """An option that is a twist."""
-Turn = Annotated[str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)]
-"""An option that is a rotation."""
 Options = dict[str, Any]
 """Of :meth:`noslip.ConstrainedDMP.adapt`; what is None stays the primitive's own."""
 
 
 def run(
-    primitive: Annotated[
-        Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(metavar="PATH", help="Primitive to write (JSON); with --goals, a folder."),
-    ],
+    primitive: options.Primitive,
+    out: Annotated[Path, options.out("the primitive: .json; with --goals, a folder of them")],
     goals: Annotated[
         Path | None,
         options.optional(
@@ -84,15 +74,15 @@ def run(
             "their names in place of the pose.  The other options hold for all rows.",
         ),
     ] = None,
-    goal_position: Point = None,
-    goal_rotation: Turn = None,
+    goal_position: options.Point = None,
+    goal_rotation: options.Turn = None,
     goal_values: options.PointValues = None,
     goal_velocity: Velocity = None,
-    start_position: Point = None,
-    start_rotation: Turn = None,
+    start_position: options.Point = None,
+    start_rotation: options.Turn = None,
     start_values: options.PointValues = None,
     start_velocity: Velocity = None,
-    duration: Annotated[float | None, options.optional("S", "Seconds.")] = None,
+    duration: options.Duration = None,
     via: Annotated[
         list[str],
         options.optional(
@@ -123,8 +113,8 @@ def run(
             show_default=False,
         ),
     ] = None,
-    start: options.Kept = "pose",
-    end: options.Kept = "pose",
+    start: options.Kept = "auto",
+    end: options.Kept = "auto",
     samples: Annotated[
         int | None,
         options.optional("N", "Of the projection; by default one a step, up to 2001."),
@@ -132,9 +122,7 @@ def run(
     position_weight: options.PositionWeight = ADAPTING.position,
     position_smoothing: options.PositionSmoothing = ADAPTING.position_smoothing,
     rotation_smoothing: options.RotationSmoothing = ADAPTING.rotation_smoothing,
-    figure: Annotated[
-        Path | None, options.optional("FILE", "Figure to write: .png, .svg or .pdf.")
-    ] = None,
+    figure: options.Figure = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Move a primitive to new goals, starts and via points; it still holds its constraints.
@@ -146,8 +134,7 @@ def run(
     from its goal its motion ends, its residual and its peak angular speed.  Rows that fail are
     listed, the others finished.  Exits with 1 if any failed, or violates a constraint.
     """
-    if figure is not None and options.output(figure, "--figure") and figure.suffix not in FORMATS:
-        raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
+    options.figure(figure)
     if duration is not None:
         duration = _arguments.positive("--duration", duration, "seconds")
     dmp = load_primitive(primitive)
@@ -164,8 +151,7 @@ def run(
         "scaling": scaling,
         "shape": shape,
         "reverse": reverse,
-        "start": start,
-        "end": end,
+        **options.kept(start=start, end=end),
         "samples": samples,
         "position_weight": position_weight,
         "position_smoothing": position_smoothing,
@@ -300,7 +286,9 @@ def _refused(name: str, error: Exception) -> Outcome:
 def _goal(dmp: ConstrainedDMP, asked: Options) -> Boundary:
     """Where a motion should end: what was asked for, else the primitive's own goal."""
     given = Boundary(1.0, asked["goal_position"], asked["goal_rotation"])
-    return Boundary(1.0, *given.pose_or(dmp.goal_position, dmp.goal_rotation)).part(asked["end"])
+    return Boundary(1.0, *given.pose_or(dmp.goal_position, dmp.goal_rotation)).part(
+        asked.get("end", "pose")
+    )
 
 
 def _velocity(option: str, text: str | None, space: Space) -> Floats | str | None:
@@ -380,7 +368,10 @@ def _goal_columns(
     listed = ", ".join([*told, *(name for group in groups if len(group) == 1 for name in group)])
     for name in filter(None, names):
         if name not in (*known, "name"):
-            raise InputError(f"{where}: column {name!r} is not known; known are {listed}, name")
+            near = did_you_mean(name, (*known, "name"))
+            raise InputError(
+                f"{where}: column {name!r} is not known{near}; known are {listed}, name"
+            )
         if names.count(name) > 1:
             raise InputError(f"{where}: column {name} appears twice; keep one")
     for group in groups:

@@ -17,12 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from noslip._samples import Mending
-from noslip.cli import options
+from noslip.cli import options, output
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import InputError, one_line
 from noslip.recordings import write_recording
@@ -34,16 +34,12 @@ _PLANAR = (".csv", ".parquet", ".feather")
 
 @options.grouped
 def run(
-    recording: Annotated[
-        str, typer.Argument(help="A recording of any format.", show_default=False)
-    ],
+    recording: options.Recording,
     out: Annotated[
         Path | None,
-        options.optional(
-            "FILE",
-            f"What to write: {listed_suffixes(WRITTEN)}; several recordings are numbered.",
-        ),
+        options.out(f"the poses: {listed_suffixes(WRITTEN)}; several recordings are numbered"),
     ] = None,
+    as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
     written: options.Writing = options.Writing(),  # noqa: B008 - immutable
 ) -> None:
@@ -59,13 +55,27 @@ def run(
     mending = Mending(**{name: asked.pop(name) for name in options.MENDING})
     found = list(loaded(recording, asked, mending))
     told: Sequence[str] = ()
+    results: list[dict[str, Any]] = []
     for number, (samples, read) in enumerate(found, start=1):
-        if out is None and samples.understood != told:
+        if out is None and not as_json and samples.understood != told:
             for line in samples.understood:
                 typer.echo(one_line(f"  {line}"))
             told = samples.understood
         trajectory = prepare(read, **given.preparation())
         size = f"{len(trajectory)} samples, {trajectory.duration:.4g} s"
+        results.append(
+            {
+                "recording": trajectory.name,
+                "samples": len(trajectory),
+                "duration": trajectory.duration,
+                "period": trajectory.period,
+                "path_length": trajectory.path_length,
+                "understood": list(samples.understood),
+                "written": None,
+            }
+        )
+        if out is None and as_json:
+            continue
         if out is None:
             step = f"one every {1e3 * trajectory.period:.4g} ms"
             path = f"path {trajectory.path_length:.4g} m"
@@ -78,4 +88,8 @@ def run(
             what["frame"] = given.frame
         several = len(found) > 1
         file = out.with_name(f"{out.stem}_{number:02}{out.suffix}") if several else out
-        typer.echo(f"wrote {write_recording(trajectory, file, **what)}: {size}")
+        results[-1]["written"] = str(write_recording(trajectory, file, **what))
+        if not as_json:
+            typer.echo(f"wrote {results[-1]['written']}: {size}")
+    if as_json:
+        output.print_json(results)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from matplotlib.figure import Figure
 from rich.table import Table
 
@@ -42,9 +41,9 @@ STAGES = 8 + 1 + 5
 
 def run(
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")
+        Path, options.out("the results: a folder, made if missing", default=True)
     ] = Path("noslip-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Of the synthetic excisions.")] = 7,
+    seed: options.Seed = 7,
     as_json: options.AsJson = False,
 ) -> None:
     """Reproduce the paper's experiments: motions, primitives, figures and a summary.
@@ -96,12 +95,12 @@ def _write_figures(
     excisions: list[Excision],
     progress: Callable[[int, int], None],
 ) -> list[Path]:
-    motions = {name.replace("optimized", "optimized"): m for name, m in example.motions.items()}
+    motions = example.motions
     demonstrations = [excision.demonstration for excision in excisions]
     trained = [excision.trained for excision in excisions]
     snapshots = {name: motions[name] for name in ("demonstration", "constrained", "optimized")}
     figures: dict[str, Callable[[], Figure]] = {
-        "numerical_example/motions": lambda: compare_motions(motions, [CONSTRAINT]),
+        "numerical_example/motions": lambda: compare_motions(motions, [CONSTRAINT], tool=True),
         "numerical_example/snapshots": lambda: blade_snapshots(
             snapshots, desired=example.demonstration
         ),

@@ -7,14 +7,16 @@ noslip doctor --json
 
 from __future__ import annotations
 
+import importlib
 import os
 import platform
 import shutil
-from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from typing import Any
 
 import typer
+from packaging.requirements import Requirement
 
 from noslip._version import __version__
 from noslip.cli import options, output
@@ -25,22 +27,11 @@ from noslip.experiments.numerical_example import demonstration
 from noslip.learning import learn
 from noslip.runtime.stepper import stepper_of
 
-EXTRAS = {
-    "bags": ("rosbags",),
-    "tables": ("pyarrow",),
-    "hdf5": ("h5py",),
-    "maps": ("yaml",),
-    "meshes": ("trimesh",),
-    "align": ("dtaidistance",),
-    "robots": ("mujoco", "daqp"),
-    "video": ("imageio", "imageio_ffmpeg"),
-    "cluster": ("distributed",),
-    "lerobot": ("lerobot",),
-    "viewer": ("viser",),
-    "report": ("jinja2", "weasyprint"),
-    "interop": ("movement_primitives", "pytransform3d"),
-}
-"""Packages that each extra brings."""
+DEVELOPERS = {"bench", "dev", "docs"}
+"""Extras of the repository, not of the library."""
+
+MODULES = {"pyyaml": "yaml"}
+"""Modules that have another name than the package that brings them."""
 
 
 def run(as_json: options.AsJson = False) -> None:
@@ -71,7 +62,7 @@ def _survey() -> dict[str, Any]:
         "valgrind": shutil.which("valgrind")
         or "not found; noslip export does not count instructions",
     }
-    return found | {"extras": {name: _extra(*names) for name, names in EXTRAS.items()}}
+    return found | {"extras": _extras()}
 
 
 def _steps() -> str:
@@ -107,11 +98,45 @@ def _cache() -> str:
     )
 
 
-def _extra(*names: str) -> str:
-    missing = [name for name in names if find_spec(name) is None]
-    if missing:
-        return "missing " + " ".join(missing)
+def _extras() -> dict[str, str]:
+    """Each extra that the installed package declares, and whether what it brings can be used."""
     try:
-        return " ".join(f"{name} {version(name.replace('_', '-'))}" for name in names)
+        names = metadata("noslip").get_all("Provides-Extra") or []
     except PackageNotFoundError:
-        return "there"
+        return {"unknown": "noslip is not installed, only on the path: pip install it"}
+    return {
+        name: " ".join(_tried(wanted) for wanted in _wanted("noslip", name))
+        for name in sorted(set(names) - DEVELOPERS)
+    }
+
+
+def _wanted(package: str, extra: str) -> Iterator[Requirement]:
+    """What a package needs for one of its extras alone, extras of those packages included."""
+    for text in requires(package) or []:
+        wanted = Requirement(text)
+        marker = wanted.marker
+        if marker is None or not marker.evaluate({"extra": extra}):
+            continue
+        if marker.evaluate({"extra": ""}):  # needed in any case
+            continue
+        yield wanted
+        for further in wanted.extras:
+            try:
+                yield from _wanted(wanted.name, further)
+            except PackageNotFoundError:  # told of the package itself
+                return
+
+
+def _tried(wanted: Requirement) -> str:
+    """A package and its version, or why it cannot be used: only importing it tells."""
+    try:
+        found = version(wanted.name)
+    except PackageNotFoundError:
+        return f"missing {wanted.name}"
+    if found not in wanted.specifier:
+        return f"{wanted.name} {found} is not {wanted.specifier}"
+    try:
+        importlib.import_module(MODULES.get(wanted.name, wanted.name.replace("-", "_")))
+    except Exception as error:  # a library of the machine that is missing raises what it likes
+        return f"{wanted.name} {found} cannot be imported: {str(error).splitlines()[0]}"
+    return f"{wanted.name} {found}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -55,17 +56,17 @@ def run(
             }
         )
     else:
-        _print_summary(learned, out)
+        _print_summary(learned, out, constraints)
     if learned.failed:
         raise typer.Exit(1)
 
 
-def _print_summary(learned: LearnedEach, out: Path) -> None:
+def _print_summary(learned: LearnedEach, out: Path, constraints: Sequence[Constraint]) -> None:
     failed, total = len(learned.failed), len(learned.results)
     kept = f", {learned.kept} of them before" if learned.kept else ""
     typer.echo(f"learned {total - failed} of {total} recordings{kept}")
     motions = [result for result in learned.results if result.residual_peak is not None]
-    if motions:
+    if motions and any(constraint.relation == "zero" for constraint in constraints):
         worst = max(motions, key=lambda result: result.residual_peak or 0.0)
         peak = residual_text(worst.residual_peak or 0.0, "1", order="at most")
         typer.echo(f"residual of their motions: {peak} ({one_line(worst.name)})")

@@ -6,7 +6,7 @@ cd excision_c && cc -std=c99 -O2 noslip.c excision.c example.c -lm -o example
 
 cmake -S excision_c -B build && cmake --build build && ctest --test-dir build
 
-noslip export --shield --constraint blade --rate 1000 --out shield_c
+noslip export --shield --constraint blade --loop-rate 1000 --out shield_c
 """
 
 from __future__ import annotations
@@ -28,11 +28,8 @@ _SHIELD = "A shield for streams, of constraints alone"
 
 
 def run(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write the C files.")],
-    primitive: Annotated[
-        Path | None,
-        typer.Argument(help="A primitive written by noslip learn.", show_default=False),
-    ] = None,
+    out: Annotated[Path, options.out("the C files: a folder, made if missing")],
+    primitive: options.OptionalPrimitive = None,
     name: Annotated[
         str | None,
         options.optional("NAME", "Of the primitive in C; by default the file's."),
@@ -50,15 +47,10 @@ def run(
         ),
     ] = False,
     constraint: options.Constraints = [],  # noqa: B006 - read only
-    rate: Annotated[float | None, options.optional("HZ", "Of the robot's loop.", _SHIELD)] = None,
-    metric: Annotated[
-        str,
-        typer.Option(
-            metavar="WORD|W,...",
-            help="Who gives way: auto, position, shared or six weights.",
-            rich_help_panel=_SHIELD,
-        ),
-    ] = "auto",
+    loop_rate: Annotated[
+        float | None, options.optional("HZ", "Of the robot's loop.", _SHIELD)
+    ] = None,
+    metric: options.WhoGivesWay = "auto",
     as_json: options.AsJson = False,
 ) -> None:
     """Write a primitive as C99: no heap, nothing but libm, one state struct, numbers as data.
@@ -67,13 +59,13 @@ def run(
     (NAME.c): another primitive under the same constraints needs another NAME.c only.  With a C
     compiler and valgrind at hand the most instructions of a step are counted and told in noslip.h.
 
-    With --shield it takes no primitive, but --constraint and --rate: shield.c follows a stream of
-    commands and keeps the constraints.
+    With --shield it takes no primitive, but --constraint and --loop-rate: shield.c follows a stream
+    of commands and keeps the constraints.
     """
     exported = (
-        _stream(primitive, name, constraint, rate, metric).export_c(out, prefix=prefix)
+        _stream(primitive, name, constraint, loop_rate, metric).export_c(out, prefix=prefix)
         if shield
-        else _primitive(primitive, name, prefix, out, bool(constraint) or rate is not None)
+        else _primitive(primitive, name, prefix, out, bool(constraint) or loop_rate is not None)
     )
     if as_json:
         output.print_json(
@@ -95,9 +87,9 @@ def _primitive(
     file: Path | None, name: str | None, prefix: str, out: Path, has_more: bool
 ) -> Exported:
     if file is None:
-        raise InputError("give a primitive, or --shield with --constraint and --rate")
+        raise InputError("give a primitive, or --shield with --constraint and --loop-rate")
     if has_more:
-        raise InputError("--constraint and --rate are for --shield; a primitive has its own")
+        raise InputError("--constraint and --loop-rate are for --shield; a primitive has its own")
     chosen = name if name is not None else re.sub(r"\W", "_", file.stem)
     return load_primitive(file).export_c(out, name=chosen, prefix=prefix)
 
@@ -108,5 +100,5 @@ def _stream(
     if file is not None or name is not None:
         raise InputError("--shield takes no primitive and no --name; give one or the other")
     if not constraint or rate is None:
-        raise InputError("--shield takes what must hold (--constraint) and the loop's --rate in Hz")
+        raise InputError("--shield takes what must hold (--constraint) and --loop-rate in Hz")
     return Shield(options.constraints(constraint), rate=rate, metric=options.metric(metric))

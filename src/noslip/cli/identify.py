@@ -1,6 +1,6 @@
 """``noslip identify``: which constraint holds in recordings, and about which point of the tool.
 
-noslip identify runs/*.csv --trim-speed 0.05 --rate 120 --lowpass 4.8 --out why.png
+noslip identify runs/*.csv --trim-speed 0.05 --rate 120 --lowpass 4.8 --figure why.png
 
 noslip identify run.bag --topic /tf --child-frame knife --json
 """
@@ -8,20 +8,16 @@ noslip identify run.bag --topic /tf --child-frame knife --json
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
 from scipy.spatial.transform import Rotation
 
 from noslip.cli import options, output
-from noslip.cli.plot import FORMATS
 from noslip.constraints.catalog import constraint_text
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.fields import ORIGIN
 from noslip.demonstrations.preparation import tool_frame_matrix
-from noslip.errors import InputError
 from noslip.figures import identified_constraint, save_figure
 from noslip.identification import Identified, identify
 
@@ -32,10 +28,7 @@ _OF_THE_TOOL = ("lateral", "edge", "axle", "shaft", "bevel")
 @options.grouped
 def run(
     recordings: options.Recordings,
-    out: Annotated[
-        Path | None,
-        options.optional("FILE", "Figure to write, which shows why: .png, .svg or .pdf."),
-    ] = None,
+    figure: options.Figure = None,
     as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:
@@ -45,11 +38,10 @@ def run(
     standard errors, what the motion does not tell, and how much the tool slips, before and after;
     and the options with which check and learn go on.  Exits with 1 if nothing holds.
     """
-    if options.output(out) and out is not None and out.suffix not in FORMATS:
-        raise InputError(f"--out: {out} must end in {', '.join(FORMATS)}")
+    options.figure(figure)
     found = identify(given.load(recordings))
-    if out is not None:
-        save_figure(identified_constraint(found), out)
+    if figure is not None:
+        save_figure(identified_constraint(found), figure)
     if as_json:
         output.print_json(found.to_dict())
     else:

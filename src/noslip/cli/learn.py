@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -35,14 +35,15 @@ from noslip.constraints.check import (
     with_unit,
 )
 from noslip.demonstrations.alignment import align as bring_into_step
-from noslip.errors import InputError, one_line
+from noslip.demonstrations.cycles import periods
+from noslip.errors import InputError, muted, one_line
 from noslip.learning import learn
 from noslip.merit import figures_of_merit
 from noslip.projection.request import LEARNING
 from noslip.rule import BARRIER_RATE, STABILIZATION
 from noslip.runtime.motion import Motion
 
-_MANY = "Many recordings"
+_MANY = options.MANY
 """Heading of these options in the help."""
 _CONSTANTS = "Constants of the law"
 """Heading of these options in the help."""
@@ -81,25 +82,12 @@ class Learning:
             "gives way a little too, which spares the tool sharp turns.",
         ),
     ] = False
-    start: options.Kept = "free"
-    end: Annotated[
-        Literal["auto", "free", "position", "rotation", "pose"],
-        typer.Option(
-            help="The same of the other end; auto is the position, unless a constraint on poses "
-            "may want another."
-        ),
-    ] = "auto"
+    start: options.Kept = "auto"
+    end: options.Kept = "auto"
     position_weight: options.PositionWeight = LEARNING.position
     position_smoothing: options.PositionSmoothing = LEARNING.position_smoothing
     rotation_smoothing: options.RotationSmoothing = LEARNING.rotation_smoothing
-    metric: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Who gives way at run time: position, shared, or six positive weights separated "
-            "by commas; auto is position where that can hold all, else shared.",
-        ),
-    ] = "auto"
+    metric: options.WhoGivesWay = "auto"
     metric_length: Annotated[
         float | None,
         options.optional("M", "Meters that weigh as much as a radian; by default a mean step."),
@@ -128,18 +116,15 @@ class Learning:
         bool,
         typer.Option(
             "--rhythmic",
-            help="Each recording is one period, whose last sample is the first again: the "
-            "primitive goes round for ever.",
+            help="Each recording is one period, whose last sample is the first again, or holds "
+            "several: the primitive goes round for ever.",
         ),
     ] = False
-    project_start: Annotated[
-        bool,
-        typer.Option(
-            "--project-start",
-            help="Project the initial velocity onto the constraints.",
-            rich_help_panel="Preparation (in this order)",
-        ),
-    ] = False
+    period: Annotated[
+        float | None,
+        options.optional("S", "Of a rhythm: seconds of a period, about; by default it is found."),
+    ] = None
+    project_start: options.StartProjected = "nothing"
 
     def keywords(self) -> dict[str, Any]:
         """Return what they are for :func:`noslip.learn`."""
@@ -150,29 +135,18 @@ class Learning:
                     f"--basis-functions: give auto or a whole number, got {self.basis_functions!r}"
                 )
             count = int(self.basis_functions)
-        return vars(self) | {"metric": options.metric(self.metric), "basis_functions": count}
+        given = {name: value for name, value in vars(self).items() if name not in ("start", "end")}
+        given |= options.kept(start=self.start, end=self.end)
+        return given | {"metric": options.metric(self.metric), "basis_functions": count}
 
 
 @options.grouped
 def run(
     recordings: options.Recordings,
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="PATH", help="Where to write the primitive (JSON); with --each, a folder."
-        ),
-    ],
+    out: Annotated[Path, options.out("the primitive: .json; with --each, a folder of them")],
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
     learning: Learning = Learning(),
-    each: Annotated[
-        bool,
-        typer.Option(
-            "--each",
-            help="One primitive from each recording; folders are searched.  What an earlier run "
-            "has learned the same way is kept.",
-            rich_help_panel=_MANY,
-        ),
-    ] = False,
+    each: options.Each = False,
     table: Annotated[
         Path | None,
         options.optional(
@@ -204,8 +178,9 @@ def run(
     constraints at every step of its motion.  Exits with 1 if a projection does not converge, or
     if the motion misses its goal or breaks a hard limit.
 
-    With --each every recording becomes a primitive of its own.  Recordings that fail are listed,
-    the others finished, and the exit code is 1.
+    With --each every recording becomes a primitive of its own; folders are searched, and what an
+    earlier run has learned the same way is kept.  Recordings that fail are listed, the others
+    finished, and the exit code is 1.
     """
     held = options.constraints(constraint)
     if each:
@@ -241,6 +216,9 @@ def run(
     if learning.align:
         # What it was learned from is what it is compared with.
         demonstrations = bring_into_step(demonstrations)
+    if learning.rhythmic:
+        with muted():
+            demonstrations = [p for d in demonstrations for p in periods(d, learning.period)]
     motion = primitive.rollout()
     system = primitive.system
     merits = [figures_of_merit(motion, d, system).to_dict() for d in demonstrations]

@@ -26,6 +26,7 @@ from noslip.projection.metric import Metric
 from noslip.recordings import load_demonstrations
 from noslip.recordings.bags import Integrate
 from noslip.recordings.twists import Twist
+from noslip.runtime.rollout import ProjectStart
 from noslip.space import Space
 from noslip.trajectory import PoseTrajectory
 
@@ -44,16 +45,46 @@ def optional(metavar: str, help: str, panel: str | None = None, flags: tuple[str
     )
 
 
-Recordings = Annotated[
+def out(what: str, *, default: bool = False) -> Any:
+    """Return the option ``--out`` of a command: where what it makes is written.
+
+    Parameters
+    ----------
+    what : str
+        That is written, in which formats.
+    default : bool
+        Whether the help shows where it is written if nothing is said.
+    """
+    return typer.Option(metavar="PATH", help=f"Where to write {what}.", show_default=default)
+
+
+FIGURES = (".png", ".svg", ".pdf")
+"""Formats of figures: to look at, to edit, and to print."""
+
+# What several commands take is declared here once, so that it is called and explained alike in all.
+
+_RECORDINGS = typer.Argument(
+    help="Recordings: CSV (t,x,y,z,qw,qx,qy,qz, t,x,y,theta or t,x,y,theta_deg), npz, ROS "
+    "bags, LeRobot and robomimic data sets, Parquet, TUM; globs are expanded.",
+    show_default=False,
+)
+Recordings = Annotated[list[str], _RECORDINGS]
+OptionalRecordings = Annotated[list[str] | None, _RECORDINGS]
+Recording = Annotated[str, typer.Argument(help="A recording of any format.", show_default=False)]
+Motions = Annotated[
     list[str],
     typer.Argument(
-        help="Recordings: CSV (t,x,y,z,qw,qx,qy,qz, t,x,y,theta or t,x,y,theta_deg), npz, ROS "
-        "bags, LeRobot and robomimic data sets, Parquet, TUM; globs are expanded.",
+        help="Recordings of any format, primitives (JSON), which are rolled out, and folders "
+        "that noslip simulate wrote.",
         show_default=False,
     ),
 ]
-"""What several commands take is declared here once, so that it is called and explained alike in
-all."""
+Primitive = Annotated[
+    Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
+]
+OptionalPrimitive = Annotated[
+    Path | None, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
+]
 Constraints = Annotated[
     list[str],
     optional(
@@ -117,6 +148,15 @@ Columns = Annotated[
         _TABLE,
     ),
 ]
+ChannelColumns = Annotated[
+    str | None,
+    optional(
+        "NAMES",
+        "Columns beside the pose that go with it, such as gripper or fx,fy,fz: a primitive learns "
+        "them with its phase.",
+        _TABLE,
+    ),
+]
 TimeColumn = Annotated[
     str | None, optional("NAME", "Time, or seconds and nanoseconds: sec,nanosec.", _TABLE)
 ]
@@ -131,16 +171,24 @@ LengthUnit = Annotated[
 RotationKind = Annotated[
     str | None, optional("KIND", f"How rotations are written: {KINDS}.", _TABLE)
 ]
-RobotModel = Annotated[
+_ROBOT = "The robot"
+"""Heading of these options in the help."""
+_ROBOT_MODEL = optional(
+    "NAME|FILE",
+    "The arm: panda, or a model's file (MJCF or URDF).  A recording of its joints is read as the "
+    "poses of its tool.",
+    _ROBOT,
+)
+RobotModel = Annotated[str, _ROBOT_MODEL]
+OptionalRobotModel = Annotated[str | None, _ROBOT_MODEL]
+RobotTool = Annotated[
     str | None,
     optional(
-        "NAME|FILE",
-        "Of a file that holds joints: the robot, panda or MJCF or URDF, whose tool's pose it is.",
-        _TABLE,
+        "NAME",
+        "Site or body of --robot FILE that is the tool's frame: x along the edge's travel, y "
+        "lateral, z out of the work.",
+        _ROBOT,
     ),
-]
-RobotTool = Annotated[
-    str | None, optional("NAME", "Site or body of --robot FILE that is the tool.", _TABLE)
 ]
 AsValues = Annotated[
     bool,
@@ -215,7 +263,14 @@ Relative = Annotated[
         rich_help_panel=_PREPARATION,
     ),
 ]
-Kept = Annotated[End, typer.Option(help="What of this end the projection keeps to.")]
+Kept = Annotated[
+    Literal[End, "auto"],
+    typer.Option(
+        help="What of this end the projection keeps.  auto: to adapt, the pose; to learn, "
+        "nothing of the start and the position of the end, unless a constraint on poses may want "
+        "another."
+    ),
+]
 _PROJECTION = "Weights of the projection"
 """Heading of these options in the help."""
 PositionWeight = Annotated[
@@ -238,6 +293,43 @@ RotationSmoothing = Annotated[
         metavar="X", help="Of the smoothness of the rotation.", rich_help_panel=_PROJECTION
     ),
 ]
+Point = Annotated[str | None, optional("X,Y,Z", "Meters, world frame.")]
+"""An option that is a position."""
+Turn = Annotated[
+    str | None, optional("QW,QX,QY,QZ", "Unit quaternion, which turns body into world.")
+]
+"""An option that is a rotation."""
+Duration = Annotated[
+    float | None,
+    optional("S", "Of the motion; by default the primitive's.  Of a rhythm its period."),
+]
+StartProjected = Annotated[
+    ProjectStart,
+    typer.Option(
+        help="What of a start off the constraints is replaced by the nearest on them: its "
+        "velocity, its pose too, or nothing."
+    ),
+]
+WhoGivesWay = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME|W,...",
+        help="Who gives way at run time: position, shared, or six positive weights separated by "
+        "commas; auto is position where that can hold all, else shared.",
+    ),
+]
+MANY = "Many recordings"
+"""Heading of these options in the help."""
+Figure = Annotated[Path | None, optional("FILE", f"Draw what was found too: {', '.join(FIGURES)}.")]
+Each = Annotated[
+    bool,
+    typer.Option(
+        "--each",
+        help="Each recording for itself: --out is a folder, of a data set its copy.",
+        rich_help_panel=MANY,
+    ),
+]
+Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Of whatever is random.")]
 PointValues = Annotated[
     str | None,
     optional("V1,V2,...", "Of vectors and joints: a number a coordinate, in its own unit."),
@@ -263,11 +355,12 @@ class Where:
     integrate: IntegrateChoice = None
     episode: Episode = field(default_factory=list)
     columns: Columns = None
+    channels: ChannelColumns = None
     time_column: TimeColumn = None
     time_unit: TimeUnit = None
     length_unit: LengthUnit = None
     rotation: RotationKind = None
-    robot: RobotModel = None
+    robot: OptionalRobotModel = None
     robot_tool: RobotTool = None
     values: AsValues = False
     gaps: GapsChoice = "refuse"
@@ -287,10 +380,11 @@ class Where:
             "integrate": self.integrate,
             "episode": self.episode or None,
             "columns": self.columns,
+            "channels": self.channels,
             "time": self.time_column,
             "units": [unit for unit in (self.time_unit, self.length_unit) if unit] or None,
             "rotation": self.rotation,
-            "robot": None if self.robot is None else _robot(self.robot, self.robot_tool),
+            "robot": None if self.robot is None else robot(self.robot, self.robot_tool),
             "values": self.values,
             "gaps": self.gaps,
             "duplicates": self.duplicates,
@@ -386,13 +480,30 @@ class Loading(Where):
         return [prepare(demonstration, **steps) for demonstration in read]
 
 
-def _robot(name: str, tool: str | None) -> Any:
+def robot(name: str, tool: str | None) -> Any:
+    """Return the arm that ``--robot`` and ``--robot-tool`` name."""
     # Its package is large, and few recordings are of joints.
     from noslip import robots
 
-    if Path(name).suffix:
+    if is_model(name):
+        if tool is None:
+            raise InputError(
+                f"--robot {name} needs --robot-tool: the site or body that is the tool's frame"
+            )
         return robots.named("", model=name, tool=tool)
+    if tool is not None:
+        raise InputError(f"--robot-tool is for a model's file; robot {name!r} has its own tool")
     return robots.named(name)
+
+
+def is_model(name: str) -> bool:
+    """Whether ``--robot`` names a file, not one of the arms that noslip brings."""
+    return bool(Path(name).suffix)
+
+
+def kept(**ends: str) -> dict[str, Any]:
+    """Return what ``--start`` and ``--end`` say; auto is the default of what is called."""
+    return {end: part for end, part in ends.items() if part != "auto"}
 
 
 def grouped(run: Callable[..., None]) -> Callable[..., None]:
@@ -524,6 +635,13 @@ def output(path: Path | None, option: str = "--out") -> Path | None:
     """Refuse a folder where a file is to be written."""
     if path is not None and path.is_dir():
         raise InputError(f"{option}: {path} is a folder; give the name of a file")
+    return path
+
+
+def figure(path: Path | None, option: str = "--figure") -> Path | None:
+    """Refuse what no figure can be written to."""
+    if output(path, option) is not None and path is not None and path.suffix not in FIGURES:
+        raise InputError(f"{option}: {path} must end in {', '.join(FIGURES)}")
     return path
 
 

@@ -25,24 +25,17 @@ from noslip.trajectory import PoseTrajectory
 
 @options.grouped
 def run(
-    primitive: Annotated[
-        Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
-    ],
-    recordings: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="What it was learned from; prepare them with the options of noslip learn.",
-            show_default=False,
-        ),
-    ] = None,
+    primitive: options.Primitive,
+    recordings: options.OptionalRecordings = None,
     out: Annotated[
-        list[Path],
-        typer.Option(metavar="FILE", help="Report to write: .html or .pdf; repeatable."),
+        list[Path], options.out("the report: .html or .pdf; repeatable", default=True)
     ] = [Path("noslip-report.html")],  # noqa: B006 - typer's way to say a list's default
+    as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:
     """Report what was learned, from what, and how well it holds: one HTML file, or PDF.
 
+    The recordings are those that it was learned from, prepared with the options of noslip learn.
     It tells the files and their hashes, the constraints as they were declared, residuals before and
     after, figures of merit, settings and versions, shows the figures there are, and ends with the
     commands that make it again.  Nothing in it refers to anything outside.
@@ -67,6 +60,15 @@ def run(
         written = write_report(found, out)
     for warning in found.warnings:
         typer.echo(f"noslip: warning: {warning}", err=True)
+    if as_json:
+        output.print_json(
+            {
+                "title": found.title,
+                "warnings": list(found.warnings),
+                "written": [str(path) for path in written],
+            }
+        )
+        return
     typer.echo(found.title)
     for path in written:
         typer.echo(f"wrote {path}")

@@ -31,7 +31,6 @@ from noslip.law.entry import GoalForm
 from noslip.recordings.formats import WRITTEN, listed_suffixes, write_recording
 from noslip.recordings.twists import motion_text
 from noslip.runtime.motion import Motion
-from noslip.runtime.rollout import ProjectStart
 from noslip.saving import load_primitive
 from noslip.verification import misses_goal
 
@@ -46,30 +45,20 @@ class Variant(enum.StrEnum):
 
 @options.grouped
 def run(
-    primitive: Annotated[
-        Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
-    ],
+    primitive: options.Primitive,
     out: Annotated[
         Path | None,
-        options.optional(
-            "FILE",
-            "File to write: .csv, .npz, .tum, .parquet, .feather, .mcap, or no suffix for a "
-            "ROS 2 bag; without it the CSV goes to standard output.",
+        options.out(
+            f"the motion: {listed_suffixes(WRITTEN)}; by default as CSV to standard output"
         ),
     ] = None,
-    goal_position: Annotated[str | None, options.optional("X,Y,Z", "Meters.")] = None,
-    goal_rotation: Annotated[
-        str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
-    ] = None,
+    goal_position: options.Point = None,
+    goal_rotation: options.Turn = None,
     goal_values: options.PointValues = None,
-    start_position: Annotated[str | None, options.optional("X,Y,Z", "Meters.")] = None,
-    start_rotation: Annotated[
-        str | None, typer.Option(metavar="QW,QX,QY,QZ", show_default=False)
-    ] = None,
+    start_position: options.Point = None,
+    start_rotation: options.Turn = None,
     start_values: options.PointValues = None,
-    duration: Annotated[
-        float | None, options.optional("S", "Seconds; of a rhythm, its period.")
-    ] = None,
+    duration: options.Duration = None,
     cycles: Annotated[
         float, typer.Option(metavar="N", help="Of a rhythm: how many periods.")
     ] = 1.0,
@@ -77,13 +66,7 @@ def run(
         float | None,
         options.optional("S", "Seconds; by default those of the plan."),
     ] = None,
-    project_start: Annotated[
-        ProjectStart,
-        typer.Option(
-            help="A start off the constraints: its velocity is projected onto them, or its pose "
-            "too, or nothing (then it is pulled in)."
-        ),
-    ] = "velocity",
+    project_start: options.StartProjected = "velocity",
     pull_in: Annotated[
         float | None,
         options.optional(

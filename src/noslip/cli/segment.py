@@ -25,9 +25,9 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
+from noslip._instants import counts_from_afar, interval
 from noslip._typing import Floats
 from noslip.cli import options, output
-from noslip.cli.plot import FORMATS
 from noslip.demonstrations.outliers import FEWEST, Outliers, outliers
 from noslip.demonstrations.preparation import relative_to_start
 from noslip.demonstrations.segmentation import MINIMUM_REST, Segments, segment
@@ -59,13 +59,8 @@ class Given(options.Loading):
 
 @options.grouped
 def run(
-    recording: Annotated[
-        str,
-        typer.Argument(help="A long recording, as for learn.", show_default=False),
-    ],
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the pieces; made if missing.")
-    ],
+    recording: options.Recording,
+    out: Annotated[Path, options.out("the pieces: a folder, made if missing")],
     at: Annotated[
         At, typer.Option(help="Cut where the tool rests, by contact, or at given times.")
     ] = "rests",
@@ -106,7 +101,8 @@ def run(
         str | None,
         options.optional(
             "A,B",
-            "Of the speed (m/s), the column or the height (m); by default from the recording.",
+            "Of the speed (m/s, or a vector's own unit over s), the column or the height (m); by "
+            "default from the recording.",
             _CUTS,
         ),
     ] = None,
@@ -125,10 +121,7 @@ def run(
             help="Cut out pieces that lie far from the others; by default they are only named.",
         ),
     ] = False,
-    figure: Annotated[
-        Path | None,
-        options.optional("FILE", "Draw the cuts: .png, .svg or .pdf."),
-    ] = None,
+    figure: options.Figure = None,
     as_json: options.AsJson = False,
     given: Given = Given(),
 ) -> None:
@@ -140,8 +133,7 @@ def run(
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out: {out} is a file; give a folder")
-    if figure is not None and options.output(figure, "--figure") and figure.suffix not in FORMATS:
-        raise InputError(f"--figure: {figure} must end in {', '.join(FORMATS)}")
+    options.figure(figure)
     _require_consistent(at, contact_column, in_contact, height, times)
     (source, *others) = expand(recording)
     if others:
@@ -183,7 +175,7 @@ def run(
     screen = output.console()
     first = 1
     for each, names in zip(found, files, strict=True):
-        screen.print(_table(each, names, first))
+        screen.print(_table(each, names, first, float(parts[0].times[0])))
         screen.print(_thresholds_text(each))
         first += len(names)
     screen.print(f"wrote {_count(found)} to {out}")
@@ -207,7 +199,7 @@ def _judged(found: list[Segments], drop_outliers: bool) -> tuple[list[Segments],
     for index, reason in far.items():
         fate = "dropped" if drop_outliers else "kept, see --drop-outliers"
         piece = pieces[index]
-        when = f"{piece.times[0]:.2f} to {piece.times[-1]:.2f} s"
+        when = interval(piece.times[0], piece.times[-1], found[0].recording.times[0])
         typer.echo(one_line(f"noslip: {piece.name} ({when}): {reason}; {fate}"), err=True)
     if drop_outliers and judged is None:
         typer.echo(
@@ -245,6 +237,11 @@ def _height(whole: PoseTrajectory, text: str) -> Floats:
     direction = np.array(options.vector("--height", text))
     if not np.any(direction):
         raise InputError("--height: 0,0,0 is no direction; give the world's upward one")
+    if not (whole.space.bodies and whole.space.is_placed):
+        raise InputError(
+            f"--height: is of a place in space, and {whole.name} holds "
+            f"{', '.join(whole.space.coordinates)}; give --contact-column"
+        )
     return np.asarray(whole.positions @ (direction / np.linalg.norm(direction)))
 
 
@@ -311,23 +308,31 @@ def _result(
     return result
 
 
-def _table(segments: Segments, files: list[Path], first: int) -> Table:
+def _table(segments: Segments, files: list[Path], first: int, began: float) -> Table:
+    before = began if counts_from_afar(began) else 0.0
     # As text: brackets in a file's name are no markup.
-    title = Text(one_line(f"{segments.recording.name}: {_count([segments])}"))
+    after = ", times after its start" if before else ""
+    title = Text(one_line(f"{segments.recording.name}: {_count([segments])}{after}"))
     table = Table(title=title, title_justify="left", title_style="bold")
-    for heading in ("", "from (s)", "to (s)", "lasts (s)", "path (mm)"):
+    placed, unit = segments.recording.unit == "m", segments.recording.unit
+    path = f"path ({'mm' if placed else unit})" if unit != "1" else "path"
+    for heading in ("", "from (s)", "to (s)", "lasts (s)", path):
         table.add_column(heading, justify="right")
     table.add_column("")
     numbered = enumerate(zip(segments.pieces, files, strict=True), start=first)
-    for interval in segments.intervals:
-        span = f"{interval.start:.2f}", f"{interval.end:.2f}", f"{interval.duration:.2f}"
-        if interval.reason is None:
+    for cut in segments.intervals:
+        ends = (cut.start - before, cut.end - before)
+        span = tuple(f"{seconds:.2f}" for seconds in (*ends, cut.duration))
+        if cut.reason is None:
             count, (piece, file) = next(numbered)
             table.add_row(
-                str(count), *span, f"{piece.path_length * 1e3:.1f}", Text(one_line(file.name))
+                str(count),
+                *span,
+                f"{piece.path_length * 1e3:.1f}" if placed else f"{piece.path_length:.3g}",
+                Text(one_line(file.name)),
             )
-        elif interval.reason not in BETWEEN:
-            table.add_row("", *span, "", interval.reason, style="dim")
+        elif cut.reason not in BETWEEN:
+            table.add_row("", *span, "", cut.reason, style="dim")
     return table
 
 
@@ -343,7 +348,8 @@ def _thresholds_text(segments: Segments) -> str:
         return "no rest stands out of the recording: one piece"
     low, high = segments.thresholds
     speed = segments.quantity == "speed"
-    what, unit = ("speed", " m/s") if speed else ("contact signal", "")
+    per_second = f" {segments.recording.unit}/s"
+    what, unit = ("speed", per_second) if speed else ("contact signal", "")
     return (
         f"thresholds of the {what} {low:.3g} and {high:.3g}{unit}; shorter than "
         f"{segments.minimum_duration:.3g} s is cut out"

@@ -32,19 +32,11 @@ def run(
     constraint: options.Constraints,
     out: Annotated[
         Path,
-        typer.Option(
-            metavar="PATH",
-            help="What to write: a file; with --each a folder of files, or a copy of the data set.",
+        options.out(
+            "what is kept: a file; with --each a folder of files, or a copy of the data set"
         ),
     ],
-    each: Annotated[
-        bool,
-        typer.Option(
-            "--each",
-            help="Each recording for itself: those of a LeRobot data set or a robomimic file in a "
-            "copy of it, or each of several files in a folder.",
-        ),
-    ] = False,
+    each: options.Each = False,
     as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:

@@ -8,7 +8,7 @@ noslip simulate excision.json --placement 0.45,0.1,0.3,1.57 --duration 8 --out a
 
 noslip simulate excision.json --bag arm.mcap --out arm/
 
-noslip simulate excision.json --model my_arm.xml --tool scalpel_tip --video --out arm/
+noslip simulate excision.json --robot my_arm.xml --robot-tool scalpel_tip --video --out arm/
 """
 
 from __future__ import annotations
@@ -38,23 +38,10 @@ Dynamics = Literal["torque", "impedance", "none"]
 
 
 def run(
-    primitive: Annotated[
-        Path, typer.Argument(help="A primitive written by noslip learn.", show_default=False)
-    ],
-    out: Annotated[Path, options.optional("FOLDER", "Where results go.")],
-    robot: Annotated[str, typer.Option(help="An arm by name: panda.")] = "panda",
-    model: Annotated[
-        Path | None,
-        options.optional("FILE", "Another arm's MJCF or URDF; needs --tool."),
-    ] = None,
-    tool: Annotated[
-        str | None,
-        options.optional(
-            "NAME",
-            "Site or body of the model that is the tool's frame: x along the edge's travel, "
-            "y lateral, z out of the work.",
-        ),
-    ] = None,
+    primitive: options.Primitive,
+    out: Annotated[Path, options.out("the results: a folder, made if missing")],
+    robot: options.RobotModel = "panda",
+    robot_tool: options.RobotTool = None,
     dynamics: Annotated[
         Dynamics, typer.Option(help="Controller of the simulated arm; none: kinematics alone.")
     ] = "torque",
@@ -78,12 +65,12 @@ def run(
             "that the tool is upright on average."
         ),
     ] = "recorded",
-    duration: Annotated[
-        float | None,
-        options.optional("S", "Of the motion, without the ramps; by default the primitive's."),
-    ] = None,
+    duration: options.Duration = None,
     ramp: Annotated[
-        float, typer.Option(metavar="S", help="Over which the motion starts and stops.")
+        float,
+        typer.Option(
+            metavar="S", help="Over which the motion starts and stops; added to its duration."
+        ),
     ] = robots.RAMP,
     recording: Annotated[
         Path | None,
@@ -98,7 +85,7 @@ def run(
         ),
     ] = None,
     video: Annotated[bool, typer.Option("--video", help="Draw arm.mp4 too.")] = False,
-    seed: Annotated[int, typer.Option(help="Of the search and the noise.")] = 0,
+    seed: options.Seed = 0,
     as_json: options.AsJson = False,
 ) -> None:
     """Execute a primitive with a robot arm that keeps the constraint, or say why it cannot.
@@ -110,15 +97,11 @@ def run(
     """
     if out.is_file():
         raise InputError(f"--out: {out} is a file; give a folder")
-    if model is not None and tool is None:
-        raise InputError("--model needs --tool: the site or body that is the tool's frame")
-    if model is None and tool is not None:
-        raise InputError("--tool needs --model: the arm by name has its own tool")
     if bag is not None:
         _refuse(bag)
     dmp = load_primitive(primitive)
     options.require_poses("simulate", primitive, dmp.law.space)
-    arm = robots.named(robot, model=model, tool=tool)
+    arm = options.robot(robot, robot_tool)
     motion = dmp.rollout(duration=duration, time_step=robots.TIME_STEP)
     placed = None
     if placement != "auto":
@@ -143,8 +126,8 @@ def run(
     path_middle, turn = tracked.placement.numbers(motion, level)
     found = robots.summary(tracked, execution) | {
         "placed": [*path_middle.tolist(), turn],
-        "model": None if model is None else str(model.resolve()),
-        "tool": tool,
+        "model": str(Path(robot).resolve()) if options.is_model(robot) else None,
+        "tool": robot_tool,
         "constraints": [specification(constraint) for constraint in dmp.constraints],
     }
     if recording is not None:

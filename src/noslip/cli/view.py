@@ -20,23 +20,17 @@ from typing import Annotated, Any
 
 import typer
 
-from noslip.cli import options
+from noslip.cli import options, output
+from noslip.cli.found import is_primitive, is_simulated
 from noslip.errors import InputError
 from noslip.saving import load_primitive
 
 
 @options.grouped
 def run(
-    motions: Annotated[
-        list[str],
-        typer.Argument(
-            help="Recordings (of any format), primitives (JSON), which are rolled out, and "
-            "folders that noslip simulate wrote, with their arms.",
-            show_default=False,
-        ),
-    ],
+    motions: options.Motions,
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
-    tool: Annotated[
+    tool_mesh: Annotated[
         Path | None,
         options.optional(
             "FILE", "The tool's mesh, in its own frame: .stl, .obj or .glb; by default a scalpel."
@@ -62,21 +56,23 @@ def run(
     open_browser: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = True,
+    as_json: options.AsJson = False,
     given: options.Loading = options.Loading(),  # noqa: B008 - immutable
 ) -> None:
     """Look at motions in the browser: tool, path, slip, forces, surfaces and keep-out zones.
 
     A primitive's goal and start can be dragged; its adapted motion follows.  While it runs, the
     tool can be pushed, and comes back.  What holds in a recording is found and drawn, and a
-    shielded tool follows a dragged command.  Files dropped onto the page are checked.
+    shielded tool follows a dragged command.  Files dropped onto the page are checked.  Simulated
+    arms move along.
 
     Ends with Ctrl-C.
     """
     if save is not None and options.output(save, "--save") and save.suffix != ".html":
         raise InputError(f"--save: {save} must end in .html")
     held = options.constraints(constraint)
-    simulated = [name for name in motions if (Path(name) / "summary.json").is_file()]
-    primitives = [name for name in motions if name.endswith(".json")]
+    simulated = [name for name in motions if is_simulated(name)]
+    primitives = [name for name in motions if is_primitive(name)]
     recordings = [name for name in motions if name not in {*simulated, *primitives}]
     shown: dict[str, Any] = {}
     if recordings:
@@ -84,20 +80,26 @@ def run(
             shown[trajectory.name] = trajectory
     for name in primitives:
         shown[name] = load_primitive(name)
-        options.require_poses("view", name, shown[name].law.space)
 
     # Only now: without a page to show, nobody needs viser.
     from noslip.viewer import Page, load_tool, read_simulation, save_page
 
     shown |= {str(Path(name)): read_simulation(name) for name in simulated}
-    parts = None if tool is None else load_tool(tool, scale=tool_scale)
+    parts = None if tool_mesh is None else load_tool(tool_mesh, scale=tool_scale)
     if save is not None:
         path = save_page(save, shown, constraints=held, tool=parts)
-        typer.echo(f"wrote {path}: {path.stat().st_size / 1e6:.1f} MB")
+        size = path.stat().st_size
+        if as_json:
+            output.print_json({"written": [str(path)], "bytes": size})
+        else:
+            typer.echo(f"wrote {path}: {size / 1e6:.1f} MB")
         return
     page = Page(shown, constraints=held, tool=parts, host=host, port=port)
     try:
-        typer.echo(f"{page.address}  (Ctrl-C ends)")
+        if as_json:
+            output.print_json({"address": page.address})
+        else:
+            typer.echo(f"{page.address}  (Ctrl-C ends)")
         if open_browser:
             webbrowser.open(page.address)
         while True:

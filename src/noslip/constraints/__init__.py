@@ -10,13 +10,14 @@ from noslip.constraints.blade import Blade
 from noslip.constraints.contact import CylinderContact, PlaneContact, SphereContact, SurfaceContact
 from noslip.constraints.declaration import CATALOG, Constraint
 from noslip.constraints.decorators import (
+    FunctionConstraint,
     keep_nonnegative,
     position_constraint,
     velocity_constraint,
 )
 from noslip.constraints.distance_field import DistanceField
 from noslip.constraints.fixed_point import FixedPoint
-from noslip.constraints.instant import Instant
+from noslip.constraints.instant import AcceleratedInstant, Instant
 from noslip.constraints.joints import JointLimits, joint_limits
 from noslip.constraints.keep_out import KeepOut, KeepOutCapsule, KeepOutSphere
 from noslip.constraints.moving_frame import InMovingFrame
@@ -33,6 +34,7 @@ from noslip.constraints.travel import ForwardOnly, TurningRadius
 from noslip.constraints.wheel import Wheel
 
 __all__ = [
+    "AcceleratedInstant",
     "AccelerationLimit",
     "AngularRateLimit",
     "Blade",
@@ -44,6 +46,7 @@ __all__ = [
     "DistanceField",
     "FixedPoint",
     "ForwardOnly",
+    "FunctionConstraint",
     "HalfSpace",
     "HoldTogether",
     "InMovingFrame",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,16 @@ from noslip.constraints.declaration import (
     declared,
     given_arguments,
     of_a_user,
+    plain,
 )
+from noslip.constraints.decorators import FunctionConstraint
 from noslip.constraints.distance_field import DistanceField
 from noslip.constraints.expression import Instructions, Opaque
 from noslip.edge import Edge
-from noslip.errors import ConstraintError
+from noslip.errors import ConstraintError, did_you_mean
+
+_OWN = re.compile(r"(.+\.py):([^(]*)(\(.*\))?", re.DOTALL)
+"""File, name and arguments of a constraint of the user's own."""
 
 
 def parse_constraint(text: str) -> Constraint:
@@ -32,7 +38,8 @@ def parse_constraint(text: str) -> Constraint:
     ----------
     text : str
         A catalog name (``blade``), a call with literal arguments (``blade(lateral='z')``), or a
-        constraint of the user's own as ``file.py:name``; that file is imported.
+        constraint of the user's own as ``file.py:name`` or, with parameters,
+        ``file.py:name(lead=0.003)``; that file is imported.
 
     Raises
     ------
@@ -40,9 +47,8 @@ def parse_constraint(text: str) -> Constraint:
         Naming what was found and what is known.
     """
     text = text.strip()
-    path, colon, name = text.rpartition(":")
-    if colon and path.endswith(".py"):
-        return _from_file(Path(path), name)
+    if own := _OWN.fullmatch(text):
+        return _from_file(text, *own.groups())
     try:
         tree = ast.parse(
             text.replace("-", "_", text.partition("(")[0].count("-")), mode="eval"
@@ -63,11 +69,15 @@ def build(name: str, arguments: dict[str, Any]) -> Constraint:
     """Return a catalog constraint with the given arguments."""
     factory = CATALOG.get(name.replace("_", "-"))
     if factory is None:
-        raise ConstraintError(f"no constraint is called {name!r}; known are {_known()}")
+        near = did_you_mean(name, CATALOG)
+        raise ConstraintError(f"no constraint is called {name!r}{near}; known are {_known()}")
     known = [f.name for f in dataclasses.fields(factory) if f.init]  # type: ignore[arg-type]
     unknown = sorted(set(arguments) - set(known))
     if unknown:
-        raise ConstraintError(f"{name} has no argument {unknown[0]!r}; it has {', '.join(known)}")
+        near = did_you_mean(unknown[0], known)
+        raise ConstraintError(
+            f"{name} has no argument {unknown[0]!r}{near}; it has {', '.join(known)}"
+        )
     return factory(**arguments)
 
 
@@ -107,11 +117,14 @@ def specification(constraint: Constraint) -> dict[str, Any]:
         for field in dataclasses.fields(identity)  # type: ignore[arg-type]
     }
     if isinstance(identity, Declaration):
-        return {"type": "declared", **values}
+        # Written where there are any.
+        del values["parameters"]
+        own = {"parameters": dict(identity.parameters)} if identity.parameters else {}
+        return {"type": "declared", **values, **own}
     if isinstance(constraint.edge, Edge) and "edge" in values:
         # Its other parts are arguments too.
         values["edge"] = constraint.edge.travel
-    return {"type": type(constraint).name, "arguments": values}
+    return {"type": constraint.known_as, "arguments": values}
 
 
 def constraint_text(constraint: Constraint) -> str:
@@ -119,7 +132,7 @@ def constraint_text(constraint: Constraint) -> str:
 
     Numbers have six digits, and none beyond a nanometer.
     """
-    name = constraint.name.replace("-", "_")
+    name = constraint.known_as.replace("-", "_")
     values = given_arguments(constraint).items()
     return f"{name}({', '.join(f'{key}={_written(value)}' for key, value in values)})".replace(
         "()", ""
@@ -130,7 +143,7 @@ def _written(value: Any) -> str:
     if isinstance(value, float):
         return f"{round(value, 9) + 0.0:.6g}"
     if isinstance(value, tuple | list):
-        return f"({', '.join(map(_written, value))})"
+        return f"({', '.join(map(_written, value))}{',' * (len(value) == 1)})"
     return repr(value)
 
 
@@ -151,8 +164,14 @@ def restore(data: dict[str, Any]) -> Constraint:
                 )
         return build(str(data["type"]), arguments)
     try:
-        values = {name: _from_data(value) for name, value in data.items() if name != "type"}
-        constraint = DeclaredConstraint(Declaration(**values))
+        own = data.get("parameters", {})
+        left = ("type", "parameters")
+        values = {name: _from_data(value) for name, value in data.items() if name not in left}
+        if not isinstance(own, dict):
+            raise TypeError("its parameters are no object of names and values")
+        values["row_names"] = tuple(values.get("row_names", ()))
+        parameters = tuple((name, plain(value)) for name, value in own.items())
+        constraint = DeclaredConstraint(Declaration(**values, parameters=parameters))
     except (TypeError, ConstraintError) as error:
         name = data.get("name", "without a name")
         raise ConstraintError(f"saved constraint {name!r} cannot be read: {error}") from error
@@ -197,7 +216,19 @@ def _literal_arguments(text: str, call: ast.Call) -> dict[str, Any]:
     return arguments
 
 
-def _from_file(path: Path, name: str) -> Constraint:
+def _from_file(text: str, file: str, name: str, called: str | None) -> Constraint:
+    path, arguments = Path(file), {}
+    if called:
+        try:
+            tree = ast.parse(f"rule{called}", mode="eval").body
+        except (SyntaxError, RecursionError, MemoryError, ValueError):
+            tree = None
+        if not isinstance(tree, ast.Call):
+            raise ConstraintError(
+                f"constraint {text!r} is not understood; parameters are named, as in "
+                "file.py:name(lead=0.003)"
+            )
+        arguments = _literal_arguments(text, tree)
     if not path.is_file():
         raise ConstraintError(f"{path}: no such file; a constraint of your own is file.py:name")
     spec = importlib.util.spec_from_file_location(f"noslip_user_{path.stem}", path)
@@ -210,11 +241,16 @@ def _from_file(path: Path, name: str) -> Constraint:
     if isinstance(found, type) and issubclass(found, Constraint):
         instead = f"write {name.lower()} = {name}(...) in that file and name that"
         with of_a_user(f"{path}: {name}()", lambda reason: f"{reason}; {instead}"):
-            found = found()
+            found = found(**arguments)
+    elif isinstance(found, FunctionConstraint) and called:
+        found = found(**arguments)
+    elif isinstance(found, Constraint) and called:
+        raise ConstraintError(f"{path}: {name!r} takes no parameters; name it without ()")
     if not isinstance(found, Constraint):
         own = [key for key, value in vars(module).items() if isinstance(value, Constraint)]
         listing = f"it declares {', '.join(own)}" if own else "it declares no constraint"
-        raise ConstraintError(f"{path}: {name!r} is not a constraint; {listing}")
+        near = did_you_mean(name, own)
+        raise ConstraintError(f"{path}: {name!r} is not a constraint{near}; {listing}")
     return found
 
 

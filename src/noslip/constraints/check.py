@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from noslip import _arguments
+from noslip._instants import seconds
 from noslip._supplied import Supplied
 from noslip._typing import Floats
 from noslip._values import html_table
@@ -72,6 +73,8 @@ class ConstraintCheck:
     better_point : BetterPoint or None
         Of a tool's constraint that is violated: another of its points (m, body frame), about which
         the same axes slip clearly less, and the way slipped there (m).
+    first_time : float
+        Of the motion (s).
     """
 
     name: str
@@ -90,6 +93,7 @@ class ConstraintCheck:
     margin: float | None = None
     margin_time: float | None = None
     better_point: BetterPoint | None = None
+    first_time: float = 0.0
 
     @property
     def satisfied(self) -> bool:
@@ -103,7 +107,7 @@ class ConstraintCheck:
         peak, rms, tolerance = (
             residual_text(value, self.unit) for value in (self.peak, self.rms, self.tolerance)
         )
-        when = f"at {self.worst_time:.3g} s"
+        when = f"at {seconds(self.worst_time, self.first_time, 3)}"
         if self.margin is not None:
             if self.satisfied:
                 return margin_text(self)
@@ -359,6 +363,7 @@ def _checked(
         verdict=verdict,
         margin=margin,
         margin_time=None if margin is None else when,
+        first_time=float(trajectory.times[0]),
     )
 
 
@@ -436,10 +441,11 @@ def with_unit(number: str, unit: str) -> str:
 
 def margin_text(limit: ConstraintCheck) -> str:
     """Say what a limit's least margin is, and when."""
-    assert limit.margin is not None
+    assert limit.margin is not None and limit.margin_time is not None
+    when = seconds(limit.margin_time, limit.first_time, 3)
     if abs(limit.margin) < ROUNDING:
-        return f"reached at {limit.margin_time:.3g} s"
-    return f"least margin {quantity_text(limit.margin, limit.unit)} at {limit.margin_time:.3g} s"
+        return f"reached at {when}"
+    return f"least margin {quantity_text(limit.margin, limit.unit)} at {when}"
 
 
 def residual_text(size: float, unit: str, below: str = "below", order: str = "") -> str:

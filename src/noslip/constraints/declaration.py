@@ -19,6 +19,7 @@ from functools import lru_cache
 from typing import Any, ClassVar, Literal, TypeVar
 
 import casadi as ca
+import numpy as np
 
 from noslip import _arguments
 from noslip._typing import Expression
@@ -34,6 +35,7 @@ from noslip.constraints.instant import (
 from noslip.constraints.shape import Shape
 from noslip.edge import Edge
 from noslip.errors import ConstraintError
+from noslip.space import Space
 
 Level = Literal["position", "velocity", "acceleration"]
 Relation = Literal["zero", "nonnegative"]
@@ -41,6 +43,10 @@ UNITS: dict[Level, str] = {"position": "m", "velocity": "m/s", "acceleration": "
 """Of a residual, unless its constraint says another."""
 LONGEST_NAME = 200
 """Characters of a constraint's name: more than a line of a report shows."""
+ROW = ", "
+"""Between a constraint's name and that of one of its rows: ``"wheel, sideways"``."""
+SIDEWAYS = "sideways"
+"""What a row is called that keeps a tool with an edge from slipping, of a constraint of several."""
 MOST_ROWS = 64
 """Of the constraints of a system, together: a box has 6.  Time grows with the third power: learning
 of 100 rows takes half a minute, of 2000 days."""
@@ -80,10 +86,15 @@ class Constraint(ABC):
         The tool is kept within such balls as they are, not within planes that touch them.
     from_files : tuple of str
         Arguments that may be files, which a user names but no saved primitive does.
+    known_as : str
+        What the catalog calls it; empty outside of it.
     coordinates : int
         0: declared of a body's pose and motion; else of so many coordinates, such as joints.
     body : str
         Of which body, where there are several; the first one by default.
+    row_names : tuple of str
+        What its rows are called beside its name, ``("sideways", "vertical")``; by default they are
+        numbered.
     """
 
     name: str
@@ -95,8 +106,28 @@ class Constraint(ABC):
     edge: Edge | None = None
     radii: tuple[float, ...] = ()
     from_files: ClassVar[tuple[str, ...]] = ()
+    known_as: ClassVar[str] = ""
     coordinates: int = 0
     body: str = ""
+    row_names: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What it was declared with, by name; of what is read from a file too.
+
+        Numbers, texts and tuples of these; fields of a dataclass that are something else are left
+        out.
+        """
+        if (known := vars(self).get("_parameters")) is not None:
+            return dict(known)
+        found: dict[str, Any] = {}
+        for name in getattr(self, "__dataclass_fields__", ()):
+            value = getattr(self, name)
+            try:
+                found[name] = plain(value.travel if isinstance(value, Edge) else value)
+            except TypeError:
+                continue
+        return found
 
     @abstractmethod
     def residual(self, motion: Instant) -> Expression:
@@ -105,6 +136,10 @@ class Constraint(ABC):
     def relative(self, motion: Instant) -> Instant:
         """Motion of the tool relative to its work: the motion itself, unless the work moves."""
         return motion
+
+    def in_space(self, space: Space) -> Constraint:
+        """Return what it comes to where this moves: itself, unless it is about whatever moves."""
+        return self
 
     def shape(self) -> Shape | None:
         """What it looks like; None, if it has no place."""
@@ -117,7 +152,9 @@ class Constraint(ABC):
     def __repr__(self) -> str:
         """Its class and what it was given, the first field always; one's own by its name."""
         if not is_registered(self):
-            return f"<{self.level} {_KINDS[self.relation]} {self.name!r}>"
+            given = ", ".join(f"{name}={value!r}" for name, value in self.parameters.items())
+            told = f" ({given})" if given else ""
+            return shortened(f"<{self.level} {_KINDS[self.relation]} {self.name!r}{told}>", 110)
         first = next(f.name for f in fields(self) if not f.kw_only)  # type: ignore[arg-type]
         value = getattr(self, first)
         shown = {first: value.travel if isinstance(value, Edge) else value}
@@ -151,9 +188,14 @@ Known = TypeVar("Known", bound=type[Constraint])
 
 
 def register(kind: Known) -> Known:
-    """Make a constraint's class known by its ``name``; it is a frozen dataclass of plain values."""
-    if CATALOG.setdefault(kind.name, kind) is not kind:
-        raise ConstraintError(f"two constraints are called {kind.name!r}")
+    """Make a constraint's class known by its ``known_as``, by default its ``name``.
+
+    It is a frozen dataclass of plain values.
+    """
+    if "known_as" not in vars(kind):
+        kind.known_as = kind.name
+    if CATALOG.setdefault(kind.known_as, kind) is not kind:
+        raise ConstraintError(f"two constraints are called {kind.known_as!r}")
     return kind
 
 
@@ -177,6 +219,8 @@ class Declaration:
     relative: Instructions | None
     coordinates: int = 0
     body: str = ""
+    row_names: tuple[str, ...] = ()
+    parameters: tuple[tuple[str, Any], ...] = ()
 
 
 class DeclaredConstraint(Constraint):
@@ -190,6 +234,7 @@ class DeclaredConstraint(Constraint):
     def __init__(self, declaration: Declaration) -> None:
         for name in _ATTRIBUTES:
             setattr(self, name, getattr(declaration, name))
+        self._parameters = dict(declaration.parameters)
         self.instructions, self._relative = declaration.expression, declaration.relative
 
     def residual(self, motion: Instant) -> Expression:
@@ -214,6 +259,7 @@ _ATTRIBUTES = [
     "edge",
     "coordinates",
     "body",
+    "row_names",
 ]
 
 
@@ -236,7 +282,27 @@ def declared(constraint: Constraint) -> Constraint | Declaration:
         **kept,
         expression=expression,
         relative=None if relative is None else Instructions.of(relative),
+        parameters=tuple(constraint.parameters.items()),
     )
+
+
+def plain(value: Any) -> Any:
+    """Return a parameter's value as data that is equal to itself: tuples of numbers and texts.
+
+    Raises
+    ------
+    TypeError
+        If it is something else, or a number that is not finite.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return tuple(map(plain, value))
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, int | float) and np.isfinite(value):
+        return value
+    raise TypeError(f"no plain data: {type(value).__name__}")
 
 
 def from_declared(identity: Constraint | Declaration) -> Constraint:
@@ -351,6 +417,14 @@ def row_units(constraint: Constraint) -> list[str]:
     return [units[row * len(units) // rows] for row in range(rows)]
 
 
+def names_of_rows(constraint: Constraint, rows: int, name: str) -> list[str]:
+    """Return what each of a constraint's rows is called: its name, and which of several."""
+    if rows == 1:
+        return [name]
+    own = constraint.row_names or [f"row {row}" for row in range(1, rows + 1)]
+    return [f"{name}{ROW}{which}" for which in own]
+
+
 def _require_attributes(constraint: Constraint) -> None:
     with of_a_user(f"an attribute of a {type(constraint).__name__}"):
         kept = {name: getattr(constraint, name) for name in _ATTRIBUTES}
@@ -390,6 +464,11 @@ def _require_attributes(constraint: Constraint) -> None:
         raise ConstraintError(
             f"constraint {name!r}: body is the name of one, got {shortened(repr(body))}"
         )
+    rows = constraint.row_names
+    if not (isinstance(rows, tuple) and all(isinstance(r, str) and r.isprintable() for r in rows)):
+        raise ConstraintError(
+            f"constraint {name!r}: row_names is a tuple of texts, got {shortened(repr(rows))}"
+        )
     if not (type(constraint.priority) is int and 0 <= constraint.priority < MOST_PRIORITIES):
         raise ConstraintError(
             f"constraint {name!r}: priority is 0 (hard) or a whole number up to "
@@ -410,6 +489,11 @@ def _built(constraint: Constraint) -> Any:
         )
     declare = "{}_constraint" if constraint.relation == "zero" else "keep_nonnegative(level={!r})"
     several = column.shape[0] > 1
+    if constraint.row_names and len(constraint.row_names) != column.shape[0]:
+        raise ConstraintError(
+            f"constraint {name!r} has {column.shape[0]} rows and {len(constraint.row_names)} "
+            "row_names; give one of each"
+        )
     for index, row in enumerate(ca.vertsplit(column)):
         if row.is_constant():
             continue

@@ -37,6 +37,8 @@ class FixedPoint(Constraint):
     def __post_init__(self) -> None:
         settle(self, self.name, point=point, reference_point=point)
 
+    row_names = ("x", "y", "z")
+
     def shape(self) -> Mark:
         return Mark(self.point)
 

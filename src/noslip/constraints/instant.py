@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.errors import ConstraintError
+from noslip.errors import ConstraintError, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,19 @@ class Instant:
             linear_velocity=self.linear_velocity + ca.cross(self.angular_velocity, arm),
         )
 
-    def __getattr__(self, name: str) -> Any:
-        known = "time, position, rotation, linear_velocity, angular_velocity"
-        hint = ""
-        if "acceleration" in name:
-            hint = (
-                "; accelerations follow from the constraint (a limit on them is declared with "
-                'keep_nonnegative(level="acceleration"))'
-            )
-        raise ConstraintError(f"a motion has {known}, but no {name!r}{hint}")
+    # Type checkers find by themselves what it does not have.
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            """Refuse what a motion does not have."""
+            known = [each.name for each in fields(self)]
+            hint = did_you_mean(name, known)
+            if "acceleration" in name:
+                hint = (
+                    "; accelerations follow from the constraint (a limit on them is declared with "
+                    'keep_nonnegative(level="acceleration"))'
+                )
+            raise ConstraintError(f"a motion has {', '.join(known)}, but no {name!r}{hint}")
 
 
 @dataclass(frozen=True)

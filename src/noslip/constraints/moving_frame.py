@@ -21,7 +21,10 @@ from noslip.errors import ConstraintError
 from noslip.rotations import quaternion_exp, rotation_matrix
 
 NAME = "in-moving-frame"
-_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority", "radii", "body")
+_INHERITED = (
+    *("level", "relation", "edge", "unit", "barrier_rate", "priority", "radii", "body"),
+    "row_names",
+)
 _LISTS = (list, tuple, np.ndarray)
 
 

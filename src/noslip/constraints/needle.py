@@ -18,7 +18,7 @@ from noslip.constraints.fields import (
     settle,
 )
 from noslip.constraints.instant import Instant
-from noslip.edge import Axis, Edge, across, checked_axis, other_axes, unit_axis
+from noslip.edge import Axis, Edge, across, axis_names, checked_axis, other_axes, unit_axis
 
 
 @register
@@ -66,6 +66,13 @@ class Needle(Constraint):
         object.__setattr__(self, "edge", Edge(self.shaft, lateral, self.reference_point))
         if self.curvature:
             object.__setattr__(self, "unit", "m/s, rad/s")
+
+    @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Along and, of a curved one, about the axes across the shaft."""
+        across_shaft = axis_names(other_axes(self.shaft))
+        kinds = ("sideways", "turning about") if self.curvature else ("sideways",)
+        return tuple(f"{kind} {axis}" for kind in kinds for axis in across_shaft)
 
     def residual(self, motion: Instant) -> Expression:
         """Both lateral speeds (m/s); of a curved one, two angular speeds (rad/s) too."""

@@ -20,7 +20,7 @@ from noslip.errors import ConstraintError, InputError
 from noslip.rotations import rotation_matrix
 from noslip.space import IN
 
-_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority", "radii")
+_INHERITED = ("level", "relation", "edge", "unit", "barrier_rate", "priority", "radii", "row_names")
 _UNTURNED = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -111,6 +111,7 @@ class HoldTogether(Constraint):
 
     level = "position"
     unit = "m, rad"
+    row_names = ("x", "y", "z", "about x", "about y", "about z")
 
     def __post_init__(self) -> None:
         settle(self, "hold-together", position=point, quaternion=_unit_quaternion)

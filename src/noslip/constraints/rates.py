@@ -12,7 +12,7 @@ from noslip import _arguments
 from noslip._typing import Expression
 from noslip.constraints.declaration import UNITS, register
 from noslip.constraints.fields import ORIGIN, Triple, point, settle
-from noslip.constraints.instant import Instant
+from noslip.constraints.instant import AcceleratedInstant, Instant
 from noslip.constraints.limit import Limit, rounded_length
 from noslip.errors import ConstraintError
 
@@ -120,6 +120,7 @@ class AccelerationLimit(Limit):
 
     def residual(self, motion: Instant) -> Expression:
         """How much larger the accelerations may be (m/s^2, rad/s^2)."""
+        assert isinstance(motion, AcceleratedInstant)  # as its level says
         rows = []
         if self.linear is not None:
             rows.append(self.linear - rounded_length(motion.linear_acceleration, self.linear))

@@ -139,6 +139,17 @@ class Box(Limit):
     def shape(self) -> Sides:
         return Sides("limit", self.lower, self.upper)
 
+    @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Of the sides there are, in order."""
+        sides = (("least", self.lower), ("largest", self.upper))
+        return tuple(
+            f"{end} {axis}"
+            for end, side in sides
+            for axis, place in zip("xyz", side, strict=True)
+            if place is not None
+        )
+
     def residual(self, motion: Instant) -> Expression:
         """Distances to the sides (m): from the lower ones x, y, z, then from the upper ones."""
         position = motion.at(self.reference_point).position

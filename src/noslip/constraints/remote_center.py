@@ -11,7 +11,7 @@ from noslip.constraints.declaration import Constraint, register
 from noslip.constraints.fields import ORIGIN, Triple, body_axis, point, settle
 from noslip.constraints.instant import Instant
 from noslip.constraints.shape import Mark
-from noslip.edge import Axis, checked_axis, other_axes
+from noslip.edge import Axis, axis_names, checked_axis, other_axes
 
 
 @register
@@ -44,6 +44,11 @@ class RemoteCenter(Constraint):
 
     def shape(self) -> Mark:
         return Mark(self.point)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Along the axes across the shaft."""
+        return tuple(f"aside {axis}" for axis in axis_names(other_axes(self.shaft)))
 
     def residual(self, motion: Instant) -> Expression:
         """Where the point lies beside the shaft (m), along both perpendicular body axes."""

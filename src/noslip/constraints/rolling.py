@@ -52,6 +52,7 @@ class RollingDisc(Constraint):
 
     name = "rolling-disc"
     level = "velocity"
+    row_names = ("along x", "along y", "along z")
 
     def __post_init__(self) -> None:
         settle(
@@ -95,6 +96,7 @@ class RollingSphere(Constraint):
 
     name = "rolling-sphere"
     level = "velocity"
+    row_names = ("along x", "along y", "along z")
 
     def __post_init__(self) -> None:
         settle(self, self.name, radius=length, normal=direction, reference_point=point)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import cached_property, lru_cache
 from itertools import compress
 from threading import RLock
@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from noslip._instants import seconds
 from noslip._typing import Expression, Floats
 from noslip._values import LONGEST_REPR, shortened
 from noslip.constraints.declaration import (
@@ -21,6 +22,7 @@ from noslip.constraints.declaration import (
     Level,
     constraint_function,
     declared,
+    names_of_rows,
     require_size,
     row_units,
 )
@@ -73,15 +75,10 @@ class ConstraintSystem:
         self, constraints: Constraint | Iterable[Constraint] = (), space: Space = POSE
     ) -> None:
         self.space = space
-        several = isinstance(constraints, Iterable) and not isinstance(constraints, (type, str))
         kept, rows, operations = [], 0, 0
         # One after the other, so that of too many the last are never even read.
-        for constraint in constraints if several else (constraints,):  # type: ignore[union-attr]
-            if not isinstance(constraint, Constraint):
-                hint = "; call it: Blade()" if isinstance(constraint, type) else ""
-                raise ConstraintError(
-                    f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
-                )
+        for each in each_of(constraints):
+            constraint = each.in_space(space)
             _require_seen(constraint, space)
             function = constraint_function(constraint)
             rows, operations = rows + function.size1_out(0), operations + function.n_instructions()
@@ -195,12 +192,9 @@ class ConstraintSystem:
 
     @cached_property
     def row_names(self) -> list[str]:
-        """For each row, the constraint's name, numbered where a constraint has several rows."""
-        return [
-            name if rows == 1 else f"{name} [{row}]"
-            for name, rows in zip(self.names, self.rows, strict=True)
-            for row in range(rows)
-        ]
+        """For each row, the constraint's name, and which row of several it is."""
+        of_each = zip(self.constraints, self.rows, self.names, strict=True)
+        return [row for each in of_each for row in names_of_rows(*each)]
 
     @property
     def function(self) -> Any:
@@ -323,7 +317,7 @@ class ConstraintSystem:
         )
         name = self.row_names[row % self.size]
         verb = "is" if entry < self.size else "has a slope of"
-        where = f"{times[at]:.6g} s" + (f" ({counted} {at})" if counted else "")
+        where = seconds(times[at], times[0]) + (f" ({counted} {at})" if counted else "")
         value = values[at, entry] if undefined[at, entry] else np.nan
         raise ConstraintError(
             f"constraint {name!r} {verb} {value} at {where}: {what} is undefined; write it such "
@@ -617,6 +611,18 @@ def _named(
     system.constraints, system.names, system.space = constraints, names, space
     system._own()
     return system
+
+
+def each_of(constraints: Constraint | Iterable[Constraint]) -> Iterator[Constraint]:
+    """Yield constraints, one or several; refuse what is none."""
+    several = isinstance(constraints, Iterable) and not isinstance(constraints, (type, str))
+    for constraint in constraints if several else (constraints,):  # type: ignore[union-attr]
+        if not isinstance(constraint, Constraint):
+            hint = "; call it: Blade()" if isinstance(constraint, type) else ""
+            raise ConstraintError(
+                f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
+            )
+        yield constraint
 
 
 def as_system(

@@ -23,7 +23,7 @@ from noslip.constraints.fields import (
 )
 from noslip.constraints.formula import Surface, checked_surface, surface_normal
 from noslip.constraints.instant import Instant
-from noslip.edge import Axis, checked_axis, other_axes
+from noslip.edge import Axis, axis_names, checked_axis, other_axes
 from noslip.errors import ConstraintError
 from noslip.rotations import quaternion_log
 
@@ -85,6 +85,17 @@ class ToolAxis(Constraint):
         if self.surface is not None:
             settle(self, self.name, surface=checked_surface)
 
+    @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Of an axis that must point along the direction, the axes that it leans towards."""
+        if not self._parallel:
+            return ()
+        return tuple(f"leaning to {axis}" for axis in axis_names(other_axes(self.axis)))
+
+    @property
+    def _parallel(self) -> bool:
+        return min(self.angle, pi - self.angle) <= _PARALLEL
+
     def residual(self, motion: Instant) -> Expression:
         """Angle's two parts from the wanted direction, or its difference from the angle (rad)."""
         if self.surface is None:
@@ -94,7 +105,7 @@ class ToolAxis(Constraint):
         cosine, sine, aside = (
             ca.dot(body_axis(motion, e), toward) for e in (self.axis, *other_axes(self.axis))
         )
-        parallel = min(self.angle, pi - self.angle) <= _PARALLEL
+        parallel = self._parallel
         if parallel and self.angle > 1:
             cosine, sine, aside = -cosine, -sine, -aside
         # Where both sines vanish they name no direction; one is chosen.

@@ -113,6 +113,11 @@ class TurningRadius(Limit):
         settle_edge(self, self.name, None)
         across(self.up, _travel(self), "turning-radius: up and edge")
 
+    @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Bends to either side; in one row, if it may reverse."""
+        return () if self.reverse else ("to the left", "to the right")
+
     def residual(self, motion: Instant) -> Expression:
         """Speed beyond what bends to the left, and to the right, need (m/s)."""
         velocity = motion.at(self.reference_point).linear_velocity

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from noslip._typing import Expression
-from noslip.constraints.declaration import Constraint, register
+from noslip.constraints.declaration import SIDEWAYS, Constraint, register
 from noslip.constraints.fields import (
     ORIGIN,
     Triple,
@@ -56,6 +56,11 @@ class Wheel(Constraint):
         if self.normal is not None:
             settle(self, self.name, normal=direction)
         settle_edge(self, self.name, self.axle, "the axle and the edge")
+
+    @property
+    def row_names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Along the axle; off the ground."""
+        return (SIDEWAYS,) if self.normal is None else (SIDEWAYS, "vertical")
 
     def residual(self, motion: Instant) -> Expression:
         """Speed along the axle, and off the ground (m/s)."""

@@ -48,6 +48,8 @@ from noslip.control.planning import (
     Reason,
     Replanned,
     Task,
+    channels_at,
+    channels_of,
     engine_of,
     reachable,
 )
@@ -211,7 +213,7 @@ class Controller:
                 "Controller plans for a pose that comes to an end; dmp.controller(time_step=...) "
                 "returns what steps this primitive"
             )
-        self.law, self.rule = dmp.law, dmp.rule
+        self.law, self.rule, self._learned = dmp.law, dmp.rule, channels_of(dmp)
         self.follows, self.replans, self.real_time = follows, replan, real_time
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
         self.lag = None if lag is None else _arguments.not_negative("lag", lag)
@@ -312,6 +314,7 @@ class Controller:
         slow = GOAL_SLOW / self._duration
         self._goal = GoalFilter(begun.goal_position, GOAL_JUMP * self._length, slow * self._length)
         self._goal_turn = GoalFilter(np.zeros(3), GOAL_ANGLE_JUMP, slow)
+        self._channels = self._learned
         first = begun
         if begun.previous_step > 0:
             goals = ("goal_position", "goal_rotation", "first_goal_position", "first_goal_rotation")
@@ -342,6 +345,11 @@ class Controller:
             return True
         behind = self._observer.size("place", "behind", "left")
         return behind <= self._observer.seen.item(_BAND) and self._observer.seen.item(_PACE) == 1.0
+
+    @property
+    def channels(self) -> Floats:
+        """What goes with the last command and follows its phase, shape (k,)."""
+        return channels_at(self._channels, self.memory)
 
     @property
     def is_compiled(self) -> bool:
@@ -926,6 +934,7 @@ class Controller:
             )
         # As far beyond the place as the old plan has come.
         beyond = max(data.item(engine.FRACTION) - self._hand_over, 0.0) * self._plan_duration
+        self._channels = self._channels and self._channels.after(self._hand_over)
         self._follow(made.plan, begun, made.schedule, made.engine)
         data[engine.FRACTION] = beyond / self._plan_duration
         assert task.goal_rotation is not None

@@ -51,6 +51,8 @@ from noslip.control.planning import (
     Reason,
     Replanned,
     Task,
+    channels_at,
+    channels_of,
     engine_of,
 )
 from noslip.errors import InputError, NoslipError
@@ -160,7 +162,7 @@ class SpaceController:
         plan_within: float = PLAN_WITHIN,
         real_time: bool = False,
     ) -> None:
-        self.law, self.rule = dmp.law, dmp.rule
+        self.law, self.rule, self._learned = dmp.law, dmp.rule, channels_of(dmp)
         self.time_step = _arguments.positive("time_step", time_step, "seconds")
         self.replans = replan and dmp.rule.system.size > 0 and not dmp.law.clock.returns
         self.samples = _arguments.count("samples", samples)
@@ -245,6 +247,7 @@ class SpaceController:
         # What is followed, where it leads, where the plan under way is to lead, and whether the
         # command was moved since.
         self.plan, self._planned, self._sought, self._pushed = self.law, goal, goal, False
+        self._channels = self._learned
         self.replanned: list[Replanned] = []
         self._task: Task | None = None
         self._job = None
@@ -268,6 +271,11 @@ class SpaceController:
     def state(self) -> State:
         """The last, or the one to begin with."""
         return self.memory.state()
+
+    @property
+    def channels(self) -> Floats:
+        """What goes with the last command and follows its phase, shape (k,)."""
+        return channels_at(self._channels, self.memory)
 
     @property
     def done(self) -> bool:
@@ -592,6 +600,8 @@ class SpaceController:
             data[at.previous_step] = now.item(at.previous_step)
             data[self.memory.values] = now[self.memory.values]
             beyond = (now.item(at.fraction) - self._hand_over) * self._duration
+        place = min(now.item(at.fraction), 1.0) if task.resting else self._hand_over
+        self._channels = self._channels and self._channels.after(place)
         self.plan, self._duration = made.plan, made.plan.duration
         self._schedule = made.schedule
         data[at.fraction] = max(beyond, 0.0) / self._duration

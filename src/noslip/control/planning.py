@@ -21,6 +21,7 @@ from noslip.adapting import replan
 from noslip.adapting.impossible import alone, common_rows
 from noslip.control.clock import CELLS, PLAN_AT_REST, Bounds, Schedule
 from noslip.errors import muted
+from noslip.law.channels import Channels
 from noslip.law.law import Law
 from noslip.projection.request import ADAPTING
 from noslip.rule import Rule
@@ -48,6 +49,18 @@ class Primitive(Protocol):
     @property
     def rule(self) -> Rule:
         """What it must."""
+
+
+def channels_of(dmp: Primitive) -> Channels | None:
+    """What goes with its motion, if it is a primitive that has learned some."""
+    return getattr(dmp, "channels", None)
+
+
+def channels_at(channels: Channels | None, memory: Memory) -> Floats:
+    """The same at a state in place, shape (k,)."""
+    if channels is None:
+        return np.zeros(0)
+    return np.asarray(channels.at(memory.data.item(memory.at.fraction))[0])
 
 
 @dataclass(frozen=True, eq=False)

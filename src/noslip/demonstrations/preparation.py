@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
+from noslip._instants import interval, on_clock, seconds
 from noslip._pose_checks import MINIMUM_SAMPLES
 from noslip._typing import Floats
 from noslip.errors import InputError
@@ -161,15 +162,17 @@ def trim_time(
         if bound is not None and np.isnan(_arguments.number(bound)):
             raise InputError(f"{trajectory.name}: trim_time's {argument} is not a number")
     times = trajectory.times
+    began = float(times[0])
+    start, end = (None if t is None else on_clock(float(t), began) for t in (start, end))
     first = 0 if start is None else int(np.searchsorted(times, start, side="left"))
     stop = len(times) if end is None else int(np.searchsorted(times, end, side="right"))
     remaining = max(stop - first, 0)
     if remaining < MINIMUM_SAMPLES:
-        asked = f"{'its start' if start is None else f'{start:g} s'} to "
-        asked += "its end" if end is None else f"{end:g} s"
+        asked = f"{'its start' if start is None else seconds(start, began)} to "
+        asked += "its end" if end is None else seconds(end, began)
         raise InputError(
             f"{trajectory.name}: trim_time from {asked} leaves {remaining} samples, fewer than "
-            f"{MINIMUM_SAMPLES}; the recording runs from {times[0]:g} to {times[-1]:g} s"
+            f"{MINIMUM_SAMPLES}; the recording runs from {interval(began, times[-1], began)}"
         )
     return trajectory[first:stop]
 
@@ -358,7 +361,8 @@ def prepare(
     tool_frame : array, shape (4, 4), (3,) or (7,), optional
         The tool's pose in the sensor's frame, in meters (:func:`apply_tool_frame`).
     trim_time : pair of float or None, optional
-        Start and end to keep, seconds on the recording's clock (:func:`trim_time`).
+        Start and end to keep, seconds on the recording's clock, or after its first sample if that
+        clock had run for a day by then (:func:`trim_time`).
     trim_speed : float, optional
         Cut off the rest before and after; m/s (:func:`trim_speed`).
     rate : float, optional

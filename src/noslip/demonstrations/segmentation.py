@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from noslip import _arguments
+from noslip._instants import seconds
 from noslip._pose_checks import MINIMUM_SAMPLES
 from noslip._typing import Floats
 from noslip._values import Value
@@ -390,8 +391,9 @@ def _at_times(
     for (_, before), (after, _) in pairwise(spans):
         if after < before:
             raise InputError(
-                f"{recording.name}: times overlap: a piece begins at {recording.times[after]:g} s, "
-                f"before the last one ends at {recording.times[before]:g} s"
+                f"{recording.name}: times overlap: a piece begins at "
+                f"{seconds(recording.times[after], recording.times[0])}, before the last one ends "
+                f"at {seconds(recording.times[before], recording.times[0])}"
             )
     return Segments(
         recording=recording,

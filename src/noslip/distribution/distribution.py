@@ -391,7 +391,8 @@ class MotionDistribution(Value):
             )
         durations = np.full(count, self.duration)
         goals = states[:, -1, : self.space.point_size].copy()
-        return Motions(durations, law.begin, states, residuals, margins, goals, self.space)
+        beside = self.primitive.channels
+        return Motions(durations, law.begin, states, residuals, margins, goals, self.space, beside)
 
     def drawn(self, count: int, *, seed: int | np.random.Generator = 0) -> Floats:
         """Return what :meth:`sample` draws before it is projected: points, (count, N, n + 4 b)."""

@@ -43,7 +43,7 @@ class Excision:
             lowpass=PAPER_CUTOFF,
             relative=True,
         )
-        learned = learn(demonstration, [CONSTRAINT], project_start=True)
+        learned = learn(demonstration, [CONSTRAINT], project_start="velocity")
         return cls(recording, demonstration, learned)
 
     @cached_property

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from noslip._files import write_beside
+from noslip._typing import Floats
 from noslip.adapting.sources import sources
 from noslip.codegen import c99
 from noslip.control.sources import sources as controller_sources
 from noslip.errors import InputError
 from noslip.exporting.counting import most_instructions
 from noslip.exporting.names import checked, named, prefixed
+from noslip.law.channels import Channels
 from noslip.law.fitting import fewest_steps
 from noslip.law.law import Law
 from noslip.rule import Rule
@@ -52,7 +55,13 @@ class Exported:
 
 
 def export_c(
-    law: Law, rule: Rule, folder: str | Path, *, name: str = "primitive", prefix: str = "noslip"
+    law: Law,
+    rule: Rule,
+    folder: str | Path,
+    *,
+    name: str = "primitive",
+    prefix: str = "noslip",
+    channels: Channels | None = None,
 ) -> Exported:
     """Write a primitive as C99.
 
@@ -66,6 +75,8 @@ def export_c(
         Of the primitive in C, and of its files.
     prefix : str
         Of all other names: two exports with different ones can be linked into one program.
+    channels : Channels, optional
+        What goes with the motion; ``noslip_channels`` tells them at a state.
 
     Returns
     -------
@@ -89,7 +100,7 @@ def export_c(
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; give the name of a folder")
     rows = rule.system.equalities.size, rule.system.limits.size
-    texts = named(_texts(law, rule, _PLACEHOLDER), _PLACEHOLDER, name)
+    texts = named(_texts(law, rule, _PLACEHOLDER, channels), _PLACEHOLDER, name)
     instructions = _instructions(texts, name, "example", "noslip_step")
     planning = None
     if _plans(law):
@@ -127,13 +138,15 @@ def _plans(law: Law) -> bool:
     return law.space.is_pose and not law.clock.returns
 
 
-def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
+def _texts(law: Law, rule: Rule, name: str, channels: Channels | None) -> dict[str, str]:
     motion = rollout(law, rule)
     steps = len(motion) - 1
     every = max(1, steps // _COMPARED)
-    rows, space = motion.points[every::every], law.space
+    beside, space = channels and channels.along(motion), law.space
     reach = float(np.abs(motion.positions).max()) + float(np.ptp(motion.positions, axis=0).max())
     speed = max(float(np.linalg.norm(motion.linear_velocities, axis=1).max()), 1.0)
+    columns = ["t", *space.coordinates, *_quaternion_names(space)]
+    columns += beside.csv_columns() if beside else []
     system = rule.system
     # A twentieth of the path farther the way that it came: surfaces allow that, if anything.
     aside = motion.positions[-1] - motion.positions[-1 - max(1, steps // 20)]
@@ -142,19 +155,27 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         "NAME": name,
         "STEPS": str(steps),
         "EVERY": str(every),
-        "EXPECTED": ",\n".join("    {" + ", ".join(map(repr, row)) + "}" for row in rows.tolist()),
+        "EXPECTED": _rows(motion.points[every::every]),
+        "CHANNELS": "0" if channels is None else str(len(channels.names)),
+        "EXPECTED_CHANNELS": _rows(beside.values[every::every]) if beside else "",
+        "CHANNEL_SIZES": ", ".join(
+            map(repr, np.fmax(1.0, np.abs(beside.values).max(axis=0)).tolist())
+        )
+        if beside
+        else "",
         "DIFFERENCE": repr(1e-12 * max(1.0, reach)),
         "SINGLE_DIFFERENCE": repr(2e-3 * max(1.0, reach)),
         "SINGLE_RESIDUAL": repr(1e-4 * speed),
         "FUNCTIONS": str(law.basis.count),
         "FIT_STEPS": str(fewest_steps(law.basis.count)),
-        "COLUMNS": ",".join(["t", *space.coordinates, *_quaternion_names(space)]),
+        "COLUMNS": ",".join(columns).replace("\\", "\\\\").replace("?", "\\?"),
         "PLANNER": " plan.c replan.c controller.c" if _plans(law) else "",
         "ASIDE": "{" + ", ".join(map(repr, aside.tolist())) + "}",
         "LENGTH": repr(motion.path_length or 1.0),
     }
     declared = f"#ifndef {name.upper()}_H\n#define {name.upper()}_H\n\n"
-    declared += f'#include "noslip.h"\n\nextern const noslip_primitive {name};\n\n#endif\n'
+    declared += f'#include "noslip.h"\n\nextern const noslip_primitive {name};\n'
+    declared += f"{_declared_channels(name, channels)}\n#endif\n"
     texts = {
         "noslip.h": c99.header(system.equalities.size, system.limits.size, space=space),
         "inside.h": c99.template("inside.h"),
@@ -162,7 +183,7 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         "noslip.c": c99.source(stepper_of(rule).function, system.size, parts=False, space=space),
         **(sources(rule) | controller_sources(law, rule) if _plans(law) else {}),
         f"{name}.h": declared,
-        f"{name}.c": numbers.text(law, rule, name),
+        f"{name}.c": numbers.text(law, rule, name, channels),
     }
     values["GRIDS"] = " grids.c" if "grids.c" in texts else ""
     examples = ["example.c"]
@@ -183,6 +204,21 @@ def _texts(law: Law, rule: Rule, name: str) -> dict[str, str]:
         f"const int *const {name}_rule = &{rule_id};\n"
     )
     return texts
+
+
+def _rows(values: Floats) -> str:
+    return ",\n".join("    {" + ", ".join(map(repr, row)) + "}" for row in values.tolist())
+
+
+def _declared_channels(name: str, channels: Channels | None) -> str:
+    """Which channels noslip_channels tells, and how many."""
+    if channels is None:
+        return ""
+    both = zip(channels.names, channels.units, strict=True)
+    told = ", ".join(f"{name} ({unit})" for name, unit in both)
+    told = textwrap.fill(told, 90).replace("*/", "* /").replace("/*", "/ *").replace("\n", "\n * ")
+    size = f"#define {name.upper()}_CHANNELS {len(channels.names)}"
+    return f"\n/* What noslip_channels tells: {told}. */\n{size}\n"
 
 
 def _quaternion_names(space: Space) -> list[str]:

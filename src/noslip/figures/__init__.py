@@ -6,6 +6,8 @@ The others draw into axes and return what they drew.
 
 from noslip.figures.arm import executed_slip, joint_limits
 from noslip.figures.bodies import bodies_paths
+from noslip.figures.cycles import rhythm_cycles
+from noslip.figures.distributed import motion_distribution
 from noslip.figures.family import adapted_family
 from noslip.figures.history import constraint_history, plot_constraint
 from noslip.figures.identified import identified_constraint
@@ -20,7 +22,7 @@ from noslip.figures.motion import (
     plot_speed,
 )
 from noslip.figures.segments import recording_cuts
-from noslip.figures.snapshots import blade_snapshots, plot_blades
+from noslip.figures.snapshots import blade_snapshots, plot_blades, plot_tool_frame
 from noslip.figures.spread import demonstration_spread, orientation_adjustments, plot_spread
 from noslip.figures.style import column_figure, save_figure
 from noslip.figures.values import plot_values
@@ -37,6 +39,7 @@ __all__ = [
     "identified_constraint",
     "joint_limits",
     "learned_spread",
+    "motion_distribution",
     "orientation_adjustments",
     "plot_blades",
     "plot_constraint",
@@ -49,7 +52,9 @@ __all__ = [
     "plot_residuals",
     "plot_speed",
     "plot_spread",
+    "plot_tool_frame",
     "plot_values",
     "recording_cuts",
+    "rhythm_cycles",
     "save_figure",
 ]

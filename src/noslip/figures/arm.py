@@ -9,12 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from noslip._typing import Floats
-from noslip.constraints.check import residual_text
+from noslip.constraints.check import ROUNDING, residual_text
 from noslip.figures import style
 from noslip.figures.motion import TIME
+from noslip.figures.quantities import value_text
 from noslip.robots.dynamics import Execution
 from noslip.robots.executed import TrackedMotion
 
+SO_FAR = "slipped so far (mm)"
+"""Label of the way slipped."""
+LIMIT: dict[str, Any] = {"color": style.PALETTE["gray"], "linestyle": "-", "linewidth": 1.0}
+"""Of the line at a limit."""
 LEAST_SLIP = 1e-9
 """Slip that a logarithmic axis shows at least (m/s): below, it is rounding."""
 
@@ -40,21 +45,22 @@ def joint_limits(tracked: TrackedMotion, *, title: str | None = None) -> Figure:
         / robot.acceleration_limits,
     }
     figure = style.new_figure(style.TWO_COLUMNS, 2.7)
-    styles = style.trial_styles(robot.size)
+    styles = style.joint_styles(robot.size)
     handles: dict[str, Any] = {}
     for ax, (label, values) in zip(figure.subplots(1, 3), shares.items(), strict=True):
         for joint, look in enumerate(styles):
             (line,) = ax.plot(times, values[:, joint], **look)
             handles[robot.joint_names[joint]] = line
         for limit in (-1, 1):
-            ax.axhline(limit, color=style.PALETTE["gray"], linewidth=1.0, zorder=1)
+            ax.axhline(limit, **LIMIT, zorder=1)
         ax.set_ylim(-1.1, 1.1)
         style.dress(ax, TIME, label)
-    style.put_legend(figure, handles)
+    style.put_legend(figure, handles | {"limits": LIMIT})
     least, whose = tracked.margins.smallest
-    style.write_title(
-        figure, title or f"All limits are kept: least is left of {whose}, {least:.0%}"
-    )
+    found = f"All limits are kept: the tightest, {whose}, has {least:.0%} left"
+    if least < 0:
+        found = f"The {whose} is beyond its limit, by {-least:.0%}"
+    style.write_title(figure, title or found)
     return figure
 
 
@@ -90,7 +96,7 @@ def executed_slip(
             "off sideways (mm)": 1e3 * off.lateral,
             "off in depth (mm)": 1e3 * off.depth,
             "off in angle (°)": np.degrees(off.rotation),
-            "slipped so far (mm)": 1e3 * np.cumsum(sizes.max(axis=1, initial=0.0) * np.diff(times)),
+            SO_FAR: 1e3 * np.cumsum(sizes.max(axis=1, initial=0.0) * np.diff(times)),
         }
         for k, (ax, (label, curve)) in enumerate(zip(panels, curves.items(), strict=True)):
             # What is of a step lies at its end.
@@ -99,8 +105,14 @@ def executed_slip(
     style.log_axis(panels[0], slips.values(), LEAST_SLIP)
     style.name_lines(figure, runs)
     name, run = list(runs.items())[-1]
-    most = residual_text(float(slips[name].max()), unit, order="at most")
-    away = style.number(1e3 * run.errors.position.max())
-    found = f"{name}: {what} of the executed tool {most}, at most {away} mm off its path"
+    peak = float(slips[name].max())
+    most = residual_text(peak, unit, order="at most")
+    found = f"{what} {most}"
+    if what == "slip":
+        found = "does not slip"
+        if peak >= ROUNDING:
+            found = f"slips {value_text(float(curves[SO_FAR][-1]) / 1e3, 'm')} ({most})"
+    away = value_text(float(run.errors.position.max()), "m")
+    found = f"{name}: the tool {found}, at most {away} off its path"
     style.write_title(figure, title or found[:1].upper() + found[1:])
     return figure

@@ -21,11 +21,9 @@ from noslip.figures import style
 from noslip.figures.quantities import Constraints, Motions, named, scaled_unit, value_text
 from noslip.figures.residuals import residual_rows, violations
 from noslip.figures.snapshots import equally_far_apart
+from noslip.figures.style import MANY, MOST_NAMED
 from noslip.trajectory import PoseTrajectory
 
-MOST_NAMED = 8
-"""Motions that get a color and a name each; more of them share one color, for colors can no longer
-be told apart."""
 SIDE_VIEW = 0.15
 """Share of the family's reach from which its least axis gets a view of its own: flatter paths are
 seen from above."""
@@ -45,8 +43,6 @@ ORIGINAL: dict[str, Any] = {"color": style.PALETTE["gray"], "linewidth": 3.2, "z
 """Gray, wide and below the others, which go the same way at first."""
 ON_TOP: dict[str, Any] = {"color": style.PALETTE["black"], "linewidth": 1.5, "zorder": 2.8}
 """The original among so many others that would hide it."""
-MANY: dict[str, Any] = {"color": style.PALETTE["sky"], "linestyle": "-", "linewidth": 0.6}
-"""Thin, so that many can cross."""
 WANTED: dict[str, Any] = {"color": style.PALETTE["black"], "mfc": "none", "mew": 0.7, "marker": "s"}
 """A goal: an open mark, through which the end of a motion is seen."""
 FAILED: dict[str, Any] = {"color": style.PALETTE["vermillion"], "marker": "x", "mew": 1.3, "ms": 5}

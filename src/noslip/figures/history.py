@@ -1,4 +1,4 @@
-"""What each constraint and limit of a rollout did: residual or margin, multiplier and force."""
+"""What each constraint of a rollout did: residual or margin, multiplier and acceleration."""
 
 from __future__ import annotations
 
@@ -37,8 +37,10 @@ after."""
 MULTIPLIER_UNITS = {"m": "m/s²", "m/s": "m/s²", "m/s²": "m/s"}
 """By the unit of the residual, that of a position over the step; of others it depends on the metric
 too."""
-FORCE_NAMES: dict[Part, str] = {"linear": "force", "angular": "turning force"}
-"""What the panels call an acceleration that a constraint adds."""
+FORCE_NAMES: dict[Part, str] = {"linear": "acceleration", "angular": "angular acceleration"}
+"""What the panels call what a constraint adds."""
+MOST_ABREAST = 3
+"""Panels of constraints that did nothing, side by side, where none acted."""
 
 
 def constraint_history(
@@ -46,9 +48,10 @@ def constraint_history(
 ) -> Figure:
     """Show what each constraint and limit of a rollout did over time.
 
-    A row of panels for each: the residual of its rows (on a logarithmic axis if it is too small to
-    be seen) or their margins, with the forbidden side shaded; the multipliers; the size of the
-    acceleration that it added, linear and, unless all are zero, angular.
+    A row of panels for each that acted: the residual of its rows (on a logarithmic axis if it is
+    too small to be seen) or their margins, with the forbidden side shaded; the multipliers; the
+    size of the acceleration that it added, linear and angular, unless all of these are zero.  Of
+    those that added none, residuals or margins alone.
 
     Parameters
     ----------
@@ -78,22 +81,36 @@ def constraint_history(
     held = constraint_records(motion, constraints)
     if not held:
         raise InputError(f"{motion.name}: no constraint took part in it")
-    parts = force_parts(one.forces for one in held)
-
-    figure = style.new_figure(style.TWO_COLUMNS, 1.15 + 1.05 * len(held))
-    panels = figure.subplots(len(held), 2 + len(parts), sharex=True, squeeze=False)
-    for one, row in zip(held, panels, strict=True):
-        # The angular forces stand last, and are left out where there are none.
-        for ax, plot in zip(row, PANELS.values(), strict=False):
-            plot(ax, since_start(motion), one)
-    for ax in panels[:-1].flat:
-        ax.set_xlabel("")
+    acting = [one for one in held if one.acts]
+    idle = [one for one in held if not one.acts]
+    plots = _plots(force_parts(one.forces for one in held))
+    width = len(plots) if acting else min(MOST_ABREAST, len(idle))
+    height = len(acting) - (-len(idle) // width)
+    figure = style.new_figure(style.TWO_COLUMNS, 1.15 + 1.05 * height)
+    panels = figure.subplots(height, width, sharex=True, squeeze=False)
+    times = since_start(motion)
+    for one, row in zip(acting, panels, strict=False):
+        for ax, plot in zip(row, plots, strict=True):
+            plot(ax, times, one)
+    # Of what did nothing only the values are of interest: several share a row of panels.
+    rest = list(panels[len(acting) :].flat)
+    for one, ax in zip(idle, rest, strict=False):
+        _plot_values(ax, times, one)
+    for ax in rest[len(idle) :]:
+        ax.remove()
     for column in panels.T:
-        figure.align_ylabels(column)
+        shown = [ax for ax in column if ax.figure is not None]
+        for ax in shown:
+            ax.set_xlabel(TIME if ax is shown[-1] else "", fontsize=style.SMALL_FONT_SIZE)
+            ax.tick_params(labelbottom=ax is shown[-1])
+        figure.align_ylabels(shown)
 
     most = max(held, key=lambda one: one.rows)
     if most.rows > 1:
         style.put_legend(figure, most.styles)
+    if idle:
+        names = ", ".join(style.short_name(one.name) for one in idle)
+        style.write_note(figure, f"Added no acceleration: {names}")
     style.write_title(figure, title or _finding(since_start(motion), held))
     return figure
 
@@ -115,7 +132,7 @@ def plot_constraint(
         Those of the primitive.
     name : str
         Of the constraint, as in the motion's ``constraint_names`` and ``limit_names``.
-    show : "residual", "multiplier", "force" or "turning force"
+    show : "residual", "multiplier", "acceleration" or "angular acceleration"
         Residuals, or of a limit its margins; multipliers; size of the linear (m/s^2) or angular
         (rad/s^2) acceleration that it added.
 
@@ -164,10 +181,11 @@ def _plot_force(ax: Axes, times: Floats, one: ConstraintRecord, part: Part) -> l
     look: dict[str, Any] = {"color": style.PALETTE["vermillion"], "linewidth": 1.1}
     lines = ax.plot(times, size, "-", label=style.short_name(one.name), **look)
     _span_something(ax, size)
-    _label(ax, FORCE_NAMES[part], FORCE_UNITS[part])
-    heading = "no force"
+    _label(ax, f"added {FORCE_NAMES[part]}", FORCE_UNITS[part])
+    heading = "none added"
     if size.any():
-        heading = f"≤ {style.number(size.max())}, at {style.number(times[np.argmax(size)])} s"
+        peak = f"{style.number(size.max())} {FORCE_UNITS[part]}"
+        heading = f"≤ {peak}, at {style.number(times[np.argmax(size)])} s"
     ax.set_title(heading, loc="left", fontsize=style.SMALL_FONT_SIZE)
     return lines
 
@@ -198,6 +216,13 @@ PANELS: dict[str, Callable[[Axes, Floats, ConstraintRecord], list[Line2D]]] = {
 }
 """A row of the figure, from left to right."""
 
+
+def _plots(parts: Sequence[Part]) -> list[Callable[[Axes, Floats, ConstraintRecord], list[Line2D]]]:
+    """What draws a row of panels, without accelerations that nothing added."""
+    absent = [name for part, name in FORCE_NAMES.items() if part not in parts]
+    return [plot for name, plot in PANELS.items() if name not in absent]
+
+
 # ---------------------------------------------------------------- the finding
 
 
@@ -217,8 +242,8 @@ def _about_equalities(equalities: Sequence[ConstraintRecord]) -> str:
     if not worst.holds:
         return f"{name} is violated by up to {peak}"
     if len(equalities) == 1:
-        return f"{name} holds to {peak}"
-    return f"{len(equalities)} constraints hold, the worst, {name}, to {peak}"
+        return f"{name} holds within {peak}"
+    return f"{len(equalities)} constraints hold, the worst, {name}, within {peak}"
 
 
 def _about_margins(times: Floats, limits: Sequence[ConstraintRecord]) -> str:

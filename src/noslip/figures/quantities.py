@@ -202,9 +202,6 @@ def force_sizes(forces: Floats, part: Part) -> Floats:
 
 
 def force_parts(forces: Iterable[Floats]) -> list[Part]:
-    """Which forces there are to show: the linear ones, and the angular ones unless all are zero."""
+    """Which forces there are to show: linear and angular ones, unless all are zero."""
     forces = list(forces)
-    parts: list[Part] = ["linear"] if forces else []
-    if any(force_sizes(force, "angular").any() for force in forces):
-        parts.append("angular")
-    return parts
+    return [part for part in PARTS if any(force_sizes(force, part).any() for force in forces)]

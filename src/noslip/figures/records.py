@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from noslip._typing import Floats
 from noslip.constraints.check import ROUNDING, residual_text, with_unit
+from noslip.constraints.declaration import ROW
 from noslip.constraints.system import as_system
 from noslip.errors import InputError
 from noslip.figures.quantities import NEGLIGIBLE, Constraints, least_span, scaled_unit, value_text
@@ -27,6 +28,8 @@ class ConstraintRecord:
     ----------
     name, is_limit, unit : str, bool, str or None
         The unit of its residuals or margins is None if it is not known.
+    row_names : tuple of str
+        What tells its rows apart, such as "sideways".
     values, multipliers : array, shape (N, rows)
         Residuals or margins in that unit.
     forces : array, shape (N, 6)
@@ -38,10 +41,16 @@ class ConstraintRecord:
     name: str
     is_limit: bool
     unit: str | None
+    row_names: tuple[str, ...]
     values: Floats
     multipliers: Floats
     forces: Floats
     span: float
+
+    @property
+    def acts(self) -> bool:
+        """Whether it added any acceleration."""
+        return bool(self.forces.any())
 
     @property
     def rows(self) -> int:
@@ -52,7 +61,7 @@ class ConstraintRecord:
         """Of the rows' lines, by their labels."""
         if self.rows == 1:
             return {self.name: {"color": PALETTE["blue"], "linestyle": "-", "linewidth": 1.1}}
-        return line_styles(f"row [{row}]" for row in range(self.rows))
+        return line_styles(self.row_names)
 
     @property
     def violation(self) -> Floats:
@@ -103,10 +112,22 @@ class ConstraintRecord:
         return "reached" if self.margin <= HELD else f"≥ {self.margin_text}"
 
 
+def _sources(names: Sequence[str]) -> dict[str, str]:
+    """Constraint of each row, as the names of several of its rows tell it."""
+    first = [name.partition(ROW)[0] for name in names]
+    return {
+        name: constraint if first.count(constraint) > 1 else name
+        for name, constraint in zip(names, first, strict=True)
+    }
+
+
 def constraint_records(motion: Motion, constraints: Constraints) -> list[ConstraintRecord]:
     system = as_system(constraints)
     known: dict[str, str] = dict(zip(system.row_names, system.row_units, strict=True))
     names = (*motion.constraint_names, *motion.limit_names)
+    source = dict(zip(system.row_names, system.per_row(system.names), strict=True))
+    if not known:
+        source = _sources(names)
     if missing := [name for name in names if known and name not in known]:
         raise InputError(
             f"{missing[0]!r} took part in {motion.name}, but is not among the constraints given: "
@@ -116,14 +137,15 @@ def constraint_records(motion: Motion, constraints: Constraints) -> list[Constra
     multipliers = np.hstack([motion.multipliers, motion.limit_multipliers])
     found = []
     for (name, unit), group in groupby(
-        range(len(names)), lambda row: (re.sub(r" \[\d+\]$", "", names[row]), known.get(names[row]))
+        range(len(names)), lambda row: (source.get(names[row], names[row]), known.get(names[row]))
     ):
         rows = list(group)
         found.append(
             ConstraintRecord(
-                name=name,
+                name=str(name),
                 is_limit=rows[0] >= len(motion.constraint_names),
                 unit=unit,
+                row_names=tuple(names[row].removeprefix(f"{name}{ROW}") for row in rows),
                 values=values[:, rows],
                 multipliers=multipliers[:, rows],
                 forces=np.sum([motion.force_of(names[row]) for row in rows], axis=0),

@@ -9,12 +9,22 @@ from itertools import groupby
 import numpy as np
 
 from noslip._typing import Floats
-from noslip.constraints.check import ROUNDING, residual_text, sample_residuals, with_unit
+from noslip.constraints.check import (
+    ROUNDING,
+    checked,
+    residual_text,
+    sample_residuals,
+    with_unit,
+)
+from noslip.constraints.declaration import ROW, SIDEWAYS, UNITS
 from noslip.constraints.system import as_system
 from noslip.figures.quantities import NEGLIGIBLE, Constraints, least_span, scaled_unit, value_text
 from noslip.figures.style import capitalized, number, short_name
-from noslip.runtime.motion import HELD
+from noslip.runtime.motion import HELD, Motion
 from noslip.trajectory import PoseTrajectory
+
+AT_GOAL = 1e-6
+"""Distance from its goal (m) below which a motion is there: no tool can tell a micrometer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +45,9 @@ class ResidualRow:
         each step, as :func:`noslip.check` reports it.
     span : float
         What the axis shows at least, to either side.
+    slipped : dict of float
+        By motion, of a tool's constraint: the way slipped (m), of all its rows together, as
+        :func:`noslip.check` tells it.
     """
 
     name: str
@@ -47,6 +60,7 @@ class ResidualRow:
     times: dict[str, Floats]
     values: dict[str, Floats]
     span: float
+    slipped: dict[str, float]
 
     @property
     def label(self) -> str:
@@ -99,10 +113,8 @@ class ResidualRow:
 
     @property
     def verb(self) -> str:
-        """What goes before :meth:`peak_text`."""
+        """What goes before :meth:`peak_text`, unless it slips."""
         name = short_name(self.name)
-        if self.is_slip:
-            return "slips"
         return f"keeps “{name}” to" if all(map(self.hides, self.peaks)) else f"violates “{name}” by"
 
     def peak_text(self, name: str) -> str:
@@ -111,6 +123,24 @@ class ResidualRow:
             return residual_text(0.0, self.own_unit, "less than")
         order = "at most" if self.hides(name) else "up to"
         return f"{order} {with_unit(number(self.peaks[name]), self.unit)}"
+
+    def slip_text(self, name: str) -> str:
+        """Say how far a motion slips, as in "slips 24 mm (up to 3.48 m/s)"."""
+        if self.peaks[name] < ROUNDING * self.scale:
+            return "does not slip"
+        peak = with_unit(number(self.peaks[name]), self.unit)
+        return f"slips {value_text(self.slipped[name], 'm')} (up to {peak})"
+
+    def says(self, name: str) -> str:
+        """Say what a motion does to this row, as in "slips 24 mm (up to 3.48 m/s)"."""
+        if self.is_limit:
+            return self.margin_text(name)
+        return self.slip_text(name) if self.is_slip else f"{self.verb} {self.peak_text(name)}"
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it is zero throughout, in all motions, but for rounding."""
+        return not self.is_limit and max(self.peaks.values()) < ROUNDING * self.scale
 
     def margin_text(self, name: str, what: str | None = None) -> str:
         """Say what a motion does to this limit, as in "keeps 3.2 mm from “box”"."""
@@ -135,6 +165,9 @@ def residual_rows(
     """Residuals and margins of the steps of all motions, one entry a row of the constraints."""
     system = as_system(constraints)
     residuals = {name: sample_residuals(motion, system) for name, motion in motions.items()}
+    if not system.size:
+        return []
+    checks = {name: checked(motion, system).constraints for name, motion in motions.items()}
     tools = [c for c in system.constraints if c.edge is not None and c.edge.lateral is not None]
     sources = np.repeat(np.arange(len(system.constraints)), system.rows)
 
@@ -145,13 +178,19 @@ def residual_rows(
         source = system.constraints[sources[row]]
         # No step leads to the first sample; only a pose can be asked of it.
         first = 0 if source.level == "position" else 1
-        is_slip = len(tools) == 1 and source is tools[0] and system.rows[sources[row]] == 1
+        is_slip = (
+            source.relation == "zero"
+            and source.edge is not None
+            and own_unit == UNITS["velocity"]
+            and (system.rows[sources[row]] == 1 or f"{ROW}{SIDEWAYS}" in row_name)
+        )
+        slips = {name: found[sources[row]].slip_distance for name, found in checks.items()}
         span = least_span(own_unit, motions.values())
         peak = max(float(np.abs(values[:, row]).max()) for values in residuals.values())
         scale, unit = scaled_unit(max(peak, span), own_unit)
         found.append(
             ResidualRow(
-                name="lateral velocity" if is_slip else row_name,
+                name="lateral velocity" if is_slip and len(tools) == 1 else row_name,
                 source=system.names[sources[row]],
                 own_unit=own_unit,
                 unit=unit,
@@ -161,6 +200,7 @@ def residual_rows(
                 times={name: (m.times - m.times[0])[first:] for name, m in motions.items()},
                 values={name: scale * values[first:, row] for name, values in residuals.items()},
                 span=scale * span,
+                slipped={name: slip or 0.0 for name, slip in slips.items()},
             )
         )
     return found
@@ -187,18 +227,19 @@ def least_margins(rows: Sequence[ResidualRow]) -> list[ResidualRow]:
     return merged
 
 
-def finding(rows: Sequence[ResidualRow]) -> str:
-    """Say what the last and the first motion do to the constraint that is violated most.
+def finding(rows: Sequence[ResidualRow], motions: Mapping[str, PoseTrajectory]) -> str:
+    """Say what the first and the last motion do to the constraint that is violated most.
 
     Of more than four motions, which are a set rather than a comparison, it names the worst.  If
     that is an equality, it goes on with the limit that is violated most, or else used up most.
+    Of a rollout it says how far from its goal it ends.
     """
     worst = max(rows, key=prominence)
-    text = _finding(worst)
+    text = _finding(worst, motions)
     limits = [row for row in rows if row.is_limit]
-    if worst.is_limit or not limits:
-        return text
-    return f"{text}.  {_finding(max(limits, key=prominence))}"
+    if not worst.is_limit and limits:
+        text += f".  {_finding(max(limits, key=prominence), {})}"
+    return text
 
 
 def prominence(row: ResidualRow) -> tuple[float, float]:
@@ -207,15 +248,33 @@ def prominence(row: ResidualRow) -> tuple[float, float]:
     return severity, row.tightness
 
 
-def _finding(row: ResidualRow) -> str:
-    def says(name: str, what: str | None = None) -> str:
-        return row.margin_text(name, what) if row.is_limit else row.peak_text(name)
-
-    verb = "" if row.is_limit else f"{row.verb} "
+def _finding(row: ResidualRow, motions: Mapping[str, PoseTrajectory]) -> str:
     first, *others = row.values
+    last = others[-1] if others else first
     if len(others) > 3:
         peak = max(row.values, key=lambda name: (row.peaks[name], -row.margins[name]))
-        return f"{len(others) + 1} motions: the worst, {short_name(peak)}, {verb}{says(peak)}"
-    last = others[-1] if others else first
-    text = f"{capitalized(short_name(last))} {verb}{says(last)}"
-    return f"{text}, {short_name(first)} {says(first, 'it')}" if others else text
+        text = f"{len(others) + 1} motions: the worst, {short_name(peak)}, {row.says(peak)}"
+        rest = max((row.peaks[name] for name in row.values if name != peak), default=0.0)
+        if row.is_slip and row.peaks[last] < ROUNDING * row.scale < rest:
+            text += f"; {short_name(last)} does not slip{_end_text(motions.get(last))}"
+        return text
+    end = _end_text(motions.get(last))
+    if not others:
+        return f"{capitalized(short_name(last))} {row.says(last)}{end}"
+    if row.is_limit:
+        told = f"{row.margin_text(last)}, {short_name(first)} {row.margin_text(first, 'it')}"
+        return f"{capitalized(short_name(last))} {told}"
+    text = row.says(first)
+    if row.is_slip:
+        return f"{capitalized(short_name(first))} {text}; {short_name(last)} {row.says(last)}{end}"
+    text = f"{row.verb} {row.peak_text(last)}, {short_name(first)} {row.peak_text(first)}"
+    return f"{capitalized(short_name(last))} {text}"
+
+
+def _end_text(motion: PoseTrajectory | None) -> str:
+    """Say how far from its goal a rollout ends; nothing of a motion that has none."""
+    if not isinstance(motion, Motion):
+        return ""
+    if motion.end_error < AT_GOAL:
+        return f", ends within {1e6 * AT_GOAL:g} µm of its goal"
+    return f", ends {value_text(motion.end_error, 'm')} from its goal"

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import cycle
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -11,17 +16,23 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
+from noslip._instants import counts_from_afar
+from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
 from noslip.figures import style
 from noslip.figures.quantities import length_unit, scaled_unit, value_text
+from noslip.trajectory import PoseTrajectory
 
 COLORS = tuple(color for name, color in style.PALETTE.items() if name not in ("gray", "black"))
 """Of the pieces in turn; gray is what was cut out, and black looks gray as a shade."""
+MANY_COLORS = style.PALETTE["blue"], style.PALETTE["sky"]
+"""Of more pieces than can be told apart: neighbors differ."""
 BETWEEN = ("rest", "no contact", "not asked for")
 """Reasons that the legend alone names: there are as many pauses as pieces."""
-MOST_REASONS = 16
-"""Dropped pieces whose reasons are written into the figure; more of them would hide it."""
+MOST_LABELS = {"time": 24, "path": 8}
+"""Numbers that fit side by side over time, and among paths; of more pieces every second, third and
+so on has one."""
 FLOOR = 0.1
 """Share of the lower threshold at which a logarithmic axis of speed ends: below it is rest,
 whatever the sensor's noise."""
@@ -45,8 +56,8 @@ def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
 
     Left: the speed over time on a logarithmic axis, or the contact signal, with its thresholds.
     Pieces are colored and numbered; rests are light gray, and what was cut out beside them is
-    hatched, with the reason.  Right: the paths in the world's xy plane in the same colors, all
-    else thin and gray.
+    hatched, with a letter for the reason, which the legend tells.  Right: the paths in the world's
+    xy plane in the same colors, all else thin and gray.
 
     Parameters
     ----------
@@ -66,10 +77,15 @@ def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
 
 def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any]]:
     times, values = segments.recording.times, segments.signal
+    afar = counts_from_afar(times[0])
+    began = times[0] if afar else 0.0
+    times = times - began
+    intervals = [replace(i, start=i.start - began, end=i.end - began) for i in segments.intervals]
     by_contact = segments.quantity == "contact"
     if values is None:
         values = _averaged_speeds(segments.recording)
-    scale, unit = (1.0, "") if by_contact else scaled_unit(float(values.max()), "m/s")
+    of_speed = f"{segments.recording.unit}/s"
+    scale, unit = (1.0, "") if by_contact else scaled_unit(float(values.max()), of_speed)
     values = scale * values
     ax.plot(times, values, color="0.25", linewidth=0.8)
     handles: dict[str, Artist | dict[str, Any]] = {}
@@ -77,7 +93,7 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any
         low, high = (scale * level for level in segments.thresholds)
         for level, what, look in ((high, "upper", UPPER), (low, "lower", LOWER)):
             ax.axhline(level, **look)
-            shown = style.number(level) if by_contact else value_text(level / scale, "m/s")
+            shown = style.number(level) if by_contact else value_text(level / scale, of_speed)
             name = f"{what} threshold, {shown}"
             handles[name] = look
     if by_contact:
@@ -92,56 +108,82 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any
         ax.set_ylim(bottom, top * (top / bottom) ** ROOM)
     ax.set_xlim(times[0], times[-1])
 
-    kept = 0
-    dropped = [i for i in segments.intervals if i.reason and i.reason not in BETWEEN]
-    for interval in segments.intervals:
+    colors, kept = _colors(segments), 0
+    for interval in intervals:
         extent = interval.start, interval.end
         if interval.reason is None:
-            color = COLORS[kept % len(COLORS)]
+            color = next(colors)
             kept += 1
             ax.axvspan(*extent, facecolor=color, alpha=0.3, linewidth=0, zorder=0.5)
-            _write(ax, interval, str(kept), y=0.97, color=color, fontweight="bold")
+            if _is_labeled(kept, segments, "time"):
+                _write(ax, interval, str(kept), color=color)
         elif interval.reason in BETWEEN:
             ax.axvspan(*extent, **PAUSE, zorder=0.4)
             handles[interval.reason] = Patch(**PAUSE)
-        else:
-            ax.axvspan(*extent, **DROPPED, zorder=0.5)
-            handles["cut out"] = Patch(**DROPPED)
-            if len(dropped) <= MOST_REASONS:
-                why, _, _ = interval.reason.partition(":")
-                _write(ax, interval, why, y=0.05, color="0.1", rotation=90)
-    style.dress(ax, "time (s)", "contact signal" if by_contact else f"speed ({unit})")
+    reasons: dict[str, list[Interval]] = {}
+    for interval in intervals:
+        if interval.reason and interval.reason not in BETWEEN:
+            reasons.setdefault(_kind(interval.reason), []).append(interval)
+    for letter, (kind, dropped) in zip(cycle(ascii_lowercase), reasons.items()):
+        for interval in dropped:
+            ax.axvspan(interval.start, interval.end, **DROPPED, zorder=0.5)
+            _write(ax, interval, letter, color="0.1")
+        count = f" ({len(dropped)} times)" if len(dropped) > 1 else ""
+        handles[f"{letter}: cut out, {kind}{count}"] = Patch(**DROPPED)
+    style.dress(
+        ax,
+        "time since start (s)" if afar else "time (s)",
+        "contact signal" if by_contact else f"speed ({unit})",
+    )
     ax.grid(False)
     return handles
 
 
-def _write(ax: Axes, interval: Interval, text: str, *, y: float, **look: Any) -> None:
-    """Write into the middle of an interval; heights are shares of the axis."""
+def _kind(reason: str) -> str:
+    """Return what is common to reasons of one kind: those too short differ in their duration."""
+    what = reason.partition(":")[0]
+    return re.sub(r"^(?:lasts [^,]*, (?=less)|\d+ samples, (?=fewer))", "", what)
+
+
+def _colors(segments: Segments) -> Iterator[str]:
+    return cycle(COLORS if len(segments.pieces) <= style.MOST_NAMED else MANY_COLORS)
+
+
+def _is_labeled(number: int, segments: Segments, where: str) -> bool:
+    """Whether the piece of a number, from 1, has it written beside it."""
+    return (number - 1) % -(-len(segments.pieces) // MOST_LABELS[where]) == 0
+
+
+def _write(ax: Axes, interval: Interval, text: str, *, color: str) -> None:
+    """Write at the top of an interval, above the signal."""
     ax.text(
         (interval.start + interval.end) / 2,
-        y,
+        0.97,
         text,
         transform=ax.get_xaxis_transform(),
         ha="center",
-        va="top" if y > 0.5 else "bottom",
-        fontsize=style.SMALL_FONT_SIZE - (1.5 if "rotation" in look else 0),
+        va="top",
+        fontsize=style.SMALL_FONT_SIZE,
+        fontweight="bold",
+        color=color,
         path_effects=[withStroke(linewidth=1.8, foreground="white")],
         in_layout=False,
-        **look,
     )
 
 
 def _draw_paths(ax: Axes, segments: Segments) -> dict[str, dict[str, Any]]:
-    scale, unit = length_unit([segments.recording])
-    seen = scale * segments.recording.positions[:, :2]
+    recording, placed = segments.recording, segments.recording.unit == "m"
+    scale, unit = length_unit([recording]) if placed else (1.0, recording.unit)
+    seen = scale * _plane(recording)
     times = segments.recording.times
     for part in segments.intervals:
         if part.reason is not None:
             ax.plot(*seen[(times >= part.start) & (times <= part.end)].T, **PATH_OUT)
-    for index, piece in enumerate(segments.pieces):
-        color = COLORS[index % len(COLORS)]
-        path = scale * piece.positions[:, :2]
+    for index, (piece, color) in enumerate(zip(segments.pieces, _colors(segments), strict=False)):
+        path = scale * _plane(piece)
         ax.plot(*path.T, color=color, linewidth=1.1)
+        if not _is_labeled(index + 1, segments, "path"):
+            continue
         # Numbers lie apart along the paths, which often lie on one another.
         traveled = np.cumsum(np.linalg.norm(np.diff(piece.positions, axis=0), axis=1))
         share = (index + 1) / (len(segments.pieces) + 1)
@@ -156,8 +198,14 @@ def _draw_paths(ax: Axes, segments: Segments) -> dict[str, dict[str, Any]]:
             path_effects=[withStroke(linewidth=2, foreground="white")],
         )
     ax.set_aspect("equal", adjustable="datalim")
-    style.dress(ax, f"x ({unit})", f"y ({unit})", title="from above")
+    x, y = (*recording.space.coordinates[:2], "")[:2]
+    style.dress(ax, f"{x} ({unit})", y and f"{y} ({unit})", title="from above" if placed else "")
     return {"path cut out": PATH_OUT} if len(segments.intervals) > 1 else {}
+
+
+def _plane(motion: PoseTrajectory) -> Floats:
+    """Its first two coordinates, shape (N, 2); of one alone the second is 0."""
+    return np.column_stack([motion.positions, np.zeros(len(motion))])[:, :2]
 
 
 def _finding(segments: Segments) -> str:

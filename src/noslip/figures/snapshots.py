@@ -18,6 +18,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
 from noslip.constraints.blade import Blade
@@ -47,6 +48,15 @@ SCALPEL: Floats = np.array(
 BLADE_LENGTH = 0.33
 """Share of the path's largest extent, so that it is seen and neighbors can be told apart; meters,
 of a tool that stays in place."""
+FRAME_BLADE, FRAME_ELEVATION = 1.9, 26.0
+"""Length of the blade beside its frame's axes, which have length 1; elevation of the eye
+(degrees)."""
+FRAME_NAMES = ("x̂, travel", "ŷ, lateral", "ẑ")
+"""Of the body's axes."""
+FRAME_COLORS = (style.PALETTE["vermillion"], style.PALETTE["green"], style.PALETTE["blue"])
+"""Of the body's axes: the usual red, green and blue, for all to tell apart."""
+WORLD_DROP, WORLD_SIZE = 1.5, 0.5
+"""How far below the blade's tip the world's axes are drawn, and how long, smaller than its own."""
 AT_REST = 1e-3
 """Share of the top speed below which a tool stands: it slips nowhere."""
 VIEW = (55.0, -80.0)
@@ -101,7 +111,7 @@ def blade_snapshots(
         lines = []
         if len(shown) > 1:
             lines += [f"{letter}   {style.capitalized(style.short_name(name))}"]
-            lines += [f"{slips[0].verb} {slips[0].peak_text(name)}"]
+            lines += [slips[0].slip_text(name)]
         if desired is not None:
             ax.plot(*(scale * desired.positions.T), zorder=3, **DESIRED)
             off = distance_to_path(motion.positions, desired.positions)
@@ -125,7 +135,7 @@ def blade_snapshots(
     if desired is not None:
         styles["desired path"] = DESIRED
     style.put_legend(figure, styles)
-    style.write_title(figure, title or finding(slips))
+    style.write_title(figure, title or finding(slips, shown))
     return figure
 
 
@@ -173,6 +183,74 @@ def plot_blades(
     axes = ax.quiver(*(scale * tips.T), *(scale * arrows.T), zorder=4, **AXIS)
     ax.auto_scale_xyz(*(scale * np.concatenate([corners.reshape(-1, 3), tips + arrows]).T))
     return [path, polygons, axes]
+
+
+def plot_tool_frame(ax: Any, rotation: Rotation) -> list[Artist]:
+    """Draw a blade with its body-fixed frame, and the world's beside it, into 3-D axes.
+
+    The paper's figure 2, left.  x leads along the edge, y, along which the blade must not move, is
+    across, and z points out of the work.
+
+    Parameters
+    ----------
+    ax : Axes3D
+    rotation : Rotation
+        Body to world, of the blade.
+
+    Returns
+    -------
+    list
+        The blade's polygon, then the axes' arrows: of the body x, y, z, of the world x, y, z.
+    """
+    outline = np.column_stack([SCALPEL[:, 0], np.zeros(len(SCALPEL)), SCALPEL[:, 1]])
+    corners = rotation.apply(FRAME_BLADE * outline)
+    polygon = Poly3DCollection([corners], facecolors="#DCE6EE", edgecolors="0.25", linewidths=0.6)
+    ax.add_collection3d(polygon)
+    ax.computed_zorder = False
+    artists: list[Artist] = [polygon]
+    frames: list[tuple[Floats, Floats, list[str], list[str], float]] = [
+        (np.zeros(3), rotation.apply(np.eye(3)), list(FRAME_NAMES), list(FRAME_COLORS), 1.6),
+        (np.array([0, 0, -WORLD_DROP]), WORLD_SIZE * np.eye(3), list("xyz"), ["0.45"] * 3, 0.9),
+    ]
+    tips = [corners]
+    for origin, axes, names, colors, width in frames:
+        for axis, name, color in zip(axes, names, colors, strict=True):
+            arrow = ax.quiver(*origin, *axis, color=color, linewidth=width, arrow_length_ratio=0.15)
+            arrow.set_zorder(4)
+            artists.append(arrow)
+            place = origin + 1.22 * axis
+            tips.append(np.stack([origin, place]))
+            ax.text(*place, name, color=color, fontsize=style.SMALL_FONT_SIZE, ha="center")
+    seen = np.concatenate(tips)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    for k, name in enumerate("xyz"):
+        ax.set(**{f"{name}lim": (low[k], high[k]), f"{name}ticks": []})
+    ax.set_box_aspect(high - low, zoom=1.25)
+    ax.set_proj_type("ortho")
+    ax.view_init(FRAME_ELEVATION, _clearest_azimuth(rotation))
+    ax.set_axis_off()
+    return artists
+
+
+def _clearest_azimuth(rotation: Rotation) -> float:
+    """Azimuth (degrees) of an eye in front for which no axis of a frame hides another or is short.
+
+    The smallest area between two axes of the body or of the world, as they are seen, is the
+    largest.
+    """
+    frames, elevation = (rotation.as_matrix().T, np.eye(3)), np.radians(FRAME_ELEVATION)
+
+    def least_area(azimuth: float) -> float:
+        a = np.radians(azimuth)
+        right = np.array([-np.sin(a), np.cos(a), 0.0])
+        up = np.array([*(-np.sin(elevation) * np.array([np.cos(a), np.sin(a)])), np.cos(elevation)])
+        return min(
+            abs(float(np.linalg.det([axes[[i, j]] @ right, axes[[i, j]] @ up])))
+            for axes in frames
+            for i, j in ((0, 1), (1, 2), (0, 2))
+        )
+
+    return float(max(range(-170, 0, 10), key=least_area))
 
 
 def blade_corners(motion: PoseTrajectory, where: NDArray[np.intp], size: float) -> Floats:

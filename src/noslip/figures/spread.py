@@ -15,6 +15,7 @@ from noslip._typing import Floats
 from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.figures import style
+from noslip.figures.motion import MOST_ABREAST
 from noslip.figures.quantities import (
     ANGLES,
     MARGIN_SHARE,
@@ -55,8 +56,9 @@ def demonstration_spread(
 
     The paper's figure A, given demonstrations, and B, given what was learned from them.  Panels:
     x, y and z; roll, pitch and yaw (extrinsic xyz); for each row of the constraints its signed
-    residual, and its size on a logarithmic axis where it is too small to be seen; for each limit
-    the least margin of its rows, with the forbidden side shaded.
+    residual, or its size on a logarithmic axis where it is too small to be seen; for each limit
+    the least margin of its rows, with the forbidden side shaded.  What all keep but for rounding
+    has no panel.
 
     Parameters
     ----------
@@ -75,8 +77,10 @@ def demonstration_spread(
     """
     motions = {str(i): motion for i, motion in enumerate(as_demonstrations(trajectories))}
     rows = least_margins(residual_rows(motions, constraints))
-    figure = style.new_figure(style.TWO_COLUMNS, 3.3 + 1.7 * len(rows))
-    grid = figure.add_gridspec(2 + len(rows), 1)
+    drawn = sorted((row for row in rows if not row.is_zero), key=lambda row: row.is_limit)
+    below = -(-len(drawn) // MOST_ABREAST)
+    figure = style.new_figure(style.TWO_COLUMNS, 3.3 + 1.7 * below)
+    grid = figure.add_gridspec(2 + below, 1)
 
     scale, unit = length_unit(motions.values())
     least = scale * style.LEAST_SHARE * max(map(extent, motions.values()))
@@ -96,24 +100,29 @@ def demonstration_spread(
             plot_spread(ax, curves, color=color, least=span)
             style.dress(ax, PROGRESS, f"{name} ({axis_unit})")
 
-    for row, residual in enumerate(rows, start=2):
-        unseen = residual.hidden and all(map(residual.hides, motions))
-        panels = grid[row].subgridspec(1, 2 if unseen else 1)
-        curves = _residual_curves(residual, motions)
-        ax = figure.add_subplot(panels[0])
-        least = (MARGIN_SHARE if residual.is_limit else 2) * residual.span
-        plot_spread(ax, curves, color=style.PALETTE["vermillion"], least=least)
-        if residual.is_limit:
-            style.shade_forbidden(ax, [np.array(ax.get_ylim())], 0.0)
-        style.dress(ax, PROGRESS, residual.label)
-        if unseen:
-            _plot_sizes(figure.add_subplot(panels[1]), residual, curves)
+    for index, part in enumerate(np.array_split(np.arange(len(drawn)), below) if below else []):
+        panels = grid[2 + index].subgridspec(1, len(part))
+        for column, which in enumerate(part):
+            residual = drawn[which]
+            ax = figure.add_subplot(panels[column])
+            curves = _residual_curves(residual, motions)
+            if all(map(residual.hides, motions)):
+                _plot_sizes(ax, residual, curves)
+                continue
+            least = (MARGIN_SHARE if residual.is_limit else 2) * residual.span
+            plot_spread(ax, curves, color=style.PALETTE["vermillion"], least=least)
+            if residual.is_limit:
+                style.shade_forbidden(ax, [np.array(ax.get_ylim())], 0.0)
+            style.dress(ax, PROGRESS, residual.label)
 
     handles: dict[str, Any] = {"each motion": EACH | {"color": "black"}}
     if len(motions) > 1:
         handles["mean"] = MEAN | {"color": "black"}
         handles["± 1 standard deviation"] = Patch(facecolor="black", edgecolor="none", **BAND)
     style.put_legend(figure, handles)
+    if zero := [row for row in rows if row.is_zero]:
+        told = [f"{style.short_name(row.name)} {residual_text(0.0, row.own_unit)}" for row in zero]
+        style.write_note(figure, f"Without a panel, as all motions keep it: {'; '.join(told)}")
     style.write_title(figure, title or _spread_finding(rows, motions))
     return figure
 

@@ -75,16 +75,30 @@ _SAVING = Lock()
 """Matplotlib's settings are the process's: one figure is written at a time."""
 
 
-def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+Styles = Mapping[str, dict[str, Any]]
+"""Of lines, by the names of motions."""
+MOST_NAMED = 8
+"""Motions that get a color and a name each; more of them share one color, for colors can no longer
+be told apart."""
+MANY: dict[str, Any] = {"color": PALETTE["sky"], "linestyle": "-", "linewidth": 0.6}
+"""Thin, so that many can cross."""
+
+
+def line_styles(names: Iterable[str], apart: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """Return color, dashes and width of the line of each motion.
 
     The motions of the paper have styles of their own: the demonstration is broad and gray and
     lies underneath, the regular primitive is solid, the constrained one dashed, the optimized one
-    dotted, so that lines which coincide are all seen.  Others take the remaining colors in turn.
+    dotted, so that lines which coincide are all seen.  Others take the remaining colors in turn;
+    of more than 8 motions they share one thin line, but for those that are told apart.
     """
+    names, apart = list(names), list(apart)
+    if len(names) > MOST_NAMED:
+        own = line_styles([name for name in names if name in _NAMED or name in apart][:MOST_NAMED])
+        # What has a line of its own lies above all others.
+        return {name: {"zorder": 2.5} | own[name] if name in own else MANY for name in names}
     styles: dict[str, dict[str, Any]] = {}
     free = zip(cycle(c for c in PALETTE.values() if c != PALETTE["gray"]), cycle(_DASHES))
-    names = list(names)
     taken = {_NAMED[name]["color"] for name in names if name in _NAMED}
     for name in names:
         if name in _NAMED:
@@ -98,8 +112,26 @@ def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 
 def trial_styles(count: int) -> list[dict[str, Any]]:
-    """Return one thin line's style a trial: a color each, then the same colors dashed."""
+    """Return one thin line's style a trial: a color each, then the same colors dashed.
+
+    Of more trials than can be told apart all are the same.
+    """
+    if count > len(PALETTE) * len(_DASHES):
+        return [MANY] * count
     looks = ((color, dashes) for dashes in cycle(_DASHES) for color in PALETTE.values())
+    return [
+        {"color": color, "linestyle": dashes, "linewidth": 1.1}
+        for color, dashes in islice(looks, count)
+    ]
+
+
+def joint_styles(count: int) -> list[dict[str, Any]]:
+    """Return one thin line's style a joint: a color each, none of them gray or black.
+
+    Those are left for motions drawn beside them, and for limits.
+    """
+    colors = [color for name, color in PALETTE.items() if name not in ("gray", "black")]
+    looks = ((color, dashes) for dashes in cycle(_DASHES) for color in colors)
     return [
         {"color": color, "linestyle": dashes, "linewidth": 1.1}
         for color, dashes in islice(looks, count)
@@ -148,9 +180,28 @@ def write_title(figure: Figure, title: str) -> None:
     figure.suptitle("\n".join(lines), fontsize=FONT_SIZE, fontweight="bold")
 
 
-def name_lines(figure: Figure, names: Iterable[str]) -> None:
-    """Put the legend of the motions' lines below a figure, in as many columns as fit."""
-    put_legend(figure, line_styles(names))
+def write_note(figure: Figure, text: str) -> None:
+    """Put a remark below the panels of a figure, above its legend, which is there already."""
+    characters = int(figure.get_figwidth() * 72 / (0.55 * SMALL_FONT_SIZE))
+    look: Any = {"fontsize": SMALL_FONT_SIZE, "color": "0.3"}
+    if figure.legends:
+        figure.legends[0].set_title(fill(text, characters))
+        figure.legends[0].get_title().set(**look)
+    else:
+        figure.supxlabel(fill(text, characters), **look)
+
+
+def name_lines(figure: Figure, names: Iterable[str], styles: Styles | None = None) -> None:
+    """Put the legend of the motions' lines below a figure, in as many columns as fit.
+
+    Lines of one style that many share are named once, with their number.
+    """
+    names = list(names)
+    styles = styles or line_styles(names)
+    own = {name: styles[name] for name in names if styles[name] is not MANY}
+    shared = len(names) - len(own)
+    others = {f"{shared} {'others' if own else 'motions'}": MANY} if shared else {}
+    put_legend(figure, own | others)
 
 
 def put_legend(figure: Figure, handles: Mapping[str, Artist | dict[str, Any]]) -> None:
@@ -171,10 +222,10 @@ def put_legend(figure: Figure, handles: Mapping[str, Artist | dict[str, Any]]) -
 
 
 def draw_curves(
-    ax: Axes, curves: Mapping[str, tuple[Floats, Floats]], among: Iterable[str] = ()
+    ax: Axes, curves: Mapping[str, tuple[Floats, Floats]], styles: Styles | None = None
 ) -> list[Line2D]:
-    """Draw a line a motion, in the style that it has among all that a figure shows."""
-    styles = line_styles(among or curves)
+    """Draw a line a motion, in its style."""
+    styles = styles or line_styles(curves)
     return [
         line
         for name, curve in curves.items()

@@ -2,31 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from noslip._typing import Floats
+from noslip.constraints.joints import JointLimits
+from noslip.constraints.system import as_system
 from noslip.errors import InputError
 from noslip.figures import style
 from noslip.figures.motion import TIME
+from noslip.figures.quantities import Constraints
+from noslip.runtime.motion import VectorMotion
 from noslip.series import Series
 
 MOST_LINES = 4
 """In a panel: more cross each other until none can be followed."""
 PANEL_HEIGHT = 1.35
 """Inches."""
+COLUMNS = 2
+"""Panels side by side where several motions have one for each value."""
+SEEN = 0.3
+"""Share of a value's range within which a limit beyond it is drawn; a farther one would flatten
+what moves."""
+LIMIT: dict[str, Any] = {"color": style.PALETTE["gray"], "linewidth": 1.0, "zorder": 1}
+"""Of a joint's limit."""
 
 
-def plot_values(trajectory: Series, *, title: str | None = None) -> Figure:
-    """Show vectors, such as joints, or channels over time.
+def plot_values(
+    trajectory: Series | Mapping[str, Series],
+    constraints: Constraints = (),
+    *,
+    title: str | None = None,
+) -> Figure:
+    """Show vectors, such as joints, or channels over time: of one motion, or of several.
 
-    Values of one unit share a panel, up to four in each, so that their sizes compare.
+    Of one motion, values of one unit share a panel, up to four in each, so that their sizes
+    compare.  Of several each value has a panel, and each motion a line in it.
 
     Parameters
     ----------
-    trajectory : Trajectory, or channels of a motion
+    trajectory : Trajectory, channels of a motion, or mapping of them by name
+        Several have the same values.
+    constraints : Constraint or several, optional
+        Limits of joints' positions among them are drawn, where the motion comes near them.
     title : str, optional
-        By default the finding: what changes most, and by how much, in each unit.
+        By default the finding: what changes most, and by how much, in each unit; of several how
+        far from its goal the last one ends, if it is a rollout.
 
     Returns
     -------
@@ -36,22 +61,42 @@ def plot_values(trajectory: Series, *, title: str | None = None) -> Figure:
     Raises
     ------
     InputError
-        If it is none.
+        If it is none, or several differ in what their values are.
     """
-    if not isinstance(trajectory, Series):
-        raise InputError(
-            f"plot_values draws a Trajectory or channels, got {type(trajectory).__name__}; "
-            "compare_motions draws poses"
-        )
+    shown = dict(trajectory) if isinstance(trajectory, Mapping) else {"": trajectory}
+    for one in shown.values():
+        if not isinstance(one, Series):
+            raise InputError(
+                f"plot_values draws a Trajectory or channels, got {type(one).__name__}; "
+                "compare_motions draws poses"
+            )
+    if not shown:
+        raise InputError("a figure needs at least one motion")
+    first = next(iter(shown.values()))
+    for name, one in shown.items():
+        if (one.names, one.units) != (first.names, first.units):
+            raise InputError(
+                f"{name!r} has the values {', '.join(one.names)}, the first one "
+                f"{', '.join(first.names)}; draw motions of the same values together"
+            )
+    limits = _limits(constraints, first)
+    figure = _compared(shown, limits) if len(shown) > 1 else _alone(first, limits)
+    style.write_title(figure, title or _finding(shown))
+    return figure
+
+
+def _alone(trajectory: Series, limits: Floats) -> Figure:
+    """Draw one motion: values of a unit together."""
     times = trajectory.times - trajectory.times[0]
     panels = _panels(trajectory)
     figure = style.new_figure(style.TWO_COLUMNS, 0.8 + PANEL_HEIGHT * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (unit, columns) in zip(axes, panels, strict=True):
         curves = {trajectory.names[k]: trajectory.values[:, k] for k in columns}
-        style.draw_curves(ax, {name: (times, values) for name, values in curves.items()})
-        largest = max(float(np.abs(values).max()) for values in curves.values())
-        style.span_at_least(ax, list(curves.values()), style.LEAST_SHARE * largest)
+        lines = style.draw_curves(ax, {name: (times, values) for name, values in curves.items()})
+        _span(ax, list(curves.values()))
+        for line, k in zip(lines, columns, strict=True):
+            _draw_limits(ax, curves[trajectory.names[k]], limits[k], color=line.get_color())
         label = ", ".join(curves) if len(curves) == 1 else ""
         style.dress(ax, TIME, f"{label or 'values'} ({unit})")
         ax.set_xlim(times[0], times[-1])
@@ -66,8 +111,60 @@ def plot_values(trajectory: Series, *, title: str | None = None) -> Figure:
                 borderaxespad=0,
             )
     style.stack(figure, list(axes))
-    style.write_title(figure, title or _finding(trajectory))
     return figure
+
+
+def _compared(motions: Mapping[str, Series], limits: Floats) -> Figure:
+    """Draw several motions: a panel a value."""
+    first = next(iter(motions.values()))
+    columns = min(COLUMNS, len(first.names))
+    rows = -(-len(first.names) // columns)
+    styles = style.line_styles(
+        motions, [name for name, one in motions.items() if isinstance(one, VectorMotion)]
+    )
+    figure = style.new_figure(style.TWO_COLUMNS, 1.0 + PANEL_HEIGHT * rows)
+    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for k, ax in enumerate(panels):
+        if k >= len(first.names):
+            ax.remove()
+            continue
+        values = {name: one.values[:, k] for name, one in motions.items()}
+        clocks = {name: one.times - one.times[0] for name, one in motions.items()}
+        curves = {name: (clocks[name], values[name]) for name in motions}
+        style.draw_curves(ax, curves, styles)
+        _span(ax, list(values.values()))
+        _draw_limits(ax, np.concatenate(list(values.values())), limits[k])
+        below = k + columns >= len(first.names)
+        style.dress(ax, TIME if below else "", f"{first.names[k]} ({first.units[k]})")
+    style.name_lines(figure, motions, styles)
+    return figure
+
+
+def _span(ax: Axes, curves: Sequence[Floats]) -> None:
+    largest = max(float(np.abs(values).max()) for values in curves)
+    style.span_at_least(ax, curves, style.LEAST_SHARE * largest)
+
+
+def _limits(constraints: Constraints, motion: Series) -> Floats:
+    """Least and largest value of each coordinate that position limits allow, shape (n, 2)."""
+    bounds = np.tile([-np.inf, np.inf], (len(motion.names), 1))
+    for one in as_system(constraints, motion.space).constraints if constraints else ():
+        if isinstance(one, JointLimits) and one.level == "position":
+            bounds[:, 0] = np.maximum(bounds[:, 0], np.array(one.lower, dtype=np.float64))
+            bounds[:, 1] = np.minimum(bounds[:, 1], np.array(one.upper, dtype=np.float64))
+    return bounds
+
+
+def _draw_limits(ax: Axes, values: Floats, bounds: Floats, color: object = None) -> None:
+    """Draw the limits that a value comes near to, dashed in its own color if it has one."""
+    room = SEEN * float(np.ptp(values)) or np.inf
+    look = LIMIT | ({"color": color, "linestyle": ":"} if color else {})
+    for bound in bounds[np.isfinite(bounds)]:
+        if np.min(np.abs(values - bound)) <= room:
+            ax.axhline(bound, **look)
+            low, high = ax.get_ylim()
+            margin = 0.05 * (high - low)
+            ax.set_ylim(min(low, bound - margin), max(high, bound + margin))
 
 
 def _panels(trajectory: Series) -> list[tuple[str, list[int]]]:
@@ -80,14 +177,21 @@ def _panels(trajectory: Series) -> list[tuple[str, list[int]]]:
     return panels
 
 
-def _finding(trajectory: Series) -> str:
-    """What changes most of each unit."""
-    ranges: Floats = np.ptp(trajectory.values, axis=0)
+def _finding(motions: Mapping[str, Series]) -> str:
+    """What changes most of each unit; of several in the first one, and where the last one ends."""
+    (name, first), *_ = motions.items()
+    ranges: Floats = np.ptp(first.values, axis=0)
     told = []
-    for unit in list(dict.fromkeys(trajectory.units))[:3]:
-        columns = [k for k, own in enumerate(trajectory.units) if own == unit]
+    for unit in list(dict.fromkeys(first.units))[:3]:
+        columns = [k for k, own in enumerate(first.units) if own == unit]
         most = max(columns, key=lambda k: ranges[k])
         size = style.number(float(ranges[most])) + ("" if unit == "1" else f" {unit}")
-        told.append(f"{trajectory.names[most]} spans {size}")
-    name = style.capitalized(style.short_name(trajectory.name))
-    return f"{name}: {'; '.join(told)} in {style.number(trajectory.duration)} s"
+        told.append(f"{first.names[most]} spans {size}")
+    who = style.capitalized(style.short_name(name or first.name))
+    text = f"{who}: {'; '.join(told)} in {style.number(first.duration)} s"
+    name, last = list(motions.items())[-1]
+    if isinstance(last, VectorMotion) and len(motions) > 1:
+        unit = "" if last.unit == "1" else f" {last.unit}"
+        off = f"{style.number(last.end_error)}{unit}"
+        text += f"; {style.short_name(name)} ends {off} from its goal"
+    return text

@@ -162,14 +162,17 @@ def _later(
     times = trajectory.times
     first, last = times[0] + begin * cut, times[-1] - end * cut
     # Sums of times are rounded: what is cut off is whole samples.
-    kept = (times > first - _ROUNDED) & (times < last + _ROUNDED)
-    if kept.sum() < 2:
+    inside = np.flatnonzero((times > first - _ROUNDED) & (times < last + _ROUNDED))
+    if len(inside) < 2:
         raise InputError(
             f"{trajectory.name}: it lasts {trajectory.duration:.3g} s, so that an offset of "
             f"{offset:g} s leaves nothing of it"
         )
-    turns = Slerp(times, trajectory.rotations)(np.clip(times[kept] + offset, times[0], times[-1]))
-    return PoseTrajectory(times[kept], trajectory.positions[kept], turns, name=trajectory.name)
+    kept = trajectory[inside[0] : inside[-1] + 1]
+    turns = Slerp(times, trajectory.rotations)(np.clip(kept.times + offset, times[0], times[-1]))
+    return PoseTrajectory(
+        kept.times, kept.positions, turns, name=trajectory.name, channels=kept.channels
+    )
 
 
 def _recordings(

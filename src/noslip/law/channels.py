@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 
+from noslip import _arguments
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
@@ -29,7 +30,8 @@ class Channels(Value):
     ``c(u) = a + b u + sum psi_i(s) s theta_i / sum psi_i(s)``
 
     u is the fraction of the motion that is done, s its phase, psi are the law's own basis
-    functions (the paper's eq. 3).  They do not move the tool, and no goal moves them.
+    functions (the paper's eq. 3).  They do not move the tool, and no goal moves them.  Those of a
+    rhythm have no trend, b = 0, and no s beside the weights; they come again with each period.
 
     Attributes
     ----------
@@ -113,7 +115,9 @@ class Channels(Value):
             [c.between(c.times[0] + c.duration * fractions).values for c in recorded], axis=0
         )
         line = np.column_stack([np.ones_like(fractions), fractions])
-        trend = np.asarray(np.linalg.lstsq(line, mean)[0], dtype=np.float64)
+        trend = np.zeros((2, mean.shape[1]))
+        terms = 1 if basis.phase.returns else 2
+        trend[:terms] = np.linalg.lstsq(line[:, :terms], mean)[0]
         psi = basis.activations(basis.phase.at(fractions))
         normal = psi.T @ psi
         normal.flat[:: basis.count + 1] += ridge * np.trace(normal) / basis.count
@@ -129,16 +133,36 @@ class Channels(Value):
         )
 
     def at(self, fractions: ArrayLike) -> Floats:
-        """Return the channels at fractions of the motion, shape (N, k); its ends hold beyond it."""
-        own = np.clip(np.atleast_1d(np.asarray(fractions, dtype=np.float64)), 0.0, 1.0)
-        u = self.begin + (1 - self.begin) * own
-        found = self.trend[0] + u[:, None] * self.trend[1]
-        found += self.basis.activations(self.basis.phase.at(u)) @ self.weights
-        return np.asarray(np.clip(found, self.least, self.most))
+        """Return the channels at fractions of the motion, shape (N, k).
 
-    def along(self, motion: Timed) -> Series:
-        """Return the channels at the times of a whole motion."""
-        values = self.at((motion.times - motion.times[0]) / motion.duration)
+        Its ends hold beyond it; those of a rhythm come again.
+        """
+        u = np.atleast_1d(_arguments.numbers("fractions", fractions))
+        if not np.isfinite(u).all():
+            raise InputError("fractions of a motion must be finite numbers")
+        if not self.basis.phase.returns:
+            u = self.begin + (1 - self.begin) * np.clip(u, 0.0, 1.0)
+        found = self.trend[0] + u[:, None] * self.trend[1]
+        found = found + self.basis.activations(self.basis.phase.at(u)) @ self.weights
+        clipped: Floats = np.clip(found, self.least, self.most)
+        return clipped
+
+    def at_phase(self, phase: float) -> Floats:
+        """Return the channels at the phase of a state, shape (k,)."""
+        channels: Floats = self.at(self.basis.phase.fraction(phase))[0]
+        return channels
+
+    def along(self, motion: Timed, duration: float | None = None) -> Series:
+        """Return the channels at the times of a motion.
+
+        Parameters
+        ----------
+        motion : Timed
+            From its beginning.
+        duration : float, optional
+            Of the whole motion, or of a rhythm its period (s); by default that of the motion given.
+        """
+        values = self.at((motion.times - motion.times[0]) / (duration or motion.duration))
         return Series(
             motion.times,
             values,

@@ -181,6 +181,15 @@ class Layouts:
             Field("start_angular_velocity", (3 * b,)),
             Field("goal_position", (n,)),
             Field("goal_quaternion", (4 * b,)),
+            Field("channels", comment="that follow the phase beside it", kind="int"),
+            Field("channel_functions", kind="int"),
+            Field("channel_centers", kind="array"),
+            Field("channel_widths", kind="array"),
+            Field("channel_weights", kind="array", comment="of each function a row of channels"),
+            Field("channel_trend", kind="array", comment="at the start, and its change to the end"),
+            Field("channel_least", kind="array"),
+            Field("channel_most", kind="array"),
+            Field("channel_begin", comment="fraction of the demonstrated motion at the start"),
         )
 
     def memory_fields(self, rows: int) -> tuple[Field, ...]:

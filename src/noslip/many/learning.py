@@ -9,13 +9,14 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, Unpack
 
 from noslip import _arguments
 from noslip._files import locked
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem
 from noslip.errors import CompromiseWarning, InputError, one_line, warn
+from noslip.learning import Learning
 from noslip.many.executors import Task, replies
 from noslip.many.recordings import Recordings, content_hash, find_recordings
 from noslip.many.settings import settings_text
@@ -62,7 +63,7 @@ def learn_each(
     loading: Mapping[str, Any] | None = None,
     preparation: Mapping[str, Any] | None = None,
     progress: Callable[[int, int], None] | None = None,
-    **options: Any,
+    **options: Unpack[Learning],
 ) -> LearnedEach:
     """Learn one primitive from each recording; one that fails does not stop the others.
 

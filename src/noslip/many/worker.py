@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import warnings
 from functools import lru_cache
@@ -14,10 +13,12 @@ import numpy as np
 
 from noslip._version import __version__
 from noslip.constraints.catalog import restore
+from noslip.demonstrations.cycles import periods
 from noslip.demonstrations.preparation import prepare
-from noslip.errors import InputError, NoslipError, NoslipWarning
+from noslip.errors import InputError, NoslipError, NoslipWarning, muted
 from noslip.learning import learn
 from noslip.many.recordings import content_hash
+from noslip.many.settings import of_settings
 from noslip.merit import figures_of_merit
 from noslip.primitive import ConstrainedDMP
 from noslip.recordings import load_demonstrations
@@ -29,7 +30,7 @@ class Worker:
     """What a process needs for all recordings."""
 
     def __init__(self, settings: str) -> None:
-        self.asked = json.loads(settings)
+        self.asked = of_settings(settings)
         if self.asked["noslip"] != __version__:
             raise NoslipError(
                 f"a worker runs noslip {__version__}, this is {self.asked['noslip']}; install the "
@@ -66,6 +67,9 @@ class Worker:
             raise InputError(f"{file}: holds {len(loaded)} recordings; give files with one each")
         demonstration = prepare(loaded[0], **self.asked["preparation"])
         dmp = learn(demonstration, self.constraints, **self.asked["options"])
+        if self.asked["options"].get("rhythmic"):
+            with muted():
+                demonstration = periods(demonstration, self.asked["options"].get("period"))[0]
         figures = self._compared(dmp, demonstration)
         if primitive is not None:
             dmp.save(primitive)
@@ -77,6 +81,7 @@ class Worker:
         merit = figures_of_merit(motion, demonstration, system)
         recorded = figures_of_merit(demonstration, demonstration, system)
         figures: dict[str, Any] = {
+            "unit": motion.unit,
             "samples": len(demonstration),
             "duration_s": demonstration.duration,
             "path_length_m": demonstration.path_length,
@@ -88,16 +93,19 @@ class Worker:
             "holds": merit.satisfied,
             "least_margins": ", ".join(f"{k}={v:.6g}" for k, v in merit.least_margins.items()),
             "end_position_error_m": merit.end_error,
-            "end_rotation_error_deg": float(np.degrees(merit.end_rotation_error)),
             "position_rms_m": merit.position_rms,
-            "rotation_rms_deg": float(np.degrees(merit.rotation_rms)),
-            "rotation_error_deg": float(np.degrees(merit.rotation_error)),
-            "angular_speed_peak_rad_s": merit.angular_speed_peak,
-            "angular_acceleration_peak_rad_s2": merit.angular_acceleration_peak,
             "slowest_edge_speed_m_s": merit.slowest_edge_speed,
             "force_peak_m_s2": merit.force_peak,
-            "torque_peak_rad_s2": merit.torque_peak,
         }
+        if motion.space.rotations:
+            figures |= {
+                "end_rotation_error_deg": float(np.degrees(merit.end_rotation_error)),
+                "rotation_rms_deg": float(np.degrees(merit.rotation_rms)),
+                "rotation_error_deg": float(np.degrees(merit.rotation_error)),
+                "angular_speed_peak_rad_s": merit.angular_speed_peak,
+                "angular_acceleration_peak_rad_s2": merit.angular_acceleration_peak,
+                "torque_peak_rad_s2": merit.torque_peak,
+            }
         for record in dmp.record:
             figures |= {
                 "iterations": record.iterations,

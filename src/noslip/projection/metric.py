@@ -11,7 +11,8 @@ the length that weighs as much as a radian.
   gives way instead.  Nothing is singular there and the angular acceleration stays bounded.
 - ``"auto"``, the default: the position where that can hold all that the demonstrations ask, else
   shared.  Also where a limit on the position meets a rule on velocities: before an obstacle a blade
-  that may not turn can only stop.
+  that may not turn can only stop.  And of a rhythm under such a rule: a blade that saws beside its
+  cycle comes back to it by turning alone.
 
 The rotation alone is no choice step by step: a heading asked for in the middle of each step,
 ``(theta_k + theta_k+1) / 2 = direction``, is passed by as much as it was missed before, for ever.
@@ -53,6 +54,8 @@ def inverse_metric(
     length: float | None,
     usual: float,
     demonstrations: Sequence[PoseTrajectory] = (),
+    *,
+    returns: bool = False,
 ) -> tuple[float, ...]:
     """Diagonal of M^-1, n + 3 b numbers.
 
@@ -61,15 +64,18 @@ def inverse_metric(
     system : ConstraintSystem
     metric : "auto", "position", "shared" or n + 3 b positive weights
         "auto" is "position" where that can hold every constraint all along the demonstrations, no
-        limit is about turning (a tool that goes on turning cannot stand still for it), and no limit
-        on the position meets a rule on velocities (past an obstacle a blade must turn), else
-        "shared".  Where there are coordinates alone, these are the same.
+        limit is about turning (a tool that goes on turning cannot stand still for it), and neither
+        a limit on the position (past an obstacle a blade must turn) nor a rhythm (back to its cycle
+        it must turn) meets a rule on velocities, else "shared".  Where there are coordinates alone,
+        these are the same.
     length : float or None
         L (m); None is the usual one.
     usual : float
         Of the path at hand (m); 0 for one that does not move.
     demonstrations : sequence of PoseTrajectory
         That the constraints hold along, or nearly.
+    returns : bool
+        Whether it is a rhythm's.
 
     Raises
     ------
@@ -88,7 +94,7 @@ def inverse_metric(
                 space.is_placed
                 and all(holdable_rows(system, position_only(space)))
                 and not _limits_turning(system.limits)
-                and not _must_steer(system)
+                and not _must_steer(system, returns)
                 and all(_position_holds(system.equalities, each) for each in demonstrations)
             )
             name = "position" if position else "shared"
@@ -163,9 +169,10 @@ def _in_position(rows: Floats, n: int) -> Floats:
     return np.where(count == 0, 1.0, np.where(count > n, 0.0, least))
 
 
-def _must_steer(system: ConstraintSystem) -> bool:
-    """Whether a rule on velocities stands in the way of what a limit on the position asks."""
-    return "position" in system.limits.row_levels and "velocity" in system.equalities.row_levels
+def _must_steer(system: ConstraintSystem, returns: bool) -> bool:
+    """Whether a rule on velocities stands in the way of a limit on the position, or to a cycle."""
+    in_the_way = "velocity" in system.equalities.row_levels
+    return in_the_way and (returns or "position" in system.limits.row_levels)
 
 
 def _limits_turning(limits: ConstraintSystem) -> bool:

@@ -52,6 +52,8 @@ _NUMBERS = (
 _COUNTS = ("knots", "careful", "iteration", "stuck")
 _CHANGING = ("barrier", "step_size", "residual", "iteration", "stuck")
 """What iterations change, besides arrays."""
+OPTIMIZED = "-O1"
+"""A plan runs once or twice, and takes twice as long to compile with -O2."""
 _CONSTANTS = (
     "LARGEST_TURN",
     "GAUSS_NEWTON_STEPS",
@@ -100,7 +102,7 @@ class Compiled:
     def of(cls, stage: Stage) -> Compiled:
         texts = sources(stage)
         texts["plan.c"] += _FOR_PYTHON
-        path = built("plan", texts, "-O1")
+        path = built("plan", texts, OPTIMIZED)
         code, pointer, integer = ctypes.CDLL(str(path)), ctypes.c_void_p, ctypes.c_int
         if function(code, "noslip_plan_size", result=integer)() != ctypes.sizeof(_Struct):
             raise NoslipError(f"{path}: another layout than expected; remove the file")

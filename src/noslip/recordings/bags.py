@@ -13,7 +13,14 @@ import numpy as np
 from noslip._extras import need
 from noslip._pose_checks import Source, require_few
 from noslip._samples import Samples
-from noslip.errors import InputError, NoslipError, RecordingError, RecordingWarning, warn
+from noslip.errors import (
+    InputError,
+    NoslipError,
+    RecordingError,
+    RecordingWarning,
+    did_you_mean,
+    warn,
+)
 from noslip.named_columns import listed
 from noslip.recordings._bag_files import METADATA, Channel, records, unfinished
 from noslip.recordings._format import Format
@@ -413,7 +420,7 @@ def _chosen(
         if name in known:
             return name
     if topic not in topics:
-        problem = f"no topic {topic}"
+        problem = f"no topic {topic}{did_you_mean(topic, topics)}"
     else:
         kinds = sorted({channel.type for channel in topics[topic]})
         if kinds == [TWIST]:

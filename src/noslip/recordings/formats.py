@@ -6,7 +6,7 @@ import glob
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +57,36 @@ def listed_suffixes(suffixes: Iterable[str]) -> str:
     """Return suffixes that are written, for messages."""
     folder = "or no suffix for a ROS 2 bag (a folder)"
     return ", ".join(suffix or folder for suffix in suffixes)
+
+
+class Reading(TypedDict, total=False):
+    """Options of :func:`load_demonstrations`, of which other functions have some too."""
+
+    rate: float | None
+    topic: str | None
+    frame: str | None
+    child_frame: str | None
+    publisher: str | None
+    element: int | None
+    integrate: Integrate | None
+    episode: int | Iterable[int] | None
+    channels: str | Iterable[str] | None
+    time: str | None
+    units: str | Iterable[str] | None
+    rotation: str | None
+    robot: Kinematics | None
+    gaps: Gaps
+    duplicates: Duplicates
+    unsorted: Unsorted
+    lost: Lost
+    within: Interval | None
+
+
+class ReadingColumns(Reading, total=False):
+    """All of them."""
+
+    columns: str | Iterable[str] | None
+    values: bool
 
 
 def load_demonstrations(
@@ -239,7 +269,7 @@ def load_demonstrations(
 
 
 def load_trajectory(
-    path: str | Path, columns: str | Iterable[str] | None = None, **options: Any
+    path: str | Path, columns: str | Iterable[str] | None = None, **options: Unpack[Reading]
 ) -> Trajectory:
     """Read columns of one recording as they are: joints, a planar point, a gripper.
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from noslip._pose_checks import MAX_GAP, MAX_NORM_ERROR, MINIMUM_SAMPLES, SAME_POSE, Source
 from noslip._samples import Samples
 from noslip._typing import Floats
-from noslip.errors import RecordingError, RecordingWarning, warn
+from noslip.errors import RecordingError, RecordingWarning, did_you_mean, warn
 from noslip.named_columns import listed
 
 Key = tuple[str, str]
@@ -291,7 +291,8 @@ def _ends(
     known = {name for link in links for name in link}
     for name in (tip, root):
         if name not in known:
-            raise RecordingError(f"{where}: no frame {name}; it holds {found}")
+            near = did_you_mean(name, known)
+            raise RecordingError(f"{where}: no frame {name}{near}; it holds {found}")
     if tip == root:
         raise RecordingError(
             f"{where}: {tip} does not move in itself; give two different frames: {found}"

@@ -27,7 +27,7 @@ def declaration(constraint: Constraint) -> str:
         f"{name}={declaration(value) if isinstance(value, Constraint) else value!r}"
         for name, value in given_arguments(constraint).items()
     ]
-    name = type(constraint).name
+    name = constraint.known_as
     return f"{name}({', '.join(arguments)})" if arguments else name
 
 

@@ -75,11 +75,9 @@ def report(
     # The first sentence, and what it goes on with.
     title, _, rest = _title(motions, dmp).partition(".  ")
     tables = [
-        files_table(files),
-        *recordings_tables(dmp, shown, motion),
         *constraints_tables(dmp, shown, regular, verdict),
         merits_table(dmp, motions),
-        settings_table(dmp),
+        *recordings_tables(dmp, shown, motion),
     ]
     return Report(
         title=title,
@@ -89,6 +87,7 @@ def report(
         holds=verdict is None or verdict.satisfied,
         warnings=tuple(_mismatches(dmp, shown)),
         tables=tuple(tables),
+        provenance=(settings_table(dmp), files_table(files)),
         pictures=tuple(pictures(dmp, shown, motions, motion, progress)),
         commands=tuple(
             one_line(line) for line in commands(dmp, str(primitive), sources or names, preparation)
@@ -102,9 +101,9 @@ def _title(motions: Mapping[str, PoseTrajectory], dmp: ConstrainedDMP) -> str:
         path, duration = value_text(motion.path_length, "m"), number(motion.duration)
         return f"A path of {path} in {duration} s, learned without constraints"
     first = next(iter(motions))
-    rows = residual_rows({first: motions[first], "learned motion": motion}, dmp.system)
+    pair = {first: motions[first], "learned motion": motion}
     # Figures escape what their formulas begin with.
-    return one_line(finding(rows).replace(r"\$", "$"))
+    return one_line(finding(residual_rows(pair, dmp.system), pair).replace(r"\$", "$"))
 
 
 def _lead(dmp: ConstrainedDMP, demonstrations: Sequence[PoseTrajectory]) -> str:

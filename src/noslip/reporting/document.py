@@ -48,11 +48,15 @@ def checked_path(path: str | Path) -> Path:
 def to_html(report: Report) -> str:
     """Return a report as one HTML page, its figures inside: SVG, or PNG where that is large."""
     jinja2 = need("a report", "jinja2", "report")
+    Markup = need("a report", "markupsafe", "report").Markup
     page = files(__package__).joinpath("report.html.jinja").read_text("utf-8")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.tests["value"] = lambda cell: isinstance(cell, Value)
+    environment.filters["data_label"] = lambda text: (
+        Markup(' data-label="{}"').format(text) if text else ""
+    )
     environment.filters["numeric_columns"] = lambda table: [
         any(isinstance(cell, Value) for cell in column) for column in zip(*table.rows, strict=True)
     ]

@@ -10,7 +10,9 @@ from matplotlib.figure import Figure
 from noslip import figures
 from noslip.constraints.blade import Blade
 from noslip.figures import style
+from noslip.figures.motion import draw_residuals
 from noslip.figures.quantities import value_text
+from noslip.figures.residuals import finding, least_margins, prominence, residual_rows
 from noslip.primitive import ConstrainedDMP
 from noslip.reporting.values import Picture
 from noslip.runtime.motion import Motion
@@ -29,6 +31,17 @@ def pictures(
     pair = {first: motions[first], "optimized": motion}
     draws: list[tuple[bool, str, Callable[[], Figure]]] = [
         (
+            bool(held),
+            "The path, with what is forbidden, and the constraint that is violated most.",
+            lambda: _finding(dmp, motions),
+        ),
+        (
+            # The snapshots' blade has its edge along x and its side along y.
+            Blade() in held,
+            "The blade along the path, colored by the share of its speed that goes sideways.",
+            lambda: figures.blade_snapshots(pair),
+        ),
+        (
             True,
             "Where the motions go, how they turn, and how well the constraints hold.",
             lambda: figures.compare_motions(motions, held),
@@ -38,12 +51,6 @@ def pictures(
             bool(held),
             "Of each constraint: residual or margin, multiplier, and the acceleration it adds.",
             lambda: figures.constraint_history(motion, held),
-        ),
-        (
-            # The snapshots' blade has its edge along x and its side along y.
-            Blade() in held,
-            "The blade along the path, colored by the share of its speed that goes sideways.",
-            lambda: figures.blade_snapshots(pair),
         ),
         (
             count > 1,
@@ -66,6 +73,18 @@ def pictures(
         yield Picture(caption, draw())
         if progress is not None:
             progress(done, len(wanted))
+
+
+def _finding(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> Figure:
+    """Path and worst residual beside each other: what the title says, to see."""
+    rows = least_margins(residual_rows(motions, dmp.system))
+    figure = figures.column_figure(2, 2.9)
+    above, over_time = figure.subplots(1, 2)
+    figures.plot_path(above, motions, dmp.system)
+    draw_residuals(over_time, max(rows, key=prominence), "linear")
+    style.name_lines(figure, motions)
+    style.write_title(figure, finding(rows, motions))
+    return figure
 
 
 def _speeds(motions: Mapping[str, PoseTrajectory]) -> Figure:

@@ -10,7 +10,14 @@ from pathlib import Path
 
 from noslip._version import __version__
 from noslip.boundary import Boundary
-from noslip.constraints.check import SLIP_SHARE, TOLERANCE, CheckReport, ConstraintCheck, check
+from noslip.constraints.check import (
+    SLIP_SHARE,
+    TOLERANCE,
+    CheckReport,
+    ConstraintCheck,
+    check,
+    checked,
+)
 from noslip.errors import InputError, one_line
 from noslip.figures.family import end_errors
 from noslip.figures.quantities import value_text
@@ -99,7 +106,9 @@ def constraints_tables(
             kind = f"{constraint.level} {soft}"
         name = one_line(declaration(constraint))
         rows.append((name, kind, _extreme(worst), _extreme(after), after.verdict))
-    who = "as demonstrated" if demonstrations else "regular"
+    who = "regular"
+    if demonstrations:
+        who = "as demonstrated" if len(demonstrations) == 1 else "worst recording"
     return [
         Table(
             "Constraints",
@@ -124,6 +133,10 @@ def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> 
     units = set(dmp.system.equalities.row_units)
     residual_unit = units.pop() if len(units) == 1 else "(SI)"
     goal = Boundary(1.0, dmp.goal_position, dmp.goal_rotation)
+    checks = [checked(motion, dmp.system).constraints for motion in motions.values()]
+    slips = [
+        [one.slip_distance for one in found if one.slip_distance is not None] for found in checks
+    ]
     merits = [figures_of_merit(motion, reference, dmp.system) for motion in motions.values()]
     ends = [end_errors(motion, goal) for motion in motions.values()]
     shown: list[tuple[str, str, Sequence[float | None]]] = [
@@ -152,6 +165,8 @@ def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> 
     )
     if "demonstration" in motions and len(dmp.record) > 1:
         note += f"  Demonstration: {reference.name}, of all the one that violates them most."
+    if all(slips):
+        shown.insert(0, ("way slipped", "m", [max(each) for each in slips]))
     rows = tuple((name, *(cell(value, unit) for value in values)) for name, unit, values in shown)
     return Table("Figures of merit", ("", *motions), rows, note)
 

@@ -67,7 +67,8 @@ class Report:
     holds : bool
     warnings : tuple of str
         Where recordings and primitive do not fit together.
-    tables : tuple of Table
+    tables, provenance : tuple of Table
+        What it tells, and what it was made of: settings, versions, files and their hashes.
     pictures : tuple of Picture
     commands : tuple of str
         Shell commands that make it again.
@@ -80,6 +81,7 @@ class Report:
     holds: bool
     warnings: tuple[str, ...]
     tables: tuple[Table, ...]
+    provenance: tuple[Table, ...]
     pictures: tuple[Picture, ...]
     commands: tuple[str, ...]
 

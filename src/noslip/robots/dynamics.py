@@ -247,6 +247,7 @@ class _Loop:
                 tracked.times,
                 *tracked.robot.forward(self.positions),
                 name=f"{tracked.robot.name}, {self.control} control",
+                channels=tracked.commanded.channels,
             ),
             joint_positions=self.positions,
             joint_velocities=self.velocities,

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._extras import need
 from noslip._typing import Floats
-from noslip.errors import InputError
+from noslip.errors import InputError, did_you_mean
 
 TABLE_SIZE = (1.2, 1.2, 0.02)
 """Half sizes of the table (m): wider than an arm of a meter reaches to one side."""
@@ -261,7 +261,10 @@ def named(name: str, *, model: str | Path | None = None, tool: str | None = None
             raise InputError(f"{model}: name the tool's site or body too")
         return load(model, tool=tool)
     if name != "panda":
-        raise InputError(f"robot {name!r} is not known; there is panda, or give a model's file")
+        near = did_you_mean(name, ["panda"])
+        raise InputError(
+            f"robot {name!r} is not known{near}; there is panda, or give a model's file"
+        )
     return panda()
 
 
@@ -342,8 +345,8 @@ def _tool_body(name: str, spec: Any, tool: str) -> Any:
         bodies[tool].add_site(name=TOOL_SITE, group=4)
         return bodies[tool]
     raise InputError(
-        f"{name}: no site or body is called {tool!r}; sites: {', '.join(sites) or 'none'}; "
-        f"bodies: {', '.join(bodies) or 'none'}"
+        f"{name}: no site or body is called {tool!r}{did_you_mean(tool, [*sites, *bodies])}; "
+        f"sites: {', '.join(sites) or 'none'}; bodies: {', '.join(bodies) or 'none'}"
     )
 
 

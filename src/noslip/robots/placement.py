@@ -117,6 +117,7 @@ class Placement:
             linear_velocities=self.rotation.apply(motion.linear_velocities),
             angular_velocities=self.rotation.apply(motion.angular_velocities),
             name=motion.name,
+            channels=motion.channels,
         )
 
     def undo(self, motion: PoseTrajectory) -> PoseTrajectory:

@@ -43,7 +43,7 @@ class InfeasibleMotionError(NoslipError, RuntimeError):
         The nearest one found at which it is feasible.
     """
 
-    page = "docs/arm.md"
+    page = "arm"
 
     def __init__(
         self,

@@ -129,7 +129,10 @@ class Run:
         # At equal times: the motion as it was asked for waits at its end.
         times: Floats = h * np.arange(float(len(joints)))
         asked = np.minimum(times, end)
-        self.commanded = PoseTrajectory(times, path(asked), turns(asked), name=placed.name)
+        beside = placed.channels and placed.channels.between(placed.times[0] + asked, times)
+        self.commanded = PoseTrajectory(
+            times, path(asked), turns(asked), name=placed.name, channels=beside
+        )
 
     @staticmethod
     def _lost(error: Floats) -> bool:
@@ -189,7 +192,11 @@ class Run:
         robot = self.robot
         positions, rotations = robot.forward(self.joints)
         executed = PoseTrajectory(
-            self.commanded.times, positions, rotations, name=f"{robot.name}, kinematic"
+            self.commanded.times,
+            positions,
+            rotations,
+            name=f"{robot.name}, kinematic",
+            channels=self.commanded.channels,
         )
         return TrackedMotion(
             robot=robot,

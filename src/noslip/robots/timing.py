@@ -59,7 +59,7 @@ def timed(
     ):
         return motion
     sampled = motion.resampled(times=motion.times[0] + clock * motion.duration)
-    moved = PoseTrajectory(times, sampled.positions, sampled.rotations, name=motion.name)
+    moved = sampled.with_points(sampled.points, times)
     if not system.size:
         return moved
     off = np.abs(slip(moved, system)).max(axis=0)

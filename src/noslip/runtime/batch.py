@@ -18,6 +18,7 @@ from noslip._values import Value
 from noslip.bodies import Bodies
 from noslip.codegen.library import Library
 from noslip.errors import InputError
+from noslip.law.channels import Channels
 from noslip.law.entry import GoalForm
 from noslip.law.law import Law
 from noslip.law.layout import STATE, layouts
@@ -56,6 +57,8 @@ class Motions(Value):
         Where each should end: position (m), quaternion (qw, qx, qy, qz).
     space : Space
         What moves.
+    channels : Channels or None
+        What goes with each of them.
     """
 
     durations: Floats
@@ -65,6 +68,7 @@ class Motions(Value):
     margins: Floats
     goals: Floats
     space: Space = POSE
+    channels: Channels | None = None
 
     def __repr__(self) -> str:
         return f"Motions({len(self)} of {self.states.shape[1]} samples)"
@@ -147,7 +151,7 @@ class Motions(Value):
         if self.space.rotations > 1:
             both = Bodies(parts_of(times, states, self.space), name=f"rollout {index}")
             return cast("PoseTrajectory", both)
-        return PoseTrajectory(
+        motion = PoseTrajectory(
             times,
             states[:, STATE["position"]],
             Rotation.from_quat(states[:, STATE["quaternion"]], scalar_first=True),
@@ -155,6 +159,7 @@ class Motions(Value):
             states[:, STATE["angular_velocity"]],
             name=f"rollout {index}",
         )
+        return motion.with_channels(None if self.channels is None else self.channels.along(motion))
 
 
 def rollout_many(

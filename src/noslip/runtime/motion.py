@@ -14,8 +14,11 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.bodies import Bodies
 from noslip.constraints.check import residual_text
+from noslip.constraints.declaration import ROW
 from noslip.errors import InputError
+from noslip.law.channels import Channels
 from noslip.law.layout import STATE, layouts
+from noslip.law.points import rotation_of
 from noslip.rule import no_rule
 from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
@@ -64,18 +67,24 @@ class Asked(Value):
     space : Space
     returns : bool
         Whether it should end where it began.
+    is_rhythm : bool
+        Whether it is one: if it does not return, it should be where the law alone would be.
     """
 
     start: State
     steps: Floats
     space: Space = POSE
     returns: bool = False
+    is_rhythm: bool = False
 
     @property
     def goal(self) -> tuple[Floats, Rotation]:
         """Where it should end: position (m) and rotation."""
         if self.returns:
             return self.start.position, self.start.rotation
+        if self.is_rhythm:
+            last, n = self._alone[1][-1], self.space.linear
+            return last[:n], rotation_of(last[n : self.space.point_size])
         return self.start.goal_position, self.start.goal_rotation
 
     @cached_property
@@ -84,12 +93,13 @@ class Asked(Value):
         states = np.empty((len(self.steps), len(first)))
         stepper.run(first, self.steps, states, np.empty((len(self.steps), stepper.outputs.size)))
         times = np.append(self.start.time, self.steps[:, layouts(self.space).step["time"]])
-        return times, np.vstack([first, states])[:, : self.space.linear]
+        return times, np.vstack([first, states])
 
     def alone(self, times: Floats) -> Floats:
         """Positions at these times if nothing constrained the law (m), shape (N, 3)."""
-        own, positions = self._alone
-        return np.column_stack([np.interp(times, own, column) for column in positions.T])
+        own, states = self._alone
+        columns = states.T[: self.space.linear]
+        return np.column_stack([np.interp(times, own, column) for column in columns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,10 +268,12 @@ class RolledOut(Timed):
         Parameters
         ----------
         name : str
-            Of a constraint, all of its rows together, or of a single row ("needle [0]").
+            Of a constraint, all of its rows together, or of a single row ("wheel, sideways").
         """
         names = (*self.constraint_names, *self.limit_names)
-        columns = [i for i, row in enumerate(names) if row == name or row.startswith(f"{name} [")]
+        columns = [
+            i for i, row in enumerate(names) if row == name or row.startswith(f"{name}{ROW}")
+        ]
         if not columns:
             raise InputError(f"no constraint {name!r} took part; there are {', '.join(names)}")
         return np.asarray(self.row_forces[:, columns].sum(axis=1))
@@ -300,6 +312,11 @@ class Motion(RolledOut, PoseTrajectory):
     so that ``positions[k+1] == positions[k] + dt * linear_velocities[k+1]``.  For what it holds
     besides see :class:`RolledOut`.
     """
+
+    def accompanied(self, channels: Channels) -> Motion:
+        """Return the motion of a law from its start with what follows its phase."""
+        assert isinstance(self.asked, Asked)
+        return self.with_channels(channels.along(self, self.asked.start.duration))
 
     @classmethod
     def _moving(

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from noslip._typing import Floats
 from noslip.errors import InputError
+from noslip.law.channels import Channels
 from noslip.law.law import Law
 from noslip.law.layout import Field, layouts
 from noslip.rule import Rule
@@ -18,7 +19,7 @@ from noslip.runtime.rollout import initial_state
 Number = int | float | Floats
 
 
-def numbers(law: Law, rule: Rule) -> dict[str, Number]:
+def numbers(law: Law, rule: Rule, channels: Channels | None = None) -> dict[str, Number]:
     """Values of the fields of ``noslip_primitive``, see :mod:`noslip.law.layout`."""
     windings, state = law.goal.windings, initial_state(law, rule)
     knots = [winding.quaternions for winding in windings] or [np.zeros((1, 0))]
@@ -49,6 +50,26 @@ def numbers(law: Law, rule: Rule) -> dict[str, Number]:
         "start_angular_velocity": state.angular_velocity,
         "goal_position": state.goal_position,
         "goal_quaternion": state.goal_quaternion,
+        **_of_channels(channels),
+    }
+
+
+def _of_channels(channels: Channels | None) -> dict[str, Number]:
+    """The same of what follows the phase; arrays without numbers, if nothing does."""
+    if channels is None:
+        arrays = ("centers", "widths", "weights", "trend", "least", "most")
+        none = dict.fromkeys((f"channel_{name}" for name in arrays), np.zeros(0))
+        return {"channels": 0, "channel_functions": 0, **none, "channel_begin": 0.0}
+    return {
+        "channels": len(channels.names),
+        "channel_functions": channels.basis.count,
+        "channel_centers": channels.basis.centers,
+        "channel_widths": channels.basis.widths,
+        "channel_weights": channels.weights.ravel(),
+        "channel_trend": channels.trend.ravel(),
+        "channel_least": channels.least,
+        "channel_most": channels.most,
+        "channel_begin": channels.begin,
     }
 
 
@@ -83,22 +104,25 @@ class Struct:
                 values[field.name] = value
             elif field.shape:
                 fields.append((field.name, ctypes.c_double * field.size))
-                values[field.name] = tuple(np.ravel(value).tolist())
+                values[field.name] = tuple(np.asarray(value, dtype=float).ravel().tolist())
             else:
                 fields.append((field.name, ctypes.c_double))
-                values[field.name] = float(value)
+                values[field.name] = float(np.asarray(value, dtype=float))
         layout = type("noslip_primitive", (ctypes.Structure,), {"_fields_": fields})
         self._struct = layout(**values)
         self.address, self.size = ctypes.addressof(self._struct), ctypes.sizeof(self._struct)
 
 
-def text(law: Law, rule: Rule, name: str) -> str:
+def text(law: Law, rule: Rule, name: str, channels: Channels | None = None) -> str:
     """A C file with the numbers of a primitive, as ``const noslip_primitive name``."""
     arrays, values = [], []
-    given = numbers(law, rule)
+    given = numbers(law, rule, channels)
     for field in _fields(law):
         value = given[field.name]
         if field.kind == "array":
+            if not np.size(value):
+                # What is not named is null in C.
+                continue
             arrays.append(_array(field.name, np.asarray(value)))
             shown = field.name
         elif field.kind == "int":

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noslip import _arguments
-from noslip._typing import Floats
 from noslip.errors import InputError
 from noslip.law.law import Law
 from noslip.rule import Rule
-from noslip.runtime.rollout import rollout
+from noslip.runtime.rollout import initial_state, rollout, step
 from noslip.runtime.state import State
 
 SETTLING = 8
@@ -21,7 +20,11 @@ SETTLING = 8
 _ROUNDS = 3
 """Of so many periods: the first two foretell the cycle, the last one begins on it."""
 _SLOWEST = 0.9999
-"""Share that a period leaves, beyond which none comes nearer: a blade does not move aside."""
+"""Share that a period leaves, beyond which none comes nearer: a blade that may not turn does not
+move aside."""
+_CORRECTIONS = 8
+"""Of the velocity at the start: each leaves what damping takes of it in half a step, a sixteenth or
+less of what is missed, of eight of them rounding."""
 
 
 def settled(law: Law, rule: Rule) -> Law:
@@ -43,18 +46,14 @@ def settled(law: Law, rule: Rule) -> Law:
         left = after * share / (1 - share) if 0 < share < _SLOWEST else np.zeros_like(after)
         point = law.space.moved(points[-1], left)
         velocities = motion.linear_velocities, motion.angular_velocities
-        first = law.duration * np.concatenate([v[-law.steps] for v in velocities])
-        begun = np.vstack([point, motion.points[-law.steps :]])
-        law = replace(law, start=point, start_velocity=_start_velocity(law, begun, first))
+        first = np.concatenate([v[-law.steps] for v in velocities])
+        law = replace(law, start=point)
+        for _ in range(_CORRECTIONS):
+            # The rule takes something of it at the start, and something else in the first step.
+            begun = step(law, rule, initial_state(law, rule), law.duration / law.steps)
+            missed = first - np.concatenate([begun.linear_velocity, begun.angular_velocity])
+            law = replace(law, start_velocity=law.start_velocity + law.duration * missed)
     return law
-
-
-def _start_velocity(law: Law, period: Floats, first_step: Floats) -> Floats:
-    """Velocity, per period, from which the first step has a given one; of points of a period."""
-    h = 1.0 / (len(period) - 1)
-    pull = law.goal.pull(period, law.attractor, 1, law.goal.point)[0]
-    pull = pull + law.forcing.at_start(h, law.attractor) / law.attractor.stiffness
-    return law.attractor.demonstrated_start(pull, first_step, h)
 
 
 def retimed(state: State, period: float) -> State:
@@ -78,6 +77,7 @@ def retimed(state: State, period: float) -> State:
         previous_step=state.previous_step * factor,
         linear_velocity=state.linear_velocity / factor,
         angular_velocity=state.angular_velocity / factor,
+        acceleration=state.acceleration / factor**2,
         pull_in=state.pull_in / factor,
         constraint_residuals=state.constraint_residuals / factor,
     )

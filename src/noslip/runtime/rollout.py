@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.boundary import Point
 from noslip.constraints.system import ConstraintSystem
-from noslip.errors import InputError
+from noslip.errors import InputError, did_you_mean
 from noslip.law.entry import GoalForm
 from noslip.law.law import Law
 from noslip.law.layout import CLOCK, layouts
@@ -44,8 +45,8 @@ def rollout(
     law: Law,
     rule: Rule,
     *,
-    goal: ArrayLike | None = None,
-    start: ArrayLike | None = None,
+    goal: Point | None = None,
+    start: Point | State | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     start_position: ArrayLike | None = None,
@@ -66,7 +67,9 @@ def rollout(
     rule : Rule
     goal, start : array, shape (n,), or a pair (position, Rotation), optional
         A point of what moves: coordinates such as joints, or a pose; of several bodies a mapping of
-        names to such pairs, in which those that are left out stay where the law has them.
+        names to such pairs, in which those that are left out stay where the law has them.  The
+        start may be the State that another motion is in: this one takes over from it, in its pose,
+        with its velocity, at its time.
     goal_position, start_position : array, shape (n,), optional
         Meters, or the coordinates' own units; the demonstrated ones by default.
     goal_rotation, start_rotation : Rotation, optional
@@ -168,16 +171,36 @@ def integrate(law: Law, rule: Rule, state: State, sections: Sequence[tuple[int, 
         {name: outputs[:, stepper.outputs[name]] for name in stepper.outputs},
         tuple(system.equalities.row_names),
         tuple(system.limits.row_names),
-        Asked(state, table, law.space, law.clock.returns),
+        Asked(
+            state,
+            table,
+            law.space,
+            _returns(law, state, float(times[-1] - state.time)),
+            law.clock.returns,
+        ),
     )
+
+
+def _returns(law: Law, state: State, seconds: float) -> bool:
+    """Whether a motion of so long should end where it began: whole periods of its law's cycle."""
+    if not law.clock.returns or state.phase != 0 or state.amplitude != 1:
+        return False
+    periods = seconds / state.duration
+    begun = _begun_around(law, state.goal_position, state.amplitude)
+    return abs(periods - round(periods)) <= SAME_STEP and np.array_equal(state.position, begun)
+
+
+def _begun_around(law: Law, baseline: Floats, amplitude: float) -> Floats:
+    """Where a rhythm begins about a baseline, as far from it as it swings."""
+    return baseline + amplitude * (law.start_position - law.goal_position)
 
 
 def initial_state(
     law: Law,
     rule: Rule,
     *,
-    goal: ArrayLike | None = None,
-    start: ArrayLike | None = None,
+    goal: Point | None = None,
+    start: Point | State | None = None,
     goal_position: ArrayLike | None = None,
     goal_rotation: Rotation | None = None,
     start_position: ArrayLike | None = None,
@@ -189,13 +212,12 @@ def initial_state(
     goal_form: GoalForm = "minimum-jerk",
 ) -> State:
     """Return the state to :func:`step` from; the arguments are those of :func:`rollout`."""
-    if project_start not in get_args(ProjectStart):
+    require_choice("project_start", project_start, ProjectStart)
+    require_choice("goal_form", goal_form, GoalForm)
+    if isinstance(goal, State):
         raise InputError(
-            f"project_start is one of {', '.join(get_args(ProjectStart))}; got {project_start!r}"
+            "goal is a point, and a state has a velocity; adapt(goal=...) ends with both"
         )
-
-    if goal_form not in get_args(GoalForm):
-        raise InputError(f"goal_form is one of {', '.join(get_args(GoalForm))}; got {goal_form!r}")
 
     def chosen(check: Callable[[str, Any], T], name: str, value: Any, default: T) -> T:
         return default if value is None else check(name, value)
@@ -205,12 +227,15 @@ def initial_state(
         tau = _arguments.positive("duration", duration, "seconds")
     n, rotation = law.space.linear, partial(turn_of, law.space)
     vector = partial(_arguments.vector, unit=law.space.unit, size=n)
-    ends = {"goal": (goal, goal_position, goal_rotation)}
+    ends: dict[str, tuple[Any, Any, Any]] = {"goal": (goal, goal_position, goal_rotation)}
     ends["start"] = start, start_position, start_rotation
     (goal_position, goal_rotation), (start_position, start_rotation) = (
         point_or_parts(law, name, *given) for name, given in ends.items()
     )
-    velocity = law.start_velocity / tau
+    taken_over = start if isinstance(start, State) else None
+    velocity, begin = law.start_velocity / tau, law.begin
+    if taken_over is not None:
+        velocity, begin = velocity_of(law.space, "start", taken_over), taken_over.time
     start_position = chosen(vector, "start_position", start_position, law.start_position)
     start_rotation = chosen(rotation, "start_rotation", start_rotation, law.start_rotation)
     goal_position = chosen(vector, "goal_position", goal_position, law.goal_position)
@@ -224,14 +249,13 @@ def initial_state(
         if start_rotation is not law.start_rotation:
             first_rotation = first_rotation * (law.start_rotation.inv() * start_rotation)
     if law.clock.returns:
-        # It begins on its way about the baseline, as far from it as it swings.
-        velocity = amplitude * velocity
+        velocity = velocity if taken_over else amplitude * velocity
         if start_position is law.start_position:
-            start_position = goal_position + amplitude * (start_position - law.goal_position)
+            start_position = _begun_around(law, goal_position, amplitude)
         if start_rotation is law.start_rotation and goal_rotation is not law.goal_rotation:
             start_rotation = start_rotation * (law.goal_rotation.inv() * goal_rotation)
     state = State(
-        time=law.begin,
+        time=begin,
         phase=law.clock.phase(0.0),
         amplitude=_arguments.not_negative("amplitude", amplitude),
         position=start_position,
@@ -249,6 +273,12 @@ def initial_state(
     return admissible(rule, state, project_start) if rule.system.size else state
 
 
+def require_choice(name: str, value: object, choices: Any) -> None:
+    """Refuse what is none of the words of a Literal."""
+    if value not in get_args(choices):
+        raise InputError(f"{name} is one of {', '.join(get_args(choices))}; got {value!r}")
+
+
 def turn_of(space: Space, name: str, value: Any) -> Rotation:
     """Check a rotation of a space with one."""
     if space.rotations == 1:
@@ -263,6 +293,17 @@ def turn_of(space: Space, name: str, value: Any) -> Rotation:
     return value
 
 
+def velocity_of(space: Space, name: str, state: State) -> Floats:
+    """Return the velocity of a state of a space."""
+    velocity = state.velocity
+    if len(velocity) != space.velocity_size:
+        raise InputError(
+            f"{name} is a state of another kind of motion: it has {len(velocity)} velocities, "
+            f"this one {space.velocity_size}"
+        )
+    return _arguments.vector(f"{name}: its velocity", velocity, "m/s", space.velocity_size)
+
+
 def point_or_parts(
     law: Law, name: str, point: Any, position: ArrayLike | None, rotation: Rotation | None
 ) -> tuple[ArrayLike | None, Rotation | None]:
@@ -273,13 +314,15 @@ def point_or_parts(
     law : Law
         Of whose bodies those stay as they are that a mapping of names leaves out.
     name : "goal" or "start"
-    point : array, pair (position, Rotation), or mapping of names to such pairs
+    point : array, pair (position, Rotation), mapping of names to such pairs, or State
     """
     space = law.space
     if point is None:
         return position, rotation
     if position is not None or rotation is not None:
         raise InputError(f"{name} is given twice; give {name}, or its position and rotation")
+    if isinstance(point, State):
+        return point.position, point.rotation if space.rotations else None
     if not space.rotations:
         return point, None
     if isinstance(point, Mapping):
@@ -290,7 +333,8 @@ def point_or_parts(
         for body, pose in point.items():
             what = f"{name} of {body}"
             if (placed := known.get(body)) is None:
-                raise InputError(f"{name}: no body {body!r}; there are {', '.join(known)}")
+                near = did_you_mean(str(body), known)
+                raise InputError(f"{name}: no body {body!r}{near}; there are {', '.join(known)}")
             if not (isinstance(pose, tuple) and len(pose) == 2):
                 raise InputError(
                     f"{what} is a pair (position, Rotation), got {_arguments.short(pose)}"

@@ -138,6 +138,15 @@ class State(Value):
         """The coordinates: the position under the name that joints have it by."""
         return self.position
 
+    @property
+    def velocity(self) -> Floats:
+        """Linear, then angular velocity at this instant, shape (n + 3 b,).
+
+        That of the step that led here, whose middle it belongs to, and what half a step adds.
+        """
+        led_here = np.concatenate([self.linear_velocity, self.angular_velocity])
+        return led_here + self.acceleration * self.previous_step / 2
+
     def vector(self) -> Floats:
         """Point and velocity, as the state of :class:`noslip.law.layout.Layouts` says."""
         return np.concatenate(

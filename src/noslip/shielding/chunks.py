@@ -94,7 +94,7 @@ class Chunks:
         self._past, self._asked = past, np.hstack([chunk.positions, chunk.quaternions])
         if text:
             warn(f"{chunk.name}: {text}", CompromiseWarning)
-        return motion
+        return motion.with_channels(poses.channels and poses.channels.retimed(motion.times))
 
     def _checked(self, poses: PoseTrajectory, begin: float) -> PoseTrajectory:
         """The chunk in the shield's own time."""

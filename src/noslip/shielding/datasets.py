@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from noslip._files import making
+from noslip._instants import seconds
 from noslip._samples import Mending
 from noslip.constraints.check import checked
 from noslip.constraints.declaration import Constraint
@@ -23,7 +24,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.demonstrations.preparation import prepare
 from noslip.errors import CompromiseWarning, InputError, muted, warn
 from noslip.recordings import load_demonstrations, write_recording
-from noslip.recordings.formats import WRITTEN, expand, format_of
+from noslip.recordings.formats import WRITTEN, ReadingColumns, expand, format_of
 from noslip.shielding.shield import Shield
 from noslip.trajectory import PoseTrajectory
 from noslip.verification import deviations
@@ -83,7 +84,7 @@ def shield_each(
     *,
     preparation: Mapping[str, Any] = MappingProxyType({}),
     progress: Callable[[int, int], None] | None = None,
-    **loading: Any,
+    **loading: Unpack[ReadingColumns],
 ) -> list[ShieldedRecording]:
     """Write recordings that keep constraints, nearest to those given, and say how far they moved.
 
@@ -190,12 +191,16 @@ def _in_chunks(
         motion = shield.chunk(recording[first : first + length], done)
         parts.append(motion if last else motion[: length // 2])
         if shield.compromise:
-            texts.append(f"from {recording.times[first]:.3g} s on {shield.compromise}")
+            when = seconds(recording.times[first], recording.times[0], 3)
+            texts.append(f"from {when} on {shield.compromise}")
         if last:
             break
     positions = np.concatenate([part.positions for part in parts])
     rotations = Rotation.concatenate([part.rotations for part in parts])
-    return PoseTrajectory(recording.times, positions, rotations, name=recording.name), texts
+    found = PoseTrajectory(
+        recording.times, positions, rotations, name=recording.name, channels=recording.channels
+    )
+    return found, texts
 
 
 def _write(folder: Path, motions: Sequence[PoseTrajectory]) -> None:

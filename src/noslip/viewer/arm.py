@@ -6,7 +6,7 @@ put there by the inverse of the placement.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +19,10 @@ from noslip import robots
 from noslip._pose_checks import Source
 from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
-from noslip.document import Reader, read_json
 from noslip.errors import InputError
 from noslip.named_columns import NamedColumns, listed
 from noslip.robots.executed import joint_columns
+from noslip.robots.folder import SUMMARY, read_folder
 from noslip.robots.model import required
 from noslip.trajectory import PoseTrajectory
 from noslip.viewer.tool import Part, add_mesh
@@ -30,8 +30,6 @@ from noslip.viewer.tool import Part, add_mesh
 if TYPE_CHECKING:
     import viser
 
-FIELDS = ("robot", "model", "tool", "placement", "constraints")
-"""Of the summary, by which the arm and its motion are found again."""
 DRAWN_GROUPS = 3
 """MuJoCo's viewer shows groups 0 to 2; collision shapes are in later ones by custom."""
 DEFAULT_COLOR = (0.5, 0.5, 0.5, 1.0)
@@ -200,45 +198,25 @@ def read_simulation(folder: str | Path) -> Simulation:
         Without MuJoCo.
     """
     folder = Path(folder)
-    file = folder / "summary.json"
-    summary = _summary(file)
-    model = summary["model"]
+    written = read_folder(folder)
+    model = written.summary["model"]
     if model is not None and not Path(model).is_file():
-        raise InputError(f"{file}: field model: {model} is not there; simulate again")
-    robot = robots.named(summary["robot"], model=model, tool=summary["tool"])
-    read = Reader(file)
-    place = read.part(summary, "placement")
-    turn = read.array(place, "quaternion", (4,))
-    placement = robots.Placement(
-        read.array(place, "position", (3,)),
-        read.field(place, "quaternion", lambda _: Rotation.from_quat(turn, scalar_first=True)),
-    )
-    constraints = read.system(summary).constraints
+        raise InputError(f"{folder / SUMMARY}: field model: {model} is not there; simulate again")
+    robot = robots.named(written.summary["robot"], model=model, tool=written.summary["tool"])
 
     times, commanded = _joints(folder / "joints.csv", robot)
     joints = commanded
-    if "dynamic" in summary:
+    if "dynamic" in written.summary:
         _, joints = _joints(folder / "executed.csv", robot)
-    tool = PoseTrajectory.from_csv(folder / "tool.csv")
-    if not len(tool) == len(joints) == len(commanded):
+    executed = written.executed
+    if not len(executed) == len(joints) == len(commanded):
         raise InputError(
-            f"{folder}: {len(tool)} poses of the tool, {len(commanded)} of the commanded and "
+            f"{folder}: {len(executed)} poses of the tool, {len(commanded)} of the commanded and "
             f"{len(joints)} of the executed joints; simulate again"
         )
-    wanted = placement.undo(PoseTrajectory(times, *robot.forward(commanded)))
-    executed = replace(placement.undo(tool), name=folder.name)
-    return Simulation(executed, wanted, constraints, Arm(robot, joints, placement))
-
-
-def _summary(file: Path) -> dict[str, Any]:
-    found = read_json(file, "a summary of noslip simulate")
-    held = found if isinstance(found, dict) else {}
-    if missing := [field for field in FIELDS if field not in held]:
-        raise InputError(
-            f"{file}: no field {missing[0]}; it is of an older noslip or of another program: "
-            "simulate again"
-        )
-    return held
+    wanted = written.placement.undo(PoseTrajectory(times, *robot.forward(commanded)))
+    arm = Arm(robot, joints, written.placement)
+    return Simulation(executed, wanted, written.constraints, arm)
 
 
 def _joints(file: Path, robot: robots.Robot) -> tuple[Floats, Floats]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,16 +14,16 @@ from noslip.viewer.track import Track, group_starts
 
 CHART_POINTS = 200
 """Of a line in a chart: on a panel so narrow, more could not be told apart."""
-LEAST_RESIDUAL = 1e-18
-"""Zero, on a logarithmic axis: below any residual that rounding leaves."""
+LEAST_RESIDUAL = 1e-10
+"""Where a logarithmic axis ends: what rounding leaves lies below, and tells nothing."""
 PAUSE = 0.15
 """Seconds between two pictures of the charts while a motion plays: all their curves are sent."""
 TITLES = {
-    "residual": "log₁₀ of the residual",
-    "margin": "least margin of the limits",
-    "force": "constraint force",
+    "residual": "residual, log₁₀ of {}",
+    "margin": "least margin of the limits, {}",
+    "force": "constraint force, {}",
 }
-"""Of the charts, in the order in which they stand."""
+"""Of the charts, in the order in which they stand, and where their units go."""
 LINES = ("blue", "vermillion", "green", "purple", "orange", "sky")
 """Colors of a chart's lines, in the palette's names; the more lines, the fainter."""
 
@@ -43,10 +43,7 @@ class Charts:
         for handle in self._handles.values():
             handle.remove()
         self._curves = curves(track)
-        self._ranges = {
-            name: _axis_range(name, [line for key, line in lines.items() if key != "t"])
-            for name, lines in self._curves.items()
-        }
+        self._ranges = {name: axis_range(name, lines) for name, lines in self._curves.items()}
         self._handles = {name: self._add(name, instant) for name in self._curves}
         self._folder.visible = bool(self._curves)
 
@@ -61,11 +58,11 @@ class Charts:
             return self._gui.add_uplot(
                 self._columns(name, instant),
                 ({"label": "t (s)"}, *lines, now),
-                title=TITLES[name],
-                height=150,
+                title=title(name, self._curves[name]),
+                height=165,
                 padding=(10, 24, 0, 0),
                 scales={"x": {"time": False}, "y": {"range": self._ranges[name]}},
-                axes=({"size": 34}, {"size": 62}),
+                axes=({"size": 30, "label": "t (s)", "labelSize": 16}, {"size": 62}),
                 legend={"show": True, "live": False},
             )
 
@@ -120,9 +117,16 @@ def cursor(curves: Mapping[str, Floats], time: float, low: float, high: float) -
     return [*columns, np.insert(line, k, [low, high])]
 
 
-def _axis_range(chart: str, curves: Sequence[Floats]) -> tuple[float, float]:
+def title(chart: str, curves: Mapping[str, Floats]) -> str:
+    """Return what stands above a chart: what it shows, and in which units."""
+    units = [name.rpartition(" (")[2][:-1] for name in curves if name != "t"]
+    return TITLES[chart].format(", ".join(dict.fromkeys(units)))
+
+
+def axis_range(chart: str, curves: Mapping[str, Floats]) -> tuple[float, float]:
     """Ends of a chart's axis: whole decades of a residual; else zero is always within."""
-    low, high = min(c.min() for c in curves), max(c.max() for c in curves)
+    lines = [line for name, line in curves.items() if name != "t"]
+    low, high = min(line.min() for line in lines), max(line.max() for line in lines)
     if chart == "residual":
         return float(np.floor(low)), float(np.floor(high) + 1)
     low, high = min(low, 0.0), max(high, 0.0)

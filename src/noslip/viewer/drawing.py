@@ -17,13 +17,15 @@ from noslip.trajectory import PoseTrajectory
 from noslip.viewer.arm import Arm
 from noslip.viewer.colors import rgb
 from noslip.viewer.shapes import COLORS, OPACITIES, Shape
-from noslip.viewer.tool import Part, add_mesh
+from noslip.viewer.tool import Part, add_mesh, rod
 from noslip.viewer.track import Track
 
 ARROW_COLORS = {"lateral": "purple", "velocity": "green", "force": "black"}
 """Of :meth:`noslip.viewer.track.Track.arrows`, by their names in the palette."""
 GHOST, GHOST_OPACITY = rgb(PALETTE["gray"]), 0.3
 """Color and opacity of what a motion is compared with: seen, and seen through."""
+ROD_LENGTH = 0.3
+"""Of what stands for a body beside the tool, over the scene's size: shorter than the scalpel."""
 TRAIL_WIDTH, GHOST_WIDTH = 3.5, 1.5
 """Pixels: what a motion is compared with is thinner."""
 
@@ -86,13 +88,30 @@ class Drawing:
         )
         camera = server.initial_camera
         # To the left of the middle, for on the right is the panel.
-        camera.look_at = center + size * np.array([0.25, 0.0, 0.1])
-        camera.position = center + size * np.array([0.1, -1.2, 1.0])
+        camera.look_at = center + size * np.array([0.35, 0.0, 0.1])
+        camera.position = center + size * np.array([0.15, -1.4, 1.15])
+        self._middle: Floats = center
         if arm is not None:
             camera.look_at, camera.position = _across(center, arm)
+            self._middle = np.vstack([arm, center]).mean(axis=0)
         away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
         camera.near, camera.far = 0.01 * size, max(100 * size, 10 * away)
         camera.fov = np.radians(50)
+
+        @server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            if client.camera.aspect < 1:
+                place, look_at = self.upright_camera(client.camera.aspect)
+                with client.atomic():
+                    client.camera.position, client.camera.look_at = place, look_at
+
+    def upright_camera(self, aspect: float) -> tuple[Floats, Floats]:
+        """Where a camera stands (m), and looks, in a window whose width is a share of its height.
+
+        Its width sees what is seen in one that is as wide as it is high.
+        """
+        away = np.subtract(self.server.initial_camera.position, self._middle)
+        return self._middle + away / aspect, self._middle
 
     # ---------------------------------------------------------------- what there is
 
@@ -132,6 +151,13 @@ class Drawing:
             node = f"/motions/{name}/demonstration"
             nodes["ghost trail"] = self._add_lines(node, segments, GHOST, GHOST_WIDTH)
             nodes["ghost"] = self.add_parts(f"/motions/{name}/ghost", tool, ghost=True)
+        for body, motion in track.beside.items():
+            node = f"/motions/{name}/beside_{body.replace('/', '_')}"
+            nodes[f"beside {body}"] = self.add_parts(node, rod(ROD_LENGTH * self.size))
+            scene.add_label(f"{node}/name", body, font_screen_scale=0.9, anchor="top-center")
+            path = motion.positions[:: max(1, len(motion) // 500)]
+            segments = np.stack([path[:-1], path[1:]], axis=1)
+            self._add_lines(f"{node}_trail", segments, rgb(PALETTE["sky"]), GHOST_WIDTH)
         for arrow in track.arrows(0, self.size):
             nodes[arrow] = scene.add_arrows(
                 f"/motions/{name}/{arrow}",
@@ -225,6 +251,8 @@ class Drawing:
             done = min(time / track.motion.duration, 1.0)
             g = round(done * (len(track.reference) - 1))
             place(nodes["ghost"], track.reference.positions[g], track.reference.rotations[g])
+        for body, motion in track.beside.items():
+            place(nodes[f"beside {body}"], motion.positions[k], motion.rotations[k])
         self._draw_arrows(nodes, track.arrows(k, self.size))
         if name in self._followers:
             self._followers[name].show(track.motion, k)
@@ -274,7 +302,7 @@ def _across(center: Floats, arm: Floats) -> tuple[Floats, Floats]:
     place = middle + 1.3 * size * (0.75 * ahead + 0.6 * np.cross(ahead, up) + 0.35 * up)
     right = np.cross(middle - place, up)
     # To the left of the middle, for on the right is the panel.
-    return middle + 0.2 * size * right / np.linalg.norm(right), place
+    return middle + 0.3 * size * right / np.linalg.norm(right), place
 
 
 def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -12,32 +12,48 @@ import viser
 
 from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint
+from noslip.constraints.moving_frame import InMovingFrame
+from noslip.constraints.of_body import OfBody
 from noslip.constraints.system import ConstraintSystem
+from noslip.constraints.wheel import Wheel
 from noslip.edge import Edge
 from noslip.errors import InputError
 from noslip.identification import Identified
 from noslip.primitive import ConstrainedDMP
+from noslip.space import Space
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 from noslip.viewer.arm import Arm, Simulation
 from noslip.viewer.changes import Adapted, Adapter, Wish
 from noslip.viewer.drawing import Drawing, Follower, legend
+from noslip.viewer.links import Links, carrier_of
 from noslip.viewer.shapes import shapes
-from noslip.viewer.tool import Part, scalpel
-from noslip.viewer.track import Track
+from noslip.viewer.tool import Part, cart, scalpel
+from noslip.viewer.track import Moving, Track
 
-Shown = PoseTrajectory | ConstrainedDMP | Simulation
+Shown = Moving | ConstrainedDMP | Simulation
 """What a page takes: a recording, a primitive, or what ``noslip simulate`` wrote."""
+RECORDED = "What was recorded or executed stays as it is; choose a primitive."
+"""Told where a goal would be changed."""
 LEAST_WORST = 1e-3
 """Violation that has the last color, at least: what holds must not look as if it did not."""
+REACH_OF_A_HAND = 1.0
+"""Extent of a motion (m) beyond which no hand held the tool without moving up or down."""
+_LEVEL = 1e-6
+"""Meters, and parts of a unit quaternion, by which a vehicle may leave its plane: files round."""
 TOOL_LENGTH = 0.45
 """Of the scalpel, over the scene's size: its turning is seen, and it hides little of the path."""
+
+CART_LENGTH = 0.22
+"""Of a cart: it lies on its path, which is to be seen."""
 
 
 @dataclass
 class Entry:
     """A motion on the page as it is shown now, and the primitive that it came from, if it did.
 
-    ``primitive`` is as it was learned, ``current`` as it was adapted last.  ``found`` is what holds
+    ``primitive`` is as it was learned, ``current`` as it was adapted last; there is none where
+    nothing can be changed here, for which ``fixed`` is the reason.  ``found`` is what holds
     in a recording, or a line that says why that is not known (yet); it is shown while ``sought``.
     """
 
@@ -50,15 +66,16 @@ class Entry:
     follower: Follower | None = None
     found: Identified | str | None = None
     sought: bool = False
+    fixed: str = RECORDED
 
     @property
     def held(self) -> tuple[Constraint, ...]:
         """What a shield holds: what was found, and the limits; without it, all that is checked."""
-        system = self.track.system
+        constraints = [c for c in self.track.system.constraints if of_a_tool(c)]
         found = self.found.constraints if isinstance(self.found, Identified) else ()
         if not (self.sought and found):
-            return system.constraints
-        return (*found, *system.limits.constraints)
+            return tuple(constraints)
+        return (*found, *(c for c in constraints if c.relation != "zero"))
 
 
 def entries(
@@ -77,23 +94,58 @@ def entries(
             raise InputError(
                 f"followers: there is no motion {name!r}; there are {', '.join(shown)}"
             )
-    declaring = [what for what in shown.values() if not isinstance(what, PoseTrajectory)]
-    asked = [*constraints, *(c for what in declaring for c in what.constraints)]
     found: dict[str, Entry] = {}
     for name, what in shown.items():
-        own = asked if isinstance(what, PoseTrajectory) else [*what.constraints, *constraints]
-        held = ConstraintSystem(unique(own))
-        if isinstance(what, ConstrainedDMP):
-            track = Track(name, what.rollout(), held, what.regular.rollout())
-            entry = Entry(track, what, Adapter(what), what)
-        elif isinstance(what, Simulation):
-            track = Track(name, what.executed, held, what.commanded, "the commanded motion")
-            entry = Entry(track, follower=what.arm)
-        else:
-            entry = Entry(Track(name, what, held))
+        entry = _entry(name, what, held_by(what, shown.values(), constraints))
         entry.follower = followers.get(name, entry.follower)
         found[node_name(name, found)] = entry
     return found
+
+
+def held_by(
+    what: Shown, beside: Iterable[Shown], constraints: Sequence[Constraint]
+) -> ConstraintSystem:
+    """Return what a motion is checked against: its own constraints, and what is asked for.
+
+    Recordings have none; they are checked against what others beside them declare, where that can
+    be said of them.
+    """
+    space = _space(what)
+    if not isinstance(what, Moving):
+        return ConstraintSystem(unique([*what.constraints, *constraints]), space)
+    others = [other for other in beside if not isinstance(other, Moving)]
+    declared = [c for o in others for c in o.constraints if _space(o) == space or of_a_tool(c)]
+    return ConstraintSystem(unique([*constraints, *declared]), space)
+
+
+def of_a_tool(constraint: Constraint) -> bool:
+    """Whether a constraint is of the one tool that there is, whatever carries it."""
+    return not (constraint.coordinates or constraint.body)
+
+
+def _space(what: Shown) -> Space:
+    if isinstance(what, ConstrainedDMP):
+        return what.law.space
+    return what.executed.space if isinstance(what, Simulation) else what.space
+
+
+def _entry(name: str, what: Shown, held: ConstraintSystem) -> Entry:
+    if isinstance(what, Simulation):
+        track = Track.of(name, what.executed, held, what.commanded, "the commanded motion")
+        return Entry(track, follower=what.arm)
+    if isinstance(what, ConstrainedDMP):
+        track = Track.of(name, what.rollout(), held, what.regular.rollout())
+        if what.law.clock.returns:
+            entry = Entry(track, fixed="A rhythm has no goal: it goes round; see noslip adapt.")
+        elif track.whole is not None:
+            entry = Entry(track, fixed="Only poses of one tool are dragged here; see noslip adapt.")
+        else:
+            entry = Entry(track, what, Adapter(what), what)
+    else:
+        entry = Entry(Track.of(name, what, held))
+    if isinstance(whole := entry.track.whole, Trajectory) and whole.carrier is not None:
+        entry.follower = carrier_of(whole.carrier, whole.values)
+    return entry
 
 
 def drawn(
@@ -102,14 +154,15 @@ def drawn(
     tool: Sequence[Part] | None = None,
 ) -> Drawing:
     """Draw entries on a server, at the beginning of their motions."""
-    motions = [entry.track.motion for entry in shown.values()]
+    tracks = [entry.track for entry in shown.values()]
+    motions = [motion for track in tracks for motion in (track.motion, *track.beside.values())]
     center, size = extent(motions)
-    constraints = unique([c for e in shown.values() for c in e.track.system.constraints])
+    constraints = unique([c for track in tracks for c in track.system.constraints])
     if tool is None:
-        tool = suitable_scalpel(motions, constraints, size)
+        tool = suitable_tool(tracks, size)
     low = min(float(motion.positions[:, 2].min()) for motion in motions)
     arms = (entry.follower for entry in shown.values())
-    points = next((arm.points for arm in arms if isinstance(arm, Arm)), None)
+    points = next((arm.points for arm in arms if isinstance(arm, Arm | Links)), None)
     drawing = Drawing(server, tool, center=center, size=size, floor=low, arm=points)
     drawing.add_shapes(shapes(constraints, center, size))
     for name, entry in shown.items():
@@ -118,18 +171,34 @@ def drawn(
     return drawing
 
 
-def suitable_scalpel(
-    motions: Sequence[PoseTrajectory], constraints: Sequence[Constraint], size: float
-) -> list[Part]:
-    """Return a scalpel along the constraints' axes, its handle on the upper side."""
-    edged = ConstraintSystem(constraints).edged
+def suitable_tool(tracks: Sequence[Track], size: float) -> list[Part]:
+    """Return a scalpel along the constraints' axes, its handle on the upper side; or a cart.
+
+    A cart is what a wheel carries, and what moves in a plane, farther than a hand reaches.
+    """
+    edged = next((track.edged for track in tracks if track.edged is not None), None)
     edge = edged.edge if edged and edged.edge and edged.edge.lateral else Edge()
-    tool = scalpel(TOOL_LENGTH * size, edge)
+    motions = [track.motion for track in tracks]
+    make, share = (cart, CART_LENGTH) if _drives(edged, motions) else (scalpel, TOOL_LENGTH)
+    tool = make(share * size, edge)
     handle = tool[-1].vertices.mean(axis=0)
     up = float(np.mean([motion.rotations.apply(handle)[:, 2].mean() for motion in motions]))
-    if up >= 0:
-        return tool
-    return scalpel(TOOL_LENGTH * size, edge, flip=True)
+    return tool if up >= 0 else make(share * size, edge, flip=True)
+
+
+def _drives(edged: Constraint | None, motions: Sequence[PoseTrajectory]) -> bool:
+    while isinstance(edged, OfBody | InMovingFrame):
+        edged = edged.inner
+    if edged is not None:
+        return isinstance(edged, Wheel)
+    ways = max(float(np.linalg.norm(np.ptp(motion.positions, axis=0))) for motion in motions)
+    return ways > REACH_OF_A_HAND and all(_is_level(motion) for motion in motions)
+
+
+def _is_level(motion: PoseTrajectory) -> bool:
+    """Whether it keeps its height, and turns about z alone."""
+    height = np.ptp(motion.positions[:, 2])
+    return bool(height <= _LEVEL and np.abs(motion.quaternions[:, 1:3]).max() <= _LEVEL)
 
 
 def worst(shown: Mapping[str, Entry]) -> float:

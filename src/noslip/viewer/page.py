@@ -19,7 +19,17 @@ from noslip.viewer.actions import Actions
 from noslip.viewer.changes import Wish
 from noslip.viewer.charts import Charts
 from noslip.viewer.drawing import Follower
-from noslip.viewer.entries import Entry, Shown, drawn, entries, key, node_name, unique, worst
+from noslip.viewer.entries import (
+    Entry,
+    Shown,
+    drawn,
+    entries,
+    key,
+    node_name,
+    of_a_tool,
+    unique,
+    worst,
+)
 from noslip.viewer.found_panel import FoundPanel
 from noslip.viewer.goal_panel import GoalPanel
 from noslip.viewer.push_panel import PushPanel
@@ -37,8 +47,8 @@ class Page:
 
     Parameters
     ----------
-    shown : mapping of str to PoseTrajectory, ConstrainedDMP or Simulation
-        By name, one or more.
+    shown : mapping of str to PoseTrajectory, Trajectory, Bodies, ConstrainedDMP or Simulation
+        By name, one or more; vectors must have a place: joints of a robot, or a position.
     constraints : sequence of Constraint
         What they are checked against, besides the primitives' own.
     tool : sequence of Part, optional
@@ -199,8 +209,8 @@ class Page:
             if self.pushes.run is None:
                 self._toggle()
             return
-        over = self.time + passed
-        self._show_time(over if over < self.duration else 0.0)
+        # A rhythm goes on in the middle of a picture.
+        self._show_time((self.time + passed) % self.duration)
 
     def _show_time(self, instant: float) -> None:
         self.time = float(np.clip(instant, 0.0, self.duration))
@@ -300,7 +310,8 @@ class Page:
         node, before = node_name(name, self.entries), self.chosen
         try:
             others = [c for e in self.entries.values() for c in e.track.system.constraints]
-            (entry,) = entries({name: found}, unique([*self.constraints, *others])).values()
+            held = unique([*self.constraints, *(c for c in others if of_a_tool(c))])
+            (entry,) = entries({name: found}, held).values()
             self.entries[node] = entry
             self._redraw(node)
             self._offer(node)

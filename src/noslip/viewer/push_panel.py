@@ -12,14 +12,14 @@ from noslip.constraints.check import residual_text
 from noslip.errors import NoslipError
 from noslip.viewer.actions import Actions
 from noslip.viewer.changes import PushedRun
-from noslip.viewer.drawing import Drawing, place
-from noslip.viewer.entries import Entry
-from noslip.viewer.goal_panel import GIZMO
-from noslip.viewer.texts import note, plain
+from noslip.viewer.drawing import Drawing
+from noslip.viewer.entries import Entry, extent
+from noslip.viewer.handles import Handle
+from noslip.viewer.texts import field_step, note, plain
 
-PUSH = 0.04
-"""Length of the push that is offered first, over the scene's size: seen at once, and recovered from
-long before the end."""
+PUSH = 0.05
+"""Length of the push that is offered first, over the motion's size: seen at once, and recovered
+from long before the end."""
 
 
 class PushPanel:
@@ -44,21 +44,18 @@ class PushPanel:
         self.held = False
         self._node, self._entry = node, entry
         with gui.add_folder("Push the tool") as self._folder:
-            self.by: Any = gui.add_vector3("Push (m)", (0.0, 0.0, 0.0), step=1e-4)
-            begin = gui.add_button("Run in the control loop")
+            self._step = field_step(drawing.size)
+            self.by: Any = gui.add_vector3("Push (m)", (0.0, 0.0, 0.0), step=self._step)
+            begin = gui.add_button(
+                "Run in the control loop",
+                hint="Steps the primitive as on a robot; meanwhile the tool can be dragged.",
+            )
             push = gui.add_button("Push now")
             self.note = gui.add_html("")
-        self.grip = server.scene.add_transform_controls(
-            "/push",
-            scale=GIZMO * drawing.size,
-            line_width=3.0,
-            disable_rotations=True,
-            depth_test=False,
-            visible=False,
-        )
+        self.grip = Handle(server.scene, "push", "push", drawing.size, turns=False)
         actions.on_click(begin, "run", self.start)
         actions.on_click(push, "push", self.push)
-        actions.on_drag(self.grip, "grip", self.pull)
+        self.grip.on_drag(actions, "grip", self.pull)
 
     def choose(self, node: str, entry: Entry) -> None:
         """Be about an entry of the page, by its node in the scene."""
@@ -68,7 +65,9 @@ class PushPanel:
         if entry.primitive is not None:
             axes = entry.track.lateral_axes
             sideways = np.array([0.0, 1.0, 0.0]) if axes is None else axes[len(axes) // 2]
-            self.by.value = plain(PUSH * self._drawing.size * sideways)
+            _, size = extent([entry.track.motion])
+            by = np.round(PUSH * size * sideways / self._step) * self._step
+            self.by.value = plain(by, self._step)
 
     def start(self) -> None:
         """Run the chosen primitive from its beginning."""
@@ -91,8 +90,8 @@ class PushPanel:
             return
         self.held = not released
         if released:
-            by = np.array(self.grip.position) - self.run.states[-1].position
-            self.by.value = plain(by)
+            by = self.grip.position - self.run.states[-1].position
+            self.by.value = plain(by, self._step)
             self.run.push(by)
 
     def advance(self, passed: float) -> None:
@@ -124,7 +123,7 @@ class PushPanel:
     def _show(self, run: PushedRun, what: str) -> None:
         state = run.states[-1]
         self._drawing.place_tool(self._node, state)
-        place(self.grip, state.position, state.rotation)
+        self.grip.place(state.position, state.rotation)
         if len(run.states) > 1:
             step = max(1, len(run.states) // 500)
             self._drawing.draw_path(self._node, run.path[::-step][::-1])

@@ -10,10 +10,14 @@ from types import MappingProxyType
 import numpy as np
 
 from noslip._files import write_beside
+from noslip.constraints.check import residual_text
 from noslip.constraints.declaration import Constraint
 from noslip.viewer import serving
-from noslip.viewer.drawing import Follower
+from noslip.viewer.charts import curves
+from noslip.viewer.drawing import Drawing, Follower
 from noslip.viewer.entries import TOOL_LENGTH, Shown, drawn, entries, key
+from noslip.viewer.printed import chart
+from noslip.viewer.shell import NARROW, amended
 from noslip.viewer.tool import Part
 from noslip.viewer.track import Track
 
@@ -21,12 +25,31 @@ FRAMES_PER_SECOND = 30.0
 """Smooth to the eye; more would make the file larger."""
 MOST_FRAMES = 600
 """Of a long motion, which then has fewer frames per second: the file's size has a bound."""
-_BOX = (
-    '<div style="position:fixed;left:12px;top:12px;z-index:5;max-width:30em;padding:8px 12px;'
-    "background:rgba(255,255,255,.88);border:1px solid #ddd;border-radius:6px;"
-    'font:13px/1.4 system-ui,sans-serif;color:#222">{}</div>'
-)
-"""Where the verdicts stand: above the scene, where viser's page has nothing."""
+_BOX = f"""<style>
+.noslip {{ position: fixed; right: 12px; top: 12px; z-index: 5; padding: 8px 12px;
+  width: 27em; max-width: calc(100vw - 48px); max-height: calc(100vh - 80px); overflow: auto;
+  background: rgba(255,255,255,.9); border: 1px solid #ddd; border-radius: 6px;
+  font: 13px/1.4 system-ui, sans-serif; color: #222 }}
+.noslip svg {{ display: block; width: 100%; margin: 6px 0 }}
+</style>
+<div class="noslip">{{}}</div>
+<script>
+// On a phone, one line a motion, until it is touched.
+if (innerWidth < {NARROW}) for (const d of document.querySelectorAll(".noslip details")) d.open = 0;
+function follow() {{
+  // The thumb of viser's own slider, which tells the time.
+  const clock = document.querySelector("[role=slider]");
+  if (clock) for (const line of document.querySelectorAll(".noslip .now")) {{
+    const {{ start, end, left, right }} = line.dataset;
+    const share = (clock.ariaValueNow - start) / (end - start);
+    const x = +left + Math.min(Math.max(share, 0), 1) * (right - left);
+    line.setAttribute("x1", x); line.setAttribute("x2", x);
+  }}
+  requestAnimationFrame(follow);
+}}
+follow();
+</script>"""
+"""Where verdicts and charts stand: on the right, as the panel of a page that is served."""
 
 
 def save_page(
@@ -40,7 +63,7 @@ def save_page(
     """Write a scene and its motion as one HTML file; return its path.
 
     The parameters are those of :class:`noslip.viewer.Page`.  The file has a time slider, play and
-    speed, and the verdicts; nothing in it can be dragged, for nothing there computes.
+    speed, the verdicts and the charts; nothing in it can be dragged, for nothing there computes.
     """
     prepared = entries(shown, constraints, followers)
     duration = max(entry.track.motion.duration for entry in prepared.values())
@@ -60,23 +83,46 @@ def save_page(
             drawing.move(time)
             k = track.sample(time)
             label.position = track.points[k] + above
-            label.text = f"{first}: {time:.2f} s, violation {track.violation[k]:.1e}"
+            violation = residual_text(float(track.violation[k]), "1")
+            label.text = f"{first}: {time:.2f} s, violation {violation}"
             serializer.insert_sleep(duration / frames)
-        page = serializer.as_html()
+        page = amended(serializer.as_html(), _for_phones(drawing))
     finally:
         serving.stop(server)
-    verdicts = "".join(_verdict(name, entry.track) for name, entry in prepared.items())
-    box = _BOX.format(verdicts + key(prepared, track))
+    told = "".join(
+        _told(name, entry.track, number == 0)
+        for number, (name, entry) in enumerate(prepared.items())
+    )
     # The page's own script holds closing tags as text; the last one is the document's.
     head, end, tail = page.rpartition("</body>")
+    box = _BOX.replace("{}", told + key(prepared, track), 1)
     return write_beside(path, f"{head}{box}{end}{tail}".encode())
 
 
-def _verdict(name: str, track: Track) -> str:
-    """Return a line that unfolds into what each constraint does, as HTML."""
-    name = html.escape(name)
-    if track.report is None:
-        return f"<div>{name}</div>"
-    lines = "".join(f"<div>{html.escape(str(found))}</div>" for found in track.report.constraints)
-    verdict = html.escape(track.report.verdict)
-    return f"<details><summary><b>{name}</b>: {verdict}</summary>{lines}</details>"
+def _told(name: str, track: Track, unfolded: bool) -> str:
+    """Return a line that unfolds into what each constraint does, and the charts, as HTML."""
+    found = () if track.report is None else track.report.constraints
+    lines = "".join(f"<div>{html.escape(str(each))}</div>" for each in found)
+    drawn = "".join(chart(name, lines) for name, lines in curves(track).items())
+    verdict = "" if track.report is None else f": {html.escape(track.report.verdict)}"
+    return (
+        f"<details{' open' * unfolded}><summary><b>{html.escape(name)}</b>{verdict}</summary>"
+        f"{lines}{drawn}</details>"
+    )
+
+
+def _for_phones(drawing: Drawing) -> str:
+    """Return a script by which an upright window sees what a wide one does.
+
+    viser's page takes a camera from its address alone, and has no server here that could move it.
+    """
+    place, look_at = drawing.upright_camera(1.0)
+    return f"""<script>
+if (innerWidth < innerHeight) {{
+  const away = {(place - look_at).tolist()}, at = {look_at.tolist()}, url = new URL(location);
+  const stand = at.map((x, i) => x + away[i] * innerHeight / innerWidth);
+  url.searchParams.set("initialCameraPosition", stand.join());
+  url.searchParams.set("initialCameraLookAt", at.join());
+  history.replaceState(null, "", url);
+}}
+</script>"""

@@ -17,6 +17,7 @@ import viser
 import websockets.asyncio.server
 
 from noslip.errors import InputError
+from noslip.viewer.shell import amended_response
 
 LOOPBACK = "127.0.0.1"
 """This machine alone: what is served elsewhere is asked for."""
@@ -62,7 +63,7 @@ def guarded(host: str, token: str = "") -> Iterator[None]:
     (Host); and where only this machine is served, that must be a name of it, lest another site's
     name be turned to this address.  A token, if there is one, must be in the address or in the
     cookie that is set where it was, since viser's page connects without what follows its address.
-    viser has no option for any of it.
+    viser has no option for any of it.  Its page is served as :mod:`noslip.viewer.shell` amends it.
     """
     serve = websockets.asyncio.server.serve
 
@@ -78,6 +79,14 @@ def guarded(host: str, token: str = "") -> Iterator[None]:
             ):
                 return connection.respond(HTTPStatus.FORBIDDEN, "noslip: not from this page\n")
             response = process_request(connection, request)
+            if response is not None and response.headers.get("Content-Type", "").startswith(
+                "text/html"
+            ):
+                encoding = response.headers.get("Content-Encoding")
+                response.body = amended_response(response.body, encoding)
+                # Set, a header would be there twice.
+                del response.headers["Content-Length"]
+                response.headers["Content-Length"] = str(len(response.body))
             if token and response is not None:
                 response.headers["Referrer-Policy"] = "no-referrer"
                 response.headers["Set-Cookie"] = (

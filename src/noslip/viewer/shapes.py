@@ -16,9 +16,11 @@ from noslip._typing import Floats
 from noslip.constraints.declaration import Constraint, of_a_user
 from noslip.constraints.formula import surface_value
 from noslip.constraints.moving_frame import InMovingFrame
+from noslip.constraints.of_body import OfBody
 from noslip.constraints.shape import Ball, Capsule, Cells, Implicit, Mark, Plane, Sides, Tube
 from noslip.constraints.shape import Shape as Place
 from noslip.figures.style import PALETTE
+from noslip.space import IN
 from noslip.viewer.colors import rgb
 
 REACH = 0.75
@@ -102,6 +104,8 @@ def shapes(constraints: Iterable[Constraint], center: ArrayLike, size: float) ->
     """
     middle, found = np.asarray(center, dtype=np.float64), []
     for constraint in constraints:
+        if isinstance(constraint, OfBody) and IN not in constraint.body:
+            constraint = constraint.inner
         if isinstance(constraint, InMovingFrame):
             frame = Frame(constraint)
             origin, turn = frame.pose(0.0)

@@ -17,9 +17,9 @@ from noslip.constraints.system import ConstraintSystem
 from noslip.errors import NoslipError
 from noslip.shielding import Shield
 from noslip.viewer.actions import Actions
-from noslip.viewer.drawing import Drawing, place, pose
+from noslip.viewer.drawing import Drawing, place
 from noslip.viewer.entries import Entry
-from noslip.viewer.goal_panel import GIZMO
+from noslip.viewer.handles import Handle
 from noslip.viewer.texts import note
 
 RATE = 500.0
@@ -93,13 +93,7 @@ class ShieldPanel:
             self.box: Any = gui.add_checkbox("Drag a command", False)
             self.reset: Any = gui.add_button("Reset", disabled=True)
             self.note = gui.add_html("")
-        self.command = server.scene.add_transform_controls(
-            "/command",
-            scale=GIZMO * drawing.size,
-            line_width=3.0,
-            depth_test=False,
-            visible=False,
-        )
+        self.command = Handle(server.scene, "command", "command", drawing.size)
         # Placed with each picture, so that it shows what is followed.
         self._ghost = drawing.add_parts("/commanded", drawing.tool, ghost=True)
         self._ghost.visible = False
@@ -140,7 +134,7 @@ class ShieldPanel:
         except NoslipError:
             self._offer(False)
             raise
-        place(self.command, self.run.state.position, self.run.state.rotation)
+        self.command.place(self.run.state.position, self.run.state.rotation)
         self._offer(True)
         self._show(self.run)
 
@@ -158,7 +152,7 @@ class ShieldPanel:
         if self.run is None:
             return
         try:
-            self.run.advance(passed, *pose(self.command))
+            self.run.advance(passed, *self.command.pose)
         except NoslipError:
             self.end()
             raise
@@ -171,7 +165,7 @@ class ShieldPanel:
 
     def _show(self, run: ShieldedRun) -> None:
         self._drawing.place_tool(self._node, run.state)
-        place(self._ghost, *pose(self.command))
+        place(self._ghost, *self.command.pose)
         if len(run.path) > 1:
             self._drawing.draw_path(self._node, run.path)
         shield = run.shield

@@ -6,14 +6,22 @@ import html
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from noslip._typing import Floats
 from noslip.figures.style import PALETTE
 
 
-def plain(vector: Floats) -> tuple[float, ...]:
-    """Return numbers without the noise that would be shown as a negative zero."""
-    return tuple(float(x) + 0.0 for x in np.round(vector, 7))
+def field_step(size: float) -> float:
+    """Last digit of a field of lengths (m) in a scene of a size: 0.1 mm of one of 10 cm."""
+    return float(10.0 ** np.floor(np.log10(size) - 3 + 1e-9))
+
+
+def plain(vector: ArrayLike, step: float) -> tuple[float, ...]:
+    """Return numbers for a field with a step: what it would show as a negative zero is zero."""
+    return tuple(
+        0.0 if abs(x) < step / 2 else float(x)
+        for x in np.round(np.asarray(vector, dtype=np.float64), 7)
+    )
 
 
 def pad(content: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 import viser
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from noslip import _arguments
 from noslip._typing import Floats
@@ -33,6 +34,9 @@ _SHAFT = ((0.02, 0.34), (0.098, 0.30), (0.085, 1.0), (0.03, 1.0))
 """The handle, in the same plane."""
 _SHAFT_HALF = 0.022
 """Half the thickness of the handle, over the tool's length."""
+
+_CART_WIDTH, _CART_WHEEL = 0.6, 0.16
+"""Of a cart from wheel to wheel, and the wheels' radius, over its length."""
 
 
 def add_mesh(
@@ -93,6 +97,39 @@ def scalpel(length: float, edge: Edge | None = None, *, flip: bool = False) -> l
     return [
         Part(length * vertices @ frame, faces, color)
         for (vertices, faces), color in ((blade, STEEL), (shaft, HANDLE))
+    ]
+
+
+def cart(length: float, edge: Edge | None = None, *, flip: bool = False) -> list[Part]:
+    """Return a cart whose axle is in the tool's origin, at the height of the ground.
+
+    The parameters are those of :func:`scalpel`; it leads with the side that tapers.
+    """
+    half = _CART_WIDTH / 2
+    parts = []
+    for side in (-half, half):
+        wheel = trimesh.creation.cylinder(_CART_WHEEL, height=0.06, sections=32)
+        upright = np.eye(4)
+        upright[:3, :3] = Rotation.from_euler("x", np.pi / 2).as_matrix()
+        wheel.apply_transform(upright)
+        wheel.apply_translation([0.0, side, _CART_WHEEL])
+        parts.append(((np.array(wheel.vertices), np.array(wheel.faces)), HANDLE))
+    low, high = 0.5 * _CART_WHEEL, 1.6 * _CART_WHEEL
+    outline = np.array([(-0.2, low), (-0.2, high), (0.35, high), (0.8, low)])
+    parts.append((_wedge(outline, [half - 0.05] * 3 + [half / 3]), STEEL))
+    frame = (edge or Edge()).frame
+    if flip:
+        frame[1:] *= -1
+    return [Part(length * vertices @ frame, faces, color) for (vertices, faces), color in parts]
+
+
+def rod(length: float) -> list[Part]:
+    """Return a rod along z with a ball at its end, the tool's origin: a body of no known shape."""
+    stick = trimesh.creation.cylinder(0.04 * length, segment=np.array([[0, 0, 0], [0, 0, length]]))
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.1 * length)
+    return [
+        Part(np.array(made.vertices, dtype=np.float64), np.array(made.faces), color)
+        for made, color in ((ball, STEEL), (stick, HANDLE))
     ]
 
 

@@ -8,15 +8,17 @@ relative to that frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
+from noslip.bodies import Bodies
 from noslip.constraints.check import (
     CheckReport,
     check,
@@ -28,17 +30,25 @@ from noslip.constraints.declaration import UNITS, Constraint
 from noslip.constraints.edge_motion import EdgeMotion, edge_motion, edge_steps, work_moves
 from noslip.constraints.system import ConstraintSystem
 from noslip.edge import Edge
+from noslip.errors import InputError
 from noslip.merit import figures_of_merit
 from noslip.runtime.motion import Motion
 from noslip.runtime.state import State
+from noslip.space import IN
 from noslip.trajectory import PoseTrajectory
+from noslip.vectors import Trajectory
 from noslip.viewer.colors import Bytes, slip_colors
+
+Moving = PoseTrajectory | Trajectory | Bodies
+"""What may move: a tool, joints or a point, several tools."""
 
 MOST_SEGMENTS = 1000
 """Of a trail, so that ten motions of any length stay fluid; of what is longer the worst violations
 stay."""
 SLOW = 1e-3
 """Share of the peak speed below which the direction of travel is that of rounding."""
+LEAST_ANGLE = 1e-3
+"""Degrees of slip that are told: what is less is rounding, and a blade's width."""
 ARROW = 0.15
 """Length of the longest arrow, over the scene's size: it ends within the picture."""
 LONGEST = 2.0
@@ -51,7 +61,8 @@ class Track:
     """One motion, and what of it is drawn.
 
     It is checked against the system, which may be empty, and compared with a reference, drawn as
-    a ghost; ``against`` says what that is.
+    a ghost; ``against`` says what that is.  Of joints, or of several bodies, that is the motion of
+    the tool, ``whole`` is all that moves, which is checked, and ``beside`` the other bodies.
     """
 
     name: str
@@ -59,13 +70,37 @@ class Track:
     system: ConstraintSystem
     reference: PoseTrajectory | None = None
     against: str = "the demonstration"
+    whole: Moving | None = None
+    beside: Mapping[str, PoseTrajectory] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        moving: Moving,
+        system: ConstraintSystem,
+        reference: Moving | None = None,
+        against: str = "the demonstration",
+    ) -> Track:
+        """Return the track of whatever moves, if it has a place.
+
+        Raises
+        ------
+        InputError
+            If it has none.
+        """
+        body = "" if system.edged is None else system.edged.body
+        tool, beside = placed(name, moving, body)
+        ghost = None if reference is None else placed(name, reference, body)[0]
+        whole = None if moving is tool else moving
+        return cls(name, tool, system, ghost, against, whole, beside)
 
     # ---------------------------------------------------------------- along the motion
 
     @cached_property
     def rows(self) -> Floats:
         """Residuals and margins at each sample, shape (N, m)."""
-        return sample_residuals(self.motion, self.system)
+        return sample_residuals(self._checked, self.system)
 
     @cached_property
     def sizes(self) -> dict[str, Floats]:
@@ -102,7 +137,11 @@ class Track:
     @cached_property
     def report(self) -> CheckReport | None:
         """The verdict of :func:`noslip.check`; None if there is nothing to check."""
-        return check(self.motion, self.system) if self.system.constraints else None
+        return check(self._checked, self.system) if self.system.constraints else None
+
+    @property
+    def _checked(self) -> Any:
+        return self.motion if self.whole is None else self.whole
 
     @property
     def _parts(self) -> list[tuple[str, Constraint, Floats]]:
@@ -154,7 +193,16 @@ class Track:
 
     @cached_property
     def _steps(self) -> EdgeMotion | None:
-        return None if self.edged is None else edge_steps(self.motion, self.edged)
+        if self.edged is None:
+            return None
+        if self.whole is None or IN not in self.edged.body:
+            return edge_steps(self.motion, self.edged)
+        # As another body sees it: its world is that body.
+        steps = edge_steps(self.whole.body(self.edged.body), self.edged)
+        assert isinstance(self.whole, Bodies)
+        work = self.whole.parts[self.edged.body.split(IN)[1]]
+        _, _, turns = work.step_middles()
+        return replace(steps, work=turns * steps.work)
 
     @cached_property
     def peak_speed(self) -> float:
@@ -237,7 +285,7 @@ class Track:
         }
         angle = self.slip_angle(k)
         if self.lateral_axes is not None:
-            texts["slip angle"] = "at rest" if angle is None else f"{np.degrees(angle):.2g}°"
+            texts["slip angle"] = "at rest" if angle is None else _angle_text(angle)
         for name, sizes in self.sizes.items():
             texts[f"{name}: residual"] = residual_text(float(sizes[k]), self.units[name])
         for name, margins in self.margins.items():
@@ -252,7 +300,8 @@ class Track:
         """Figures of merit against the reference, as label and text; empty without one."""
         if self.reference is None:
             return {}
-        found = figures_of_merit(self.motion, self.reference, self.system)
+        held = self.system if self.whole is None else ()
+        found = figures_of_merit(self.motion, self.reference, held)
         texts = {
             "position, rms": f"{1e3 * found.position_rms:.3g} mm",
             "position, at the end": f"{1e3 * found.end_error:.3g} mm",
@@ -292,6 +341,37 @@ class Track:
         """Of each constraint, by name; where its rows differ, that of the first."""
         held = zip(self.system.names, self.system.constraints, strict=True)
         return {name: constraint.unit or UNITS[constraint.level] for name, constraint in held}
+
+
+def placed(
+    name: str, moving: Moving, body: str = ""
+) -> tuple[PoseTrajectory, dict[str, PoseTrajectory]]:
+    """Return the motion of the body that a constraint names, "" the first, and of the others.
+
+    Raises
+    ------
+    InputError
+        If nothing of it has a place in a scene.
+    """
+    if isinstance(moving, PoseTrajectory):
+        return moving, {}
+    if isinstance(moving, Bodies):
+        tool = body.split(IN)[0] or moving.names[0]
+        others = {other: part for other, part in moving.parts.items() if other != tool}
+        return moving.parts[tool], others
+    if not moving.space.bodies:
+        raise InputError(
+            f"{name}: moves {', '.join(moving.names)}, which have no place in a scene; see it with "
+            "noslip plot, or name the robot whose joints they are"
+        )
+    return moving.tool, {}
+
+
+def _angle_text(angle: float) -> str:
+    degrees = float(np.degrees(angle))
+    if abs(degrees) < LEAST_ANGLE:
+        return f"below {LEAST_ANGLE:g}°"
+    return f"{degrees:.2g}°"
 
 
 def _from_first(steps: Floats) -> Floats:

@@ -25,17 +25,15 @@ static noslip_real entered_at(noslip_real fraction) {
     return t * t * t * (10 - t * (15 - 6 * t));
 }
 
-/* What drives at a fraction of the motion: learned forces over alpha beta; and how a goal draws, ahead
- * by what the attractor lags behind. */
-static void drive_at(const noslip_primitive *p, noslip_real fraction, noslip_real *drive) {
-    const noslip_real t = smaller(larger(fraction, 0), 1);
-    const noslip_real slope = 30 * t * t * (1 - t) * (1 - t), bend = 60 * t * (1 - t) * (1 - 2 * t);
+/* The sum of psi_i s theta_i over that of psi_i at a fraction of the motion: theta are rows of weights. */
+static inline void learned_at(const noslip_primitive *p, noslip_real fraction, const noslip_real *weights,
+                              int width, noslip_real *found) {
     const noslip_real phase = is_cyclic(p) ? within_cycle(fraction) : exp(-p->alpha_s * fraction);
     const int middle = nearest_function(p, fraction);
     const noslip_real nearest = exponent_of(p, middle, phase);
     noslip_real sum = 0, psi;
     int i, j, side;
-    for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] = 0;
+    for (j = 0; j < width; ++j) found[j] = 0;
     for (side = 1; side >= -1; side -= 2) {
         /* Of a cycle half of them on each side, the nearest among those that follow. */
         int most = is_cyclic(p) ? (p->basis_functions + (side > 0)) / 2 : p->basis_functions;
@@ -44,10 +42,18 @@ static void drive_at(const noslip_primitive *p, noslip_real fraction, noslip_rea
             if (i < 0 || i >= p->basis_functions) break;
             if (!((psi = gaussian(p, i, phase, nearest)) > 0)) break;
             sum += psi;
-            for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] += psi * p->weights[i][j];
+            for (j = 0; j < width; ++j) found[j] += psi * weights[i * width + j];
         }
     }
-    for (j = 0; j < DRIVE_DRAWN; ++j) drive[j] *= (is_cyclic(p) ? 1 : phase) / sum;
+    for (j = 0; j < width; ++j) found[j] *= (is_cyclic(p) ? 1 : phase) / sum;
+}
+
+/* What drives at a fraction of the motion: learned forces over alpha beta; and how a goal draws, ahead
+ * by what the attractor lags behind. */
+static void drive_at(const noslip_primitive *p, noslip_real fraction, noslip_real *drive) {
+    const noslip_real t = smaller(larger(fraction, 0), 1);
+    const noslip_real slope = 30 * t * t * (1 - t) * (1 - t), bend = 60 * t * (1 - t) * (1 - 2 * t);
+    learned_at(p, fraction, p->weights[0], DRIVE_DRAWN, drive);
     drive[DRIVE_DRAWN] = entered_at(fraction) + slope / p->beta + bend / (p->alpha * p->beta);
 }
 
@@ -220,6 +226,27 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state) {
     for (i = 0; i < 2; ++i) state->known_lengths[i] = -1;
     for (i = 0; i < 4; ++i) state->known_factors[i] = 0;
     for (i = 0; i < NOSLIP_ROWS; ++i) state->values[i] = state->multipliers[i] = 0;
+}
+
+int noslip_channels(const noslip_primitive *primitive, const noslip_state *state, noslip_real *values) {
+    noslip_primitive own = *primitive;
+    noslip_real fraction = state->fraction;
+    int i;
+    /* Written so that NaN fails. */
+    if (!(fraction - fraction >= 0)) return 1;
+    if (!own.channels) return 0;
+    if (!is_cyclic(primitive)) {
+        fraction = own.channel_begin + (1 - own.channel_begin) * smaller(larger(fraction, 0), 1);
+    }
+    own.basis_functions = own.channel_functions;
+    own.centers = own.channel_centers;
+    own.widths = own.channel_widths;
+    learned_at(&own, fraction, own.channel_weights, own.channels, values);
+    for (i = 0; i < own.channels; ++i) {
+        values[i] += own.channel_trend[i] + fraction * own.channel_trend[own.channels + i];
+        values[i] = smaller(larger(values[i], own.channel_least[i]), own.channel_most[i]);
+    }
+    return 0;
 }
 
 int noslip_done(const noslip_state *state) { return state->fraction >= 1 - REAL(1e-9); }

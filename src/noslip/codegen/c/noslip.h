@@ -52,6 +52,11 @@ void noslip_start(const noslip_primitive *primitive, noslip_state *state);
 @BOUND@ */
 int noslip_step(const noslip_primitive *primitive, noslip_state *state, noslip_real time_step);
 
+/* What goes with the motion and follows its phase, such as a gripper or a wrench, at a state: so many
+ * numbers as the primitive has channels; which they are stands beside it.  Returns 0; or 1, the values
+ * as they were, if the state's fraction is not finite. */
+int noslip_channels(const noslip_primitive *primitive, const noslip_state *state, noslip_real *values);
+
 /* Whether the motion has come to its end. */
 int noslip_done(const noslip_state *state);
 

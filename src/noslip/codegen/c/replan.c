@@ -1086,6 +1086,7 @@ static int finish(noslip_workspace *w, const room *r, const double *points, int 
     p->weights = (const double(*)[6])r->weights;
     p->duration = w->duration;
     p->begin = w->begin;
+    p->channel_begin += (1 - p->channel_begin) * w->fraction;
     noslip_allow(p->begin, points, p->residual_rate / p->duration, twist);
     copy(points, p->start_position, 3);
     copy(points + 3, p->start_quaternion, 4);

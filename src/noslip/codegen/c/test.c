@@ -12,6 +12,15 @@ static const double expected[][NOSLIP_LINEAR + 4 * NOSLIP_ROTATIONS] = {
 @EXPECTED@
 };
 
+#define CHANNELS @CHANNELS@
+#if CHANNELS
+/* And what goes with it; how large each becomes, or 1. */
+static const double expected_channels[][CHANNELS] = {
+@EXPECTED_CHANNELS@
+};
+static const double sizes[CHANNELS] = {@CHANNEL_SIZES@};
+#endif
+
 /* Largest residual that rounding causes, and difference from double precision. */
 #define SINGLE (sizeof(noslip_real) < sizeof(double))
 #define DIFFERENCE (SINGLE ? @SINGLE_DIFFERENCE@ : @DIFFERENCE@)
@@ -23,6 +32,9 @@ int main(void) {
     int k, i, failed;
 #if NOSLIP_ROTATIONS
     int r;
+#endif
+#if CHANNELS
+    noslip_real channels[CHANNELS] = {0};
 #endif
     noslip_start(&@NAME@, &state);
     for (k = 1; k <= STEPS; ++k) {
@@ -45,6 +57,13 @@ int main(void) {
                 for (i = 0; i < 4; ++i) {
                     apart = fmax(apart, fabs(sign * (double)turned[i] - turn[i]));
                 }
+            }
+#endif
+#if CHANNELS
+            if (noslip_channels(&@NAME@, &state, channels)) apart = HUGE_VAL;
+            for (i = 0; i < CHANNELS; ++i) {
+                const double away = fabs((double)channels[i] - expected_channels[k / EVERY - 1][i]);
+                apart = fmax(apart, away / sizes[i]);
             }
 #endif
         }
