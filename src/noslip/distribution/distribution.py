@@ -30,7 +30,7 @@ from noslip.distribution.estimation import (
 from noslip.distribution.gaussian import Gaussian
 from noslip.distribution.impedance import Impedance
 from noslip.distribution.kernels import Kernels
-from noslip.distribution.retraction import Retraction, kernels_of
+from noslip.distribution.retraction import TOGETHER, Retraction, kernels_of
 from noslip.distribution.stored import boundary_to_data
 from noslip.document import write_document
 from noslip.errors import CompromiseWarning, InputError, warn
@@ -53,8 +53,8 @@ KEPT = 1e-8
 """Violation of a limit that is none, as in a trajectory projection."""
 _STARTING_CURVES = 12
 """Weights of a curve before their number is chosen."""
-_MOVED_TOGETHER = 64
-"""Samples that are made at once: as many as are moved onto the constraints at once."""
+_TOGETHER = 64
+"""Samples that compiled code makes at once: a row of them fills the first cache."""
 
 ContextValues = Mapping[str, float]
 
@@ -404,9 +404,9 @@ class MotionDistribution(Value):
         states = np.empty((count, steps, self.space.point_size + self.space.velocity_size))
         residuals = np.empty((count, steps, system.equalities.size))
         margins = np.empty((count, steps, system.limits.size))
-        far = 0
-        for first in range(0, count, _MOVED_TOGETHER):
-            part = slice(first, first + _MOVED_TOGETHER)
+        far, lot = 0, TOGETHER if self._kernels is None else _TOGETHER
+        for first in range(0, count, lot):
+            part = slice(first, first + lot)
             drawn = self._points(weights[part])
             points = self._feasible(drawn)
             far += int((_turned(self.space, drawn, points) > self._turning).sum())
@@ -415,7 +415,7 @@ class MotionDistribution(Value):
                 residuals[part] = self.retraction.residuals(points).transpose(2, 0, 1)
             margins[part] = self._margins(states[part])
             if progress is not None:
-                progress(min(first + _MOVED_TOGETHER, count), count)
+                progress(min(first + lot, count), count)
         if far > count / 2:
             warn(
                 f"the constraints turn {far} of {count} samples by more than motions differ from "
