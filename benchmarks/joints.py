@@ -3,7 +3,8 @@
 Hands led a tool along a contour.  Placed before an arm of seven joints, inverse kinematics make
 joints of each recording, and of these a primitive is learned whose tool must not slip.  Asked is
 that it does not, that its tool keeps to the recorded path, that the joints keep their limits, that
-they come to another goal when pushed, and what a step takes in C.  The exit code is 1 if one is not as it must be.
+they come to another goal when pushed, and what a step takes in C.  The exit code is 1 if one is not
+as it must be.
 """
 
 from __future__ import annotations
