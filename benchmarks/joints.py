@@ -2,8 +2,9 @@
 
 Hands led a tool along a contour.  Placed before an arm of seven joints, inverse kinematics make
 joints of each recording, and of these a primitive is learned whose tool must not slip.  Asked is
-that it does not, that its tool keeps to the recorded path, that the joints keep their limits, and
-what a step takes in C.  The exit code is 1 if one is not as it must be.
+that it does not, that its tool keeps to the recorded path, that the joints keep their limits, that
+they come to another goal when pushed, and what a step takes in C.  The exit code is 1 if one is not
+as it must be.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from noslip.chain import Chain
 from noslip.codegen import library
 from noslip.constraints.check import step_residuals
 from noslip.constraints.joints import JointLimits, joint_limits
+from noslip.control import SpaceController
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data" / "contour_following"
 LOWPASS = 2.0
@@ -179,7 +181,7 @@ def pushed(demonstration: ns.Trajectory, arm: robots.Robot, loops: int) -> Pushe
     ended, plans, longest = 0, 0, 0.0
     off, slip = [0.0], [0.0]
     for _ in range(loops):
-        loop = dmp.controller(time_step=CYCLE)
+        loop = SpaceController(dmp, CYCLE)
         goal = dmp.goal_position + rng.uniform(-PUSH, PUSH, chain.size)
         push = PUSH * rng.choice([-1, 1], chain.size)
         when, at = rng.uniform(0.1, 0.9) * dmp.duration, loop.state.position

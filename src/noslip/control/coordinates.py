@@ -574,6 +574,8 @@ class SpaceController:
             self.replanned.append(Replanned(self._clock, task.reason, np.nan, made.failure))
             self._next_plan = self._clock + AFTER_FAILURE * 2**self._failures * self._duration
             self._failures += 1
+            # Meanwhile what is followed goes on.
+            self._halts = False
             return
         cap = made.schedule.cap(0.0)
         if not task.resting and self._speed > HASTY * cap:
@@ -593,7 +595,7 @@ class SpaceController:
         self.memory.set(admissible(self.rule, begun, "velocity"))
         beyond = 0.0
         if task.resting:
-            self._speed, self._sigma = cap, _Damped(1.0, 1.0)
+            self._speed, self._sigma = max(cap, SLOWEST), _Damped(1.0, 1.0)
         else:
             # Point and velocities are handed over as they are, as far beyond the place as it is.
             data[at.linear], data[at.angular] = now[at.linear], now[at.angular]
