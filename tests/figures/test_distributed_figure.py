@@ -11,13 +11,13 @@ from noslip.figures import motion_distribution
 
 def test_samples_and_bounds_are_those_of_the_distribution() -> None:
     t, rng = np.linspace(0, 1, 31), np.random.default_rng(1)
-    bends = rng.normal(0.3, 0.05, 5)
-    demonstrations = [
-        ns.Trajectory(t, np.column_stack([t, b * np.sin(np.pi * t)]), units=("m", "m"))
-        for b in bends
-    ]
+    demonstrations = []
+    for bend, end, lean in rng.normal((0.3, 1.0, 0.1), 0.05, (6, 3)):
+        path = [end * t + lean * np.sin(np.pi * t), bend * np.sin(np.pi * t) + lean * t]
+        demonstrations.append(ns.Trajectory(t, np.transpose(path), units=("m", "m")))
     learned = ns.learn(demonstrations, basis_functions=15, distribution=True)
-    passing = learned.condition(ns.Boundary(0.5, [0.5, 0.32]))
+    pose = (demonstrations[0].values[15] + demonstrations[1].values[15]) / 2
+    passing = learned.condition(ns.Boundary(0.5, pose))
     figure = motion_distribution(passing, count=6)
     paths, *values = figure.axes
     samples = passing.sample(6, seed=0)
@@ -32,7 +32,7 @@ def test_samples_and_bounds_are_those_of_the_distribution() -> None:
             there = outline[np.abs(outline[:, 0] - at) < 1e-9, 1]
             assert np.isclose(np.ptp(there), 2 * half[at, k])
     marks = [line for line in values[1].get_lines() if line.get_marker() == "s"]
-    assert [list(mark.get_xydata()[0]) for mark in marks] == [[50.0, 0.32]]
+    assert [list(mark.get_xydata()[0]) for mark in marks] == [[50.0, pose[1]]]
     largest = 1e3 * half[:, :2].max()
     title = figure.get_suptitle().replace("\n", " ")
     assert title.startswith(f"95 % of motions stay within {largest:.3g} mm of the mean")
