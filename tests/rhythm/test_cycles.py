@@ -74,8 +74,12 @@ def test_a_period_that_is_given_is_taken_and_nothing_said() -> None:
     recording, _ = _by_hand(3, 6, 0.0, 0.0)
     assert len(periods(recording, 2 * PERIOD)) == 3
     assert periods(recording, recording.duration)[0] is recording
+    [one] = periods(recording[:270], PERIOD)
+    assert one.duration == pytest.approx(PERIOD, rel=5e-3)
     with pytest.raises(InputError, match="longer than its 12 s"):
         periods(recording, 13.0)
+    with pytest.raises(InputError, match="at least 8 are needed"):
+        periods(recording, 0.05)
     with pytest.raises(InputError, match="period must be"):
         periods(recording, -1.0)
 
@@ -85,9 +89,10 @@ def test_what_is_learned_of_several_is_their_mean(noise: float) -> None:
     recording, _ = _by_hand(5, 6, 0.3, 0.0)
     rng = np.random.default_rng(0)
     shaken = recording.with_points(recording.points + noise * rng.normal(size=(len(recording), 2)))
-    with pytest.warns(RecordingWarning, match=r"hand: holds [56] periods of 2(\.00\d*)? s"):
+    with pytest.warns(RecordingWarning, match=r"hand: holds [56] periods of (1\.99|2)"):
         dmp = ns.learn(shaken, rhythmic=True, basis_functions=12)
-    assert dmp.duration == pytest.approx(PERIOD, rel=2e-3)
+    # Where a hand is back is as uncertain as where it is.
+    assert dmp.duration == pytest.approx(PERIOD, rel=1e-3 + noise)
     assert [record.demonstration for record in dmp.record][:2] == [
         "hand, period 1",
         "hand, period 2",

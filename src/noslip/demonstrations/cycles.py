@@ -81,17 +81,15 @@ def periods(recording: PoseTrajectory, period: float | None = None) -> list[Pose
                 f"{recording.name}: a period of {period:g} s is longer than its "
                 f"{recording.duration:.4g} s; give seconds, or leave it out"
             )
-        if 2 * lag > (len(even) - 1) * (1 + SLACK):
-            lag = 0.0
         if lag < _FEWEST:
             raise InputError(
                 f"{recording.name}: a period of {period:g} s is {lag:.2g} of its samples; at least "
                 f"{_FEWEST} are needed, give seconds"
             )
-    if lag < _FEWEST:
+    if lag < _FEWEST or lag > (len(even) - 1) * (1 - OPEN):
         return [recording]
     cuts = even.times[0] + step * _cuts(moving, lag)
-    if len(cuts) < 3:
+    if len(cuts) < (3 if period is None else 2):
         return [recording]
     last = float(recording.times[-1])
     found = []
