@@ -36,7 +36,7 @@ from noslip.constraints.system import as_system
 from noslip.demonstrations.excision import RATE, TOOL_FRAME, synthetic_excisions
 from noslip.distribution import MotionDistribution, learn_distribution
 from noslip.distribution.curves import FRACTIONS
-from noslip.distribution.distribution import deviations, projected
+from noslip.distribution.demonstrated import deviations, projected
 from noslip.errors import NoslipWarning
 from noslip.experiments.excision import PAPER_CUTOFF, TRIM_SPEED
 from noslip.projection.request import ADAPTING, Request
@@ -48,6 +48,8 @@ PEER_WEIGHTS = (10, 20)
 NOISES = 10.0 ** np.arange(-12, 0.5, 0.5)
 """Variances, of which ProMP gets the best in hindsight."""
 LEVELS = (0.9, 0.95, 0.99)
+CONFIDENCE = 0.9
+"""Of sets of demonstrations."""
 VIA, ASIDE, TURNED = 0.5, 1.0, 1.0
 """Where samples pass a pose, and how far from the mean it is (standard deviations)."""
 
@@ -87,6 +89,8 @@ class Sampling:
         Largest distance (m) and angle (rad) from the pose to pass.
     end : float
         Largest distance of an end from the one that was drawn, over the path.
+    fallback : float
+        Share of samples that did not arrive and were projected exactly.
     apart, apart_turn : float
         From the exact projection: largest distance over the path, and angle (rad), medians.
     """
@@ -98,6 +102,7 @@ class Sampling:
     via: float
     via_turn: float
     end: float
+    fallback: float
     apart: float
     apart_turn: float
 
@@ -191,7 +196,7 @@ def sampling(learned: MotionDistribution, count: int, rounds: int, exact: int = 
     given.sample(2)
 
     fast, slow = np.inf, np.inf
-    residual = via = via_turn = end = 0.0
+    residual = via = via_turn = end = lost = 0.0
     apart: list[tuple[float, float]] = []
     lot = max(exact, count // rounds)
     for index in range(rounds):
@@ -199,6 +204,7 @@ def sampling(learned: MotionDistribution, count: int, rounds: int, exact: int = 
         motions = given.sample(lot, seed=index)
         fast = min(fast, (process_time() - begun) / lot)
         drawn = given.drawn(lot, seed=index)
+        lost += float((~given.retraction(drawn.transpose(1, 2, 0)).arrived).sum())
         requests = []
         for number in range(exact):
             trajectory = given.trajectory(drawn[number], "drawn")
@@ -221,22 +227,37 @@ def sampling(learned: MotionDistribution, count: int, rounds: int, exact: int = 
             apart.append((off.max() / mean.path_length, angles.max()))
     off, angle = np.median(apart, axis=0)
     return Sampling(
-        lot * rounds, fast, slow, residual, via, via_turn, end, float(off), float(angle)
+        count=lot * rounds,
+        seconds=fast,
+        exact_seconds=slow,
+        residual=residual,
+        via=via,
+        via_turn=via_turn,
+        end=end,
+        fallback=lost / (lot * rounds),
+        apart=float(off),
+        apart_turn=float(angle),
     )
 
 
 def coverage(
     truth: MotionDistribution, count: int, repetitions: int, unseen: int
-) -> dict[float, list[float]]:
-    """Share of motions of a known distribution within intervals learned from a few, by level."""
+) -> dict[tuple[float, float | None], list[float]]:
+    """Share of motions of a known distribution within intervals learned from a few.
+
+    By level and confidence, a share a repetition: each learns from other demonstrations.
+    """
     fresh = truth.sample(unseen, seed=10_000)
-    found: dict[float, list[float]] = {level: [] for level in LEVELS}
+    found: dict[tuple[float, float | None], list[float]] = {
+        (level, confidence): [] for level in LEVELS for confidence in (None, CONFIDENCE)
+    }
     for seed in range(repetitions):
         drawn = truth.sample(count, seed=seed)
         learned = MotionDistribution.about(truth.primitive, [drawn[k] for k in range(count)])
         off = [deviations(fresh[k], learned.reference) - learned.middle for k in range(unseen)]
-        for level in LEVELS:
-            found[level].append(float((np.abs(off) <= learned.interval(level)).mean()))
+        for (level, confidence), shares in found.items():
+            width = learned.interval(level, confidence)
+            shares.append(float((np.abs(off) <= width).mean()))
     return found
 
 
@@ -263,9 +284,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("set", "demonstration", "noslip", "ProMP", "its noise chosen in hindsight"):
         table.add_column(name, justify="left" if name in ("set", "demonstration") else "right")
     for name, (demonstrations, constraint) in sets.items():
-        for found in likelihoods(demonstrations, constraint):
-            numbers = (found.ours, found.theirs, found.hindsight)
-            table.add_row(name, found.name[-28:], *(f"{x:.2f}" for x in numbers))
+        for one in likelihoods(demonstrations, constraint):
+            numbers = (one.ours, one.theirs, one.hindsight)
+            table.add_row(name, one.name[-28:], *(f"{x:.2f}" for x in numbers))
     console.print(table)
 
     shown = sets["demo excisions"][0]
@@ -280,22 +301,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "pose passed within (m)": cost.via,
         "and (rad)": cost.via_turn,
         "ends off the drawn ones by, of the path": cost.end,
+        "projected exactly, share": cost.fallback,
         "from the exact projection, of the path (median)": cost.apart,
         "and (rad)  ": cost.apart_turn,
     }.items():
         table.add_row(what, f"{number:.3g}")
     console.print(table)
 
-    table = Table(
-        title="Share of motions within stated intervals: mean, least", box=box.SIMPLE_HEAD
-    )
-    for name in ("demonstrations", *(f"{level:.0%}" for level in LEVELS)):
-        table.add_column(name, justify="right")
+    tables: dict[float | None, Table] = {}
+    for confidence, title in (
+        (None, "Share of motions within stated intervals: mean, least of the sets"),
+        (CONFIDENCE, f"The same with confidence {CONFIDENCE:.0%}: mean, sets that hold the level"),
+    ):
+        tables[confidence] = Table(title=title, box=box.SIMPLE_HEAD)
+        for name in ("demonstrations", *(f"{level:.0%}" for level in LEVELS)):
+            tables[confidence].add_column(name, justify="right")
     for count in (5, 8, 16):
         shares = coverage(learned, count, options.repetitions, 100)
-        cells = (f"{np.mean(each):.1%}, {min(each):.1%}" for each in shares.values())
-        table.add_row(str(count), *cells)
-    console.print(table)
+        for confidence, table in tables.items():
+            cells = []
+            for level in LEVELS:
+                found = np.array(shares[level, confidence])
+                second = found.min() if confidence is None else np.mean(found >= level)
+                cells.append(f"{found.mean():.1%}, {second:.1%}")
+            table.add_row(str(count), *cells)
+    for table in tables.values():
+        console.print(table)
     return 0
 
 

@@ -2,8 +2,9 @@
 
 Hands led a tool along a contour.  Placed before an arm of seven joints, inverse kinematics make
 joints of each recording, and of these a primitive is learned whose tool must not slip.  Asked is
-that it does not, that its tool keeps to the recorded path, that the joints keep their limits, and
-what a step takes in C.  The exit code is 1 if one is not as it must be.
+that it does not, that its tool keeps to the recorded path, that the joints keep their limits, that
+they come to another goal when pushed, and what a step takes in C.  The exit code is 1 if one is not
+as it must be.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from noslip.chain import Chain
 from noslip.codegen import library
 from noslip.constraints.check import step_residuals
 from noslip.constraints.joints import JointLimits, joint_limits
+from noslip.control import SpaceController
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data" / "contour_following"
 LOWPASS = 2.0
@@ -39,6 +41,10 @@ FINE = 20_000
 NARROWER = 0.9
 """Share of its own range, in the primitive without limits, that is left to the joint that moves
 most."""
+PUSH, CYCLE, HELD_FOR, PATIENCE = 0.05, 0.01, 0.4, 10.0
+"""rad, of each joint, and of its goal; s, of the loop and of the push; times the duration."""
+END, PUSHED_SLIP = 1e-3, 1e-9
+"""Of a joint's range, and m/s: what is asked of joints that are pushed."""
 STEPS, CALLS = 200_000, 100_000
 CANDIDATES = 60
 """Placements that are tried: the arm has room."""
@@ -141,6 +147,66 @@ def narrower(joints: Floats, chain: Chain) -> JointLimits:
     return JointLimits(lower, upper)
 
 
+# ---------------------------------------------------------------- pushed
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """Worst of loops in which joints were pushed and given another goal."""
+
+    name: str
+    loops: int
+    ended: int
+    off: float
+    slip: float
+    longest: float
+    plans: int
+
+    @property
+    def failures(self) -> list[str]:
+        """What is not as it must be."""
+        asked = {
+            f"{self.loops - self.ended} of {self.loops} loops do not end": self.ended == self.loops,
+            f"ends {self.off:.1e} of the range from its goal": self.off <= END,
+            f"slips by {self.slip:.1e} m/s when pushed": self.slip <= PUSHED_SLIP,
+        }
+        return [f"{self.name}, pushed: {what}" for what, kept in asked.items() if not kept]
+
+
+def pushed(demonstration: ns.Trajectory, arm: robots.Robot, loops: int) -> Pushed:
+    """Step a primitive whose joints are pushed once, and whose goal is another from then on."""
+    chain = demonstration.carrier
+    assert chain is not None
+    dmp, rng = ns.learn(demonstration, ns.Blade(), robot=chain), np.random.default_rng(0)
+    ended, plans, longest = 0, 0, 0.0
+    off, slip = [0.0], [0.0]
+    for _ in range(loops):
+        loop = SpaceController(dmp, CYCLE)
+        goal = dmp.goal_position + rng.uniform(-PUSH, PUSH, chain.size)
+        push = PUSH * rng.choice([-1, 1], chain.size)
+        when, at = rng.uniform(0.1, 0.9) * dmp.duration, loop.state.position
+        joints, taken = [at], [0]
+        for k in range(round(PATIENCE * dmp.duration / CYCLE)):
+            held = when <= k * CYCLE < when + HELD_FOR
+            if held and k * CYCLE < when + CYCLE:
+                at = at + push
+            state = loop.step(at, goal if k * CYCLE >= when else None)
+            at = at if held else state.position
+            joints.append(state.position)
+            taken.append(loop.taken_over)
+            if loop.done and k * CYCLE >= when + HELD_FOR:
+                ended += 1
+                break
+        tool = chain.poses(CYCLE * np.arange(len(joints)), np.array(joints))
+        # In the cycle in which the command moves to what was measured, nothing holds.
+        kept = np.diff(taken) == 0
+        slip.append(float(np.abs(step_residuals(tool, ns.Blade())).max(axis=1)[kept].max()))
+        off.append(float((np.abs(joints[-1] - goal) / (arm.upper - arm.lower)).max()))
+        longest = max(longest, CYCLE * len(joints) / dmp.duration)
+        plans += len(loop.replanned)
+    return Pushed(demonstration.name, loops, ended, max(off), max(slip), longest, plans)
+
+
 # ---------------------------------------------------------------- expressions
 
 
@@ -210,6 +276,20 @@ def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
         )
 
 
+def table_of_pushes(loops: Sequence[Pushed]) -> Iterator[str]:
+    """Lines of Markdown, one a primitive."""
+    yield (
+        "| recording | pushed, ended | off the goal, of the range | slip, m/s | plans | "
+        "longest, over the duration |"
+    )
+    yield "|---|---|---|---|---|---|"
+    for each in loops:
+        yield (
+            f"| {each.name} | {each.loops}, {each.ended} | {each.off:.0e} | {each.slip:.0e} | "
+            f"{each.plans} | {each.longest:.1f} |"
+        )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Learn each recording without limits of joints, and within; print tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -223,6 +303,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="of joints: none; a range that is left without it; all of the arm's, which takes "
         "minutes to compile",
     )
+    parser.add_argument("--pushes", type=int, default=4, help="loops with a push, a recording")
     options = parser.parse_args(arguments)
     files = sorted(options.recordings.glob("*.csv"))
     files = [file for file in files if not options.names or file.stem in options.names]
@@ -231,6 +312,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arm = robots.panda()
     chain = robots.chain(arm)
     outcomes: list[Outcome] = []
+    loops: list[Pushed] = []
     with compiling(True):
         print("\n".join(expressions(chain)), flush=True)
         for file in files:
@@ -240,8 +322,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             outcomes += [free] if "none" in options.limits else []
             for kind in set(options.limits) & set(asked):
                 outcomes.append(attempt(demonstration, kind, asked[kind], arm)[0])
+            if options.pushes:
+                loops.append(pushed(demonstration, arm, options.pushes))
     print("\n".join(table(outcomes)))
-    failed = [line for each in outcomes for line in each.failures]
+    print("\n".join(table_of_pushes(loops)))
+    failed = [line for each in (*outcomes, *loops) for line in each.failures]
     print("\n".join(failed), file=sys.stderr)
     return bool(failed)
 

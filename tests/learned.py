@@ -55,7 +55,8 @@ def under(
     dmp: ns.ConstrainedDMP, constraints: Sequence[ns.Constraint], **settings: Any
 ) -> ns.ConstrainedDMP:
     """The same law under other constraints."""
-    rule = replace(dmp.rule, system=ConstraintSystem(constraints), **settings)
+    system = ConstraintSystem(constraints, dmp.law.space)
+    rule = replace(dmp.rule, system=system, **settings)
     return replace(dmp, rule=rule)
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import casadi as ca
 import numpy as np
@@ -17,22 +18,27 @@ from hypothesis import strategies as st
 from scipy.linalg.lapack import dgbsv
 from scipy.spatial.transform import Rotation
 
+import kinds
 import noslip as ns
 from kinds import ARM, joint_cut
 from motions import eased
+from noslip import learning
 from noslip._typing import Floats
 from noslip.constraints.system import ConstraintSystem
 from noslip.distribution import MotionDistribution, estimation, learn_distribution
 from noslip.distribution import retraction as moving
 from noslip.distribution.arrays import OnArrays
+from noslip.distribution.blocks import Blocks
 from noslip.distribution.curves import FRACTIONS, Curves
-from noslip.distribution.distribution import deviations, projected
+from noslip.distribution.demonstrated import deviations, projected
 from noslip.distribution.estimation import log_likelihood
 from noslip.distribution.gaussian import Gaussian
+from noslip.document import write_document
 from noslip.errors import CompromiseWarning, InputError
 from noslip.projection.band import Band
 from noslip.projection.request import ADAPTING, Request
 from noslip.projection.trajectory import project
+from noslip.saving import load_distribution
 from noslip.space import POSE
 from noslip.vectors import Trajectory
 from refusals import refusal
@@ -144,11 +150,11 @@ def test_graphs_on_arrays_are_those_of_the_virtual_machine() -> None:
     x = ca.SX.sym("x", 3)
     known = [ca.sin(x[0]) * ca.atan2(x[1], x[2]), ca.if_else(x[0] < x[1], x[2] ** 3, -2 * x[0])]
     known += [ca.fmax(x[0], ca.fabs(x[1])) / ca.sqrt(1 + x[2] ** 2), ca.DM(3)]
-    values = np.random.default_rng(0).normal(size=(7, 5, 3))
+    values = np.random.default_rng(0).normal(size=(3, 7, 5))
     for graph in (known, [*known, ca.erf(x[0])]):
         function = ca.Function("f", [x], [ca.densify(ca.vertcat(*graph))])
-        found = OnArrays(function)(list(np.moveaxis(values, -1, 0)))
-        oracle = np.array(function(values.reshape(-1, 3).T)).T.reshape(7, 5, -1)
+        found = OnArrays(function)(list(values)).swapaxes(0, 1)
+        oracle = np.array(function(values.reshape(3, -1))).reshape(-1, 7, 5)
         np.testing.assert_allclose(found, oracle, atol=1e-14)
 
 
@@ -162,7 +168,11 @@ def test_blocks_solve_what_lapack_does(seed: int, count: int, stage: int) -> Non
     right = rng.normal(size=(count * stage, 3))
     width = band.width
     oracle = dgbsv(width, width, band.storage.copy(order="F"), right.copy(order="F"))[2]
-    found = moving._Blocks(band).solve(right.copy())
+    blocks = Blocks(band)
+    found = np.zeros((blocks.rows, 3))
+    found[: len(right)] = right
+    blocks.solve(found)
+    found = found[: len(right)]
     np.testing.assert_allclose(found, oracle, atol=1e-10 * np.abs(oracle).max())
 
 
@@ -175,12 +185,12 @@ def test_moving_onto_the_constraints_is_the_nearest_way_to_first_order() -> None
     apart = []
     for share in (1.0, 0.5):
         points = POSE.moved(motion.points, share * drawn)
-        found = retraction(points[None])
+        found = retraction(points[:, :, None])
         assert found.arrived.all()
         trajectory = distribution.trajectory(points, "drawn")
         kept = (ns.Boundary.keeping(trajectory, 1.0, "position"),)
         exact = project(Request(trajectory, distribution.system, kept, ADAPTING))
-        apart.append(np.abs(POSE.difference(found.points[0], exact.trajectory.points)).max())
+        apart.append(np.abs(POSE.difference(found.points[:, :, 0], exact.trajectory.points)).max())
     # Of second order: half as far, a quarter apart.
     assert apart[1] < 0.4 * apart[0] < 0.1 * np.abs(drawn).max()
 
@@ -276,6 +286,22 @@ def test_limits_hold_of_each_sample() -> None:
     assert np.abs(motions.constraint_residuals).max() < 1e-10
 
 
+@pytest.mark.usefixtures("compiling")
+def test_compiled_samples_are_the_same_but_for_rounding() -> None:
+    motion = learned().motion
+    ends = (ns.Boundary.keeping(motion, 1.0, "position"),)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NOSLIP_COMPILE", "0")
+        plain = moving.Retraction(Request(motion, learned().system, ends, ADAPTING))
+        drawn = np.moveaxis(learned().drawn(5, seed=1), 0, -1)
+        expected = plain(drawn)
+    retraction = moving.Retraction(Request(motion, learned().system, ends, ADAPTING))
+    found = retraction(drawn)
+    assert found.arrived.all()
+    np.testing.assert_allclose(found.points, expected.points, atol=1e-9)
+    np.testing.assert_allclose(retraction.residuals(drawn), plain.residuals(drawn), atol=1e-12)
+
+
 # -------------------------------------------------------------------- vectors, context, intervals
 
 
@@ -320,9 +346,26 @@ def test_intervals_hold_what_they_say() -> None:
         assert level - 0.12 < inside[:, 10:91].mean() <= 1
 
 
+def test_intervals_with_confidence_hold_of_so_many_sets() -> None:
+    """Of one normal number in 4 samples, simulated: mean and variance are as in the estimate."""
+    count, level, confidence = 4, 0.9, 0.8
+    drawn = np.random.default_rng(3).normal(size=(20_000, count))
+    freedom = estimation.freedom_of(waving().demonstrations, 1)
+    wide = waving().interval(level, confidence)[50, 0] / waving().interval(level)[50, 0]
+    student = scipy.stats.t.ppf((1 + level) / 2, freedom)
+    short = scipy.stats.chi2.ppf(1 - confidence, freedom)
+    assert wide * student == pytest.approx(1.6448536 * np.sqrt(freedom / short), rel=1e-6)
+    short = scipy.stats.chi2.ppf(1 - confidence, count - 1)
+    half = 1.6448536 * np.sqrt((count - 1) / short * (1 + 1 / count)) * drawn.std(axis=1, ddof=1)
+    middle = drawn.mean(axis=1)
+    held = scipy.stats.norm.cdf(middle + half) - scipy.stats.norm.cdf(middle - half) >= level
+    assert held.mean() == pytest.approx(confidence, abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("ask", "told"),
     [
+        (lambda d: d.interval(0.9, confidence=1.0), "confidence must be between 0 and 1"),
         (lambda d: d.condition(), "at least one boundary"),
         (lambda d: d.condition(ns.Boundary(0.5)), "a position or a rotation"),
         (lambda d: d.condition(ns.Boundary(0.5, [0, 0, 0])), "position"),
@@ -334,6 +377,14 @@ def test_intervals_hold_what_they_say() -> None:
         (lambda d: d.sample(0), "count"),
         (lambda d: d.impedance(), "pose"),
         (lambda d: learn_distribution(d.primitive, waves(2, 0)[0]), "3 demonstrations or more"),
+        (
+            lambda d: MotionDistribution.about(kinds.learned("rhythms"), waves(3, 0)[0]),
+            "would tear a rhythm",
+        ),
+        (
+            lambda d: ns.learn(waves(3, 0)[0], rhythmic=True, distribution=True),
+            "leave out rhythmic",
+        ),
         (
             lambda d: learn_distribution(d.primitive, waves(3, 0)[0], context={"a": [1, 2]}),
             "3 finite numbers",
@@ -356,10 +407,17 @@ def test_impedance_is_stiff_where_motions_agree(tmp_path: Path) -> None:
     assert found.stiffness[:, :3].min() < 300
     expected = 2 * 0.7 * np.sqrt(found.stiffness[:, :3] * 2.0)
     np.testing.assert_allclose(found.damping[:, :3], expected)
-    (back,) = ns.load_demonstrations(found.to_csv(tmp_path / "held.csv"))
+    (back,) = ns.load_demonstrations(found.trajectory.to_csv(tmp_path / "held.csv"))
     np.testing.assert_array_equal(back.positions, found.trajectory.positions)
     table = np.genfromtxt(tmp_path / "held.csv", delimiter=",", names=True)
-    np.testing.assert_array_equal(table["kry"], found.stiffness[:, 4])
+    np.testing.assert_array_equal(table["kry_Nmrad"], found.stiffness[:, 4])
+    # The same beside the poses of what the mean primitive does, read back from its file.
+    held = conditioned.held(linear=(50, 500), angular=(1, 10), damping_ratio=0.7, mass=2.0)
+    beside_it = ns.load_primitive(held.save(tmp_path / "held.json")).rollout().channels
+    assert beside_it is not None and beside_it.units[:4] == ("N/m",) * 3 + ("Nm/rad",)
+    stiff = np.interp(0.25, np.linspace(0, 1, len(found.stiffness)), found.stiffness[:, 1])
+    along = np.linspace(0, 1, len(beside_it.times))
+    assert np.interp(0.25, along, beside_it.column("ky")) == pytest.approx(stiff, rel=0.05)
     with pytest.raises(InputError, match="least and the largest"):
         conditioned.impedance(linear=(5, 1))
 
@@ -370,6 +428,27 @@ def test_a_projected_demonstration_stays() -> None:
     assert np.abs(POSE.difference(again.points, once.points)).max() < 1e-6
 
 
+def test_two_tools_are_distributed_under_the_blade_of_one(tmp_path: Path) -> None:
+    shown, random = kinds.tools(), np.random.default_rng(0)
+    s = np.linspace(0, 1, len(shown))[:, None]
+    several = [
+        shown.with_points(
+            shown.space.moved(shown.points, 0.03 * s * (1 - s) * random.normal(size=12))
+        )
+        for _ in range(4)
+    ]
+    rule = kinds.KINDS["two tools"].rule
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimation, "CHOICES", {"weights": (8,), "shrinkage": (0.5,)})
+        found = ns.learn(several, list(rule), distribution=True, basis_functions=30)
+    place = found.motion.positions[len(found.motion) // 2] + 0.003 * found.middle[50, :6]
+    motions = found.condition(ns.Boundary(0.5, place)).sample(2)
+    assert isinstance(motions[0], ns.Bodies)
+    assert ns.check(motions[1], list(rule)).constraints[0].peak <= 1e-10
+    passed = motions.positions[:, round(0.5 * (motions.states.shape[1] - 1))]
+    np.testing.assert_allclose(passed, np.broadcast_to(place, passed.shape), atol=1e-9)
+
+
 def test_joints_of_a_robot_are_distributed_as_learning_took_them() -> None:
     """Its robot, and demonstrations that can be read once."""
     cut, random = joint_cut(), np.random.default_rng(0)
@@ -378,8 +457,86 @@ def test_joints_of_a_robot_are_distributed_as_learning_took_them() -> None:
         ns.Trajectory(cut.times, cut.values + 0.02 * random.normal(size=4) * aside, cut.names)
         for _ in range(4)
     )
-    found: Any = ns.learn(several, [ns.Blade()], robot=ARM, distribution=True, basis_functions=30)
+    found = ns.learn(several, [ns.Blade()], robot=ARM, distribution=True, basis_functions=30)
     (origin,) = found.primitive.history
     assert origin.options["distribution"] is True
     motion = found.sample(1, seed=0)[0]
     assert ns.check(motion, [ns.Blade()]).constraints[0].peak <= 1e-10
+
+
+# -------------------------------------------------------------------- in files
+
+
+def test_it_is_saved_and_read_back(tmp_path: Path) -> None:
+    conditioned = learned().condition(beside(learned(), 0.4, 0.5))
+    back = load_distribution(conditioned.save(tmp_path / "cuts.json"))
+    np.testing.assert_array_equal(back.interval(), conditioned.interval())
+    np.testing.assert_array_equal(back.gaussian.mean, conditioned.gaussian.mean)
+    assert back.log_likelihood(cuts()[1]) == conditioned.log_likelihood(cuts()[1])
+    found, expected = (each.sample(2, seed=3).states for each in (back, conditioned))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+    assert repr(back) == repr(conditioned)
+    # To all else the file is that of the primitive.
+    primitive = ns.load_primitive(tmp_path / "cuts.json")
+    np.testing.assert_array_equal(
+        primitive.rollout().positions, conditioned.primitive.rollout().positions
+    )
+    alone = primitive.save(tmp_path / "alone.json")
+    assert "no distribution" in refusal(InputError, load_distribution, alone)
+
+
+def test_a_context_is_read_back(tmp_path: Path) -> None:
+    back = load_distribution(waving().save(tmp_path / "waves.json"))
+    found, expected = (d.condition(context={"size": 1.5}).middle for d in (back, waving()))
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("covariance", "negative", "negative variance"),
+        ("covariance", "askew", "symmetric"),
+        ("covariance", "nan", "covariance"),
+        ("covariance", [[1.0]], "shape"),
+        ("mean", [1.0], "shape"),
+        ("noise", "zero", "above 0"),
+        ("curves", 3, "weights"),
+        ("curves", 10**9, "curves"),
+        ("demonstrations", 2, "demonstrations"),
+        ("context", ["size", "size"], "its own name"),
+        ("ends", ["free"], "expected two"),
+        ("ends", ["free", "there"], "ends"),
+        ("kept", [{"at": 0.5}], "nothing is kept"),
+        ("kept", [{"at": 1.5, "position": [0.0, 0.0]}], "fraction"),
+        ("kept", [{"at": 0.5, "position": [0.0]}], "shape"),
+        ("score", None, "score"),
+        ("score", ..., "score is missing"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, field: str, value: Any, told: str) -> None:
+    data = waving().as_data()
+    own = data["distribution"]
+    wrong = np.array(own["covariance"])
+    match value:
+        case "negative":
+            wrong[0, 0] = -1.0
+        case "askew":
+            wrong[0, 1] += 1.0
+        case "nan":
+            wrong[0, 0] = np.nan
+    replaced = {"negative": wrong, "askew": wrong, "nan": wrong}.get(str(value))
+    if value is ...:
+        del own[field]
+    elif value == "zero":
+        own[field] = [0.0] * len(own[field])
+    else:
+        own[field] = value if replaced is None else replaced.tolist()
+    path = write_document(tmp_path / "wrong.json", data)
+    message = refusal(InputError, load_distribution, path)
+    assert message.startswith(f"{path}: ") and told in message
+
+
+def test_a_type_checker_is_told_all_options_of_learning() -> None:
+    known = set(signature(ns.learn).parameters)
+    told = set(get_type_hints(learning._Options)) | {"demonstrations", "constraints"}
+    assert told | {"distribution"} == known

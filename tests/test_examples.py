@@ -24,7 +24,7 @@ EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
 DOCS = ROOT / "docs"
 INDEX = DOCS / "constraints" / "index.md"
 PAGES = sorted(page for part in ("constraints", "goals") for page in (DOCS / part).glob("*.md"))
-ALL_PAGES = [*PAGES, *DOCS.glob("*.md")]
+ALL_PAGES = [*PAGES, *DOCS.glob("concepts/*.md"), *DOCS.glob("*.md")]
 LARGEST_PICTURE = 200_000
 
 # What these show is that limits give way, or that a start or a metric holds less.
@@ -153,9 +153,12 @@ def test_each_example_has_a_page_with_its_picture(name: str) -> None:
     picture = ROOT / "docs" / "images" / f"{name}.png"
     assert is_png(picture)
     assert picture.stat().st_size <= LARGEST_PICTURE
-    index = (page.parent / "index.md").read_text()
-    listed = " ".join(re.findall(r"```\{toctree\}\n(.*?)```", index, re.DOTALL))
-    assert page.stem in listed.split()
+    own = page.parent / "index.md"
+    index = own if own.exists() else DOCS / "index.md"
+    listed = " ".join(re.findall(r"```\{toctree\}\n(.*?)```", index.read_text(), re.DOTALL))
+    assert page.relative_to(index.parent).with_suffix("").as_posix() in listed.split()
+    gallery = (DOCS / "gallery.md").read_text()
+    assert f"](images/{name}.png)]({page.relative_to(DOCS)})" in gallery
 
 
 def test_each_page_of_a_constraint_or_goal_belongs_to_an_example() -> None:

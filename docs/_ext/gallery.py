@@ -54,11 +54,15 @@ def _title(example: str) -> str:
 
 
 def underline_title(app: Sphinx, page: str, source: list[str]) -> None:
-    """Make a heading of the first line of an example's docstring, which argparse shows as text."""
+    """Make a heading of the first line of an example's docstring, which argparse shows as text.
+
+    The page is reached from gallery.md, and is in no table of contents.
+    """
     example = Path(page).name
     if "gallery/" in page and (EXAMPLES / f"{example}.py").is_file():
         title = _title(example)
-        source[0] = source[0].replace(title, f"{title}\n{'=' * len(title)}", 1)
+        titled = source[0].replace(title, f"{title}\n{'=' * len(title)}", 1)
+        source[0] = f":orphan:\n\n{titled}"
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

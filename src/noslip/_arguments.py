@@ -32,6 +32,14 @@ def between(name: str, value: Any, least: float, most: float) -> float:
     return found
 
 
+def inside(name: str, value: Any) -> float:
+    """Return a number between 0 and 1, neither of them."""
+    found = number(value)
+    if not 0 < found < 1:
+        raise InputError(f"{name} must be between 0 and 1, got {short(value)}")
+    return found
+
+
 def not_negative(name: str, value: Any) -> float:
     """Return a finite number, 0 or more."""
     found = number(value)

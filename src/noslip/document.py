@@ -259,6 +259,9 @@ class Reader:
             )
         return value
 
+    def texts(self, data: dict[str, Any], name: str) -> tuple[str, ...]:
+        return self.field(data, name, lambda value: tuple(_each(text, value)))
+
     def unit_quaternions(
         self, data: dict[str, Any], name: str, shape: tuple[int | None, ...], first: int = 0
     ) -> Floats:
@@ -368,8 +371,12 @@ class Reader:
             return None
         part = self.part(content, "spread")
         sizes = {"positions": space.linear, "rotations": space.angular}
+        # Nothing turns in vectors: empty rows have lost their second dimension in JSON.
         positions, rotations = (
-            self.array(part, name, (None, size, size)) for name, size in sizes.items()
+            self.array(part, name, (None, size, size))
+            if size
+            else self.array(part, name, (None, 0))[:, :, None][:, :, :0]
+            for name, size in sizes.items()
         )
         # Its own errors are values that are wrong; here they get the file and the field.
         return self.field(

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial, wraps
 from itertools import compress
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypedDict, cast
+from typing import Any, Literal, ParamSpec, Protocol, TypedDict, Unpack, cast, overload
 
 import numpy as np
 
@@ -96,19 +96,50 @@ class Learning(TypedDict, total=False):
     project_start: ProjectStart
 
 
-def _noted(learning: Callable[P, ConstrainedDMP]) -> Callable[P, ConstrainedDMP]:
+class _Options(Learning, total=False):
+    """Options of :func:`learn`, but the one that says what it returns."""
+
+    period: float | None
+    context: Mapping[str, Sequence[float]] | None
+    progress: Callable[[int, int], None] | None
+
+
+class _Learning(Protocol):
+    """What :func:`learn` is to a type checker: a distribution where one is asked for."""
+
+    @overload
+    def __call__(
+        self,
+        demonstrations: Recorded | Iterable[Recorded],
+        constraints: ConstraintSystem | Constraint | Sequence[Constraint] = (),
+        *,
+        distribution: Literal[True],
+        **options: Unpack[_Options],
+    ) -> MotionDistribution: ...
+
+    @overload
+    def __call__(
+        self,
+        demonstrations: Recorded | Iterable[Recorded],
+        constraints: ConstraintSystem | Constraint | Sequence[Constraint] = (),
+        *,
+        distribution: Literal[False] = False,
+        **options: Unpack[_Options],
+    ) -> ConstrainedDMP: ...
+
+
+def _noted(learning: Callable[P, ConstrainedDMP | MotionDistribution]) -> _Learning:
     """Let what is learned hold the options that it was learned with."""
 
     @wraps(learning)
-    def noted(*args: P.args, **options: P.kwargs) -> ConstrainedDMP:
-        learned: Any = learning(*args, **options)
+    def noted(*args: P.args, **options: P.kwargs) -> ConstrainedDMP | MotionDistribution:
+        learned = learning(*args, **options)
         history = (Origin.of("learn", learning, *args, **options),)
         if isinstance(learned, MotionDistribution):
-            learned = replace(learned, primitive=replace(learned.primitive, history=history))
-            return cast("ConstrainedDMP", learned)
-        return replace(cast("ConstrainedDMP", learned), history=history)
+            return replace(learned, primitive=replace(learned.primitive, history=history))
+        return replace(learned, history=history)
 
-    return noted
+    return cast("_Learning", noted)
 
 
 @_noted
@@ -139,7 +170,7 @@ def learn(
     context: Mapping[str, Sequence[float]] | None = None,
     project_start: ProjectStart = "nothing",
     progress: Callable[[int, int], None] | None = None,
-) -> ConstrainedDMP:
+) -> ConstrainedDMP | MotionDistribution:
     """Learn a primitive from demonstrations that holds constraints exactly.
 
     Each demonstration is projected onto the constraints (the nearest trajectory that satisfies
@@ -229,7 +260,10 @@ def learn(
         If the primitive leaves its demonstration, or the projection turns the tool far.
     """
     if rhythmic and distribution:
-        raise InputError("distribution=True is of motions that end; leave out rhythmic")
+        raise InputError(
+            "distribution=True is of motions that end, a rhythm does not: leave out rhythmic, of "
+            "one period"
+        )
     require_choice("project_start", project_start, ProjectStart)
     if context is not None and not distribution:
         raise InputError("context is what a distribution depends on; give distribution=True")
@@ -393,8 +427,7 @@ def learn(
     if not distribution:
         return learned
     last = _kept_end(system, recorded[0]) if end == "auto" else end
-    found = MotionDistribution.about(learned, followed, context, (start, last))
-    return cast("ConstrainedDMP", found)
+    return MotionDistribution.about(learned, followed, context, (start, last))
 
 
 def _channels_of(demonstrations: Sequence[PoseTrajectory]) -> list[Series]:

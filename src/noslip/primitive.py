@@ -341,15 +341,16 @@ class ConstrainedDMP(Value):
 
         The motion of what is read back is the same to the last bit.
         """
-        return write_document(
-            path,
-            {
-                "law": law_to_data(self.law),
-                "demonstrated": law_to_data(self.demonstrated),
-                "rule": rule_to_data(self.rule),
-                "spread": None if self.spread is None else spread_to_data(self.spread),
-                "record": [asdict(record) for record in self.record],
-                "history": [asdict(origin) for origin in self.history],
-                **({} if self.channels is None else {"channels": channels_to_data(self.channels)}),
-            },
-        )
+        return write_document(path, self.as_data())
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what :meth:`save` writes, as plain data."""
+        return {
+            "law": law_to_data(self.law),
+            "demonstrated": law_to_data(self.demonstrated),
+            "rule": rule_to_data(self.rule),
+            "spread": None if self.spread is None else spread_to_data(self.spread),
+            "record": [asdict(record) for record in self.record],
+            "history": [asdict(origin) for origin in self.history],
+            **({} if self.channels is None else {"channels": channels_to_data(self.channels)}),
+        }

@@ -1,4 +1,4 @@
-"""Primitives from files."""
+"""Primitives and distributions from files."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ from typing import Any
 
 from noslip import _arguments
 from noslip.adapting import adapt, replan
+from noslip.distribution import MotionDistribution
+from noslip.distribution.curves import Curves
+from noslip.distribution.distribution import reference_of
+from noslip.distribution.stored import read as read_distribution
 from noslip.document import Reader, one_of, plain, read_document
 from noslip.improving import improve
 from noslip.learning import learn
@@ -26,7 +30,29 @@ def load_primitive(path: str | Path) -> ConstrainedDMP:
         If the file is missing, is not a noslip primitive, was written by another version, was
         changed since, or lacks a field; the message names the file and the field.
     """
+    return _primitive(read_document(path), Reader(Path(path)))
+
+
+def load_distribution(path: str | Path) -> MotionDistribution:
+    """Read a distribution that :meth:`~noslip.distribution.MotionDistribution.save` wrote.
+
+    Its samples, intervals and likelihoods are the same.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_primitive`; if the file holds a primitive alone; or if a covariance, a size
+        or a name is not what it must be.
+    """
     content, read = read_document(path), Reader(Path(path))
+    primitive = _primitive(content, read)
+    stored = read_distribution(read, content, primitive.law.space)
+    reference = reference_of(primitive)
+    stored["curves"] = Curves.along(reference.positions, stored["curves"])
+    return MotionDistribution(primitive, reference, **stored)
+
+
+def _primitive(content: dict[str, Any], read: Reader) -> ConstrainedDMP:
     law = read.law(content, "law")
     return ConstrainedDMP(
         law=law,

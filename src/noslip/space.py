@@ -312,23 +312,30 @@ class Space:
 
     # ---------------------------------------------------------------- arrays of points
 
-    def difference(self, ends: Floats, begins: Floats) -> Floats:
-        """``(x' - x, Log(R' R^T))`` of points, shape (N, n + 3 b)."""
-        n = self.linear
-        parts = [ends[..., :n] - begins[..., :n]]
-        for k in range(self.rotations):
-            at = slice(n + 4 * k, n + 4 * k + 4)
-            parts.append(turns_between(begins[..., at], ends[..., at]))
-        return np.concatenate(parts, axis=-1)
+    def difference(self, ends: Floats, begins: Floats, axis: int = -1) -> Floats:
+        """``(x' - x, Log(R' R^T))`` of points, shape (N, n + 3 b).
 
-    def moved(self, points: Floats, changes: Floats) -> Floats:
+        Parameters
+        ----------
+        axis : int
+            Along which the numbers of a point stand.
+        """
+        n = self.linear
+        parts = [_along(axis, ends, 0, n) - _along(axis, begins, 0, n)]
+        for k in range(self.rotations):
+            at = n + 4 * k, n + 4 * k + 4
+            one, other = (_along(axis, points, *at) for points in (begins, ends))
+            parts.append(turns_between(one, other, axis))
+        return np.concatenate(parts, axis)
+
+    def moved(self, points: Floats, changes: Floats, axis: int = -1) -> Floats:
         """``(x + d, Exp(r) R)``: the inverse of :meth:`difference`, shape (N, n + 4 b)."""
         n = self.linear
-        parts = [points[..., :n] + changes[..., :n]]
+        parts = [_along(axis, points, 0, n) + _along(axis, changes, 0, n)]
         for k in range(self.rotations):
-            at, by = slice(n + 4 * k, n + 4 * k + 4), slice(n + 3 * k, n + 3 * k + 3)
-            parts.append(turned(changes[..., by], points[..., at]))
-        return np.concatenate(parts, axis=-1)
+            by = _along(axis, changes, n + 3 * k, n + 3 * k + 3)
+            parts.append(turned(by, _along(axis, points, n + 4 * k, n + 4 * k + 4), axis))
+        return np.concatenate(parts, axis)
 
     def carried(self, positions: Floats) -> tuple[Floats, Floats]:
         """Places of bodies that joints carry, and the derivatives of these.
@@ -490,6 +497,11 @@ def _carrying(space: Space, body: Any) -> Any:
     both, along = ca.vertcat(point, v, w), ca.vertcat(rates, a, alpha)
     found = linear, angular, ca.jtimes(linear, both, along), ca.jtimes(angular, both, along)
     return ca.Function("carrying", given, [*map(ca.densify, found)])
+
+
+def _along(axis: int, array: Floats, first: int, last: int) -> Floats:
+    """Part of an array along an axis."""
+    return np.moveaxis(np.moveaxis(array, axis, 0)[first:last], 0, axis)
 
 
 def _part(rows: Expression, index: int, width: int) -> Expression:

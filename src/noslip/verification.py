@@ -122,7 +122,12 @@ def followed_with(
 
 
 def verify(
-    law: Law, rule: Rule, asked: Sequence[Boundary], *, strict: bool = True
+    law: Law,
+    rule: Rule,
+    asked: Sequence[Boundary],
+    *,
+    strict: bool = True,
+    seeks_remedy: bool = True,
 ) -> tuple[Motion, str]:
     """Roll a law out under its rule, and see that it comes where it was asked to.
 
@@ -134,6 +139,8 @@ def verify(
         Poses, or parts of them, to pass and to end in.
     strict : bool
         Whether to raise; else all is a compromise.
+    seeks_remedy : bool
+        Whether it is tried what else would do, which takes seconds.
 
     Returns
     -------
@@ -150,7 +157,11 @@ def verify(
     if wrong is None:
         return motions[0], ""
     is_failure, text = wrong
-    missed = _missed(text, motions[0], law, rule, asked)
+    if seeks_remedy:
+        missed = _missed(text, motions[0], law, rule, asked)
+    else:
+        text += "; choose other ends, or a longer duration"
+        missed = MissedError(text, code=Refusal.MISSED, iterate=motions[0])
     if is_failure and strict:
         raise missed
     return motions[0], str(missed)

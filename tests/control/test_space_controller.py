@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from kinds import ARM, learned
+from kinds import ARM, KINDS, learned
 from motions import eased
 from noslip._typing import Floats
+from noslip.constraints import JointLimits
 from noslip.control import SpaceController
-from noslip.control.coordinates import EASE, LAG, PERSIST, SILENT
+from noslip.control.coordinates import EASE, FASTER, GIVEN_UP, LAG, PERSIST, SILENT
 from noslip.errors import InputError
 from strategies import seeds
 
@@ -208,20 +209,27 @@ def test_a_rhythm_goes_on_about_the_goal_it_is_given() -> None:
 
 @settings(max_examples=4, deadline=None)
 @given(seeds)
-def test_joints_hold_their_blade_whatever_happens(seed: int) -> None:
+def test_joints_that_are_pushed_come_to_another_goal_under_their_blade(seed: int) -> None:
+    """Where the law would end is where the blade lets it; a plan ends at the goal."""
     dmp, rng = primitive("joints"), np.random.default_rng(seed)
     loop = loop_of("joints")
     robot = Robot(loop, 0.03)
-    pushed = rng.uniform(0.1, 0.8) * dmp.duration
+    pushed = rng.uniform(0.1, 1.1) * dmp.duration
+    other = dmp.goal_position + 0.05 * rng.uniform(-1, 1, 4)
     taken, was_held = [0], False
-    for k in range(round(2.5 * dmp.duration / H)):
+    for k in range(round(10 * dmp.duration / H)):
         robot.held = pushed <= k * H < pushed + 0.4
         if robot.held and not was_held:
-            robot.at = robot.at + 0.2 * rng.choice([-1, 1], 4)
+            robot.at = robot.at + 0.05 * rng.choice([-1, 1], 4)
         was_held = robot.held
-        goal = dmp.goal_position + 0.05 if k * H > pushed else None
+        goal = other if k * H > pushed else None
         robot.cycle(1e-3 * rng.normal(size=4), goal)
         taken.append(loop.taken_over)
+        if loop.done and k * H > pushed + 0.4:
+            break
+    assert loop.done
+    assert np.abs(robot.path[-1] - other).max() <= 1e-3
+    assert loop.replanned[-1].failure == loop.reason == ""
     assert robot.residual <= HELD
     # The tool's own slip, of each step but where the command moves to what was measured.
     places, turns = ARM.forward(robot.path)
@@ -230,6 +238,35 @@ def test_joints_hold_their_blade_whatever_happens(seed: int) -> None:
     slip = np.sum(np.diff(places, axis=0) * lateral, axis=1) / H
     assert taken[-1] > 0
     assert np.abs(slip[np.diff(taken) == 0]).max() <= HELD
+    # As fast as bounds allow, and what the attractor makes of a push while a plan is sought.
+    rates = np.linalg.norm(np.diff(robot.path, axis=0), axis=1)[np.diff(taken) == 0] / H
+    own = np.linalg.norm(dmp.rollout().linear_velocities, axis=1).max()
+    assert rates.max() <= 2 * FASTER * own
+
+
+def test_without_plans_it_ends_where_the_blade_lets_it() -> None:
+    dmp = primitive("joints")
+    loop = dmp.controller(time_step=H, replan=False)
+    goal = dmp.goal_position + [0.05, -0.05, 0.05, 0.05]
+    while not loop.done:
+        state = loop.step(None, goal)
+    assert not loop.replanned
+    assert np.abs(state.position - goal).max() > 5e-3
+
+
+def test_a_goal_that_no_plan_comes_to_is_told_and_given_up() -> None:
+    """Beyond a limit: as close as another goal, but not allowed."""
+    cut = KINDS["joints"].demonstration()
+    most = cut.values.max(axis=0) + 0.02
+    limit = JointLimits((-9.0,) * 4, tuple(most))
+    dmp = ns.learn(cut, [ns.Blade(), limit], basis_functions=30)
+    loop = dmp.controller(time_step=H)
+    goal = np.where(np.arange(4) == np.argmax(cut.values[-1] - most), most + 0.05, cut.values[-1])
+    while not loop.done:
+        state = loop.step(None, goal)
+    assert len(loop.replanned) == GIVEN_UP
+    assert "goal violates" in loop.reason
+    assert np.abs(state.position - dmp.goal_position).max() <= 1e-3
 
 
 def test_tools_are_led_to_the_poses_that_are_asked_for() -> None:

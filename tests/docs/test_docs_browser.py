@@ -89,8 +89,7 @@ def test_formulas_are_drawn(site, page):
 def test_the_search_finds_pages_and_shows_where(site):
     site.open("search.html?q=keep-out")
     found = site.tab.locator("ul.search li a[href]")
-    until(lambda: found.count() > 0, "something to be found")
-    until(lambda: site.tab.locator("#search-progress").inner_text() == "", "the end of the search")
+    site.tab.get_by_text("Search finished").wait_for()
     leads = [found.nth(k).get_attribute("href").partition("#")[0] for k in range(found.count())]
     assert any("keep_out" in page for page in leads)
     for page in leads:

@@ -66,6 +66,10 @@ ELSEWHERE = {
         ),
         "of the reader's own recordings; tests/cli/test_values_command.py runs the like",
     ),
+    **dict.fromkeys(
+        ("noslip learn cuts/", "noslip sample cuts.json"),
+        "of the reader's own recordings; tests/cli/test_sample.py runs the like",
+    ),
     "python -m benchmarks.filters": "reads recordings that lie beside the repository",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",

@@ -138,7 +138,7 @@ def test_no_page_needs_a_network(site: Path) -> None:
 def test_formulas_are_drawn_without_a_network(site: Path, browser: Any) -> None:
     page = browser.new_page()
     page.goto(f"file://{site}/concepts/projections.html")
-    page.wait_for_function("MathJax?.startup?.promise && MathJax.startup.document?.state() >= 10")
+    page.evaluate("MathJax.startup.promise.then(() => true)")
     formulas = page.locator(".math").count()
     assert formulas > 10
     assert page.locator(".math mjx-container svg").count() == formulas

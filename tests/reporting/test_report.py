@@ -529,6 +529,8 @@ def test_each_option_of_python_is_one_of_the_command(group, function):
         # The robot is told where the joints are read; a distribution is for Python.
         assert names - set(defaults) == {"robot", "distribution", "context"}
         assert set(defaults) <= names
+        # "auto" of an end leaves the choice to what is called.
+        assert defaults.pop("start") == defaults.pop("end") == "auto"
         assert all(known[name].default == default for name, default in defaults.items())
 
 

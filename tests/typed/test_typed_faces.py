@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from noslip.adapting import adapt
 from noslip.constraints import AcceleratedInstant, FunctionConstraint
+from noslip.distribution import MotionDistribution
 from noslip.errors import ConstraintError, InputError
 from noslip.learning import Learning, learn
 from noslip.primitive import Controlling
@@ -30,6 +31,13 @@ def straight() -> ns.PoseTrajectory:
     """40 samples along x, the blade along its way."""
     places = np.outer(np.linspace(0, 0.1, 40), [1, 0, 0])
     return ns.PoseTrajectory(np.linspace(0, 2, 40), places, Rotation.identity(40))
+
+
+def learned_of(cuts: list[ns.PoseTrajectory]) -> None:
+    """Read by mypy alone: what learning returns, by whether a distribution is asked for."""
+    assert_type(ns.learn(cuts, [ns.Blade()], distribution=True), MotionDistribution)
+    assert_type(ns.learn(cuts, ns.Blade(), align=True), ns.ConstrainedDMP)
+    assert_type(ns.learn(cuts, distribution=False), ns.ConstrainedDMP)
 
 
 def test_what_is_like_an_array_is_taken_and_kept_as_one() -> None:
@@ -53,7 +61,7 @@ def test_misspelt_keywords_are_told_before_anything_runs(tmp_path: Path) -> None
     with pytest.raises(TypeError):
         ns.Boundary(0.5, positions=[0, 0, 0])  # type: ignore[call-arg]
     with pytest.raises(TypeError):
-        ns.learn(straight(), ns.Blade(), hold_positions=True)  # type: ignore[call-arg]
+        ns.learn(straight(), ns.Blade(), hold_positions=True)  # type: ignore[call-overload]
     with pytest.raises(TypeError):
         ns.load_trajectory(tmp_path / "a.csv", colums="x")  # type: ignore[call-arg]
     with pytest.raises(InputError, match=r"did you mean basis_functions\?"):

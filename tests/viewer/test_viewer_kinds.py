@@ -176,6 +176,21 @@ def test_a_rhythm_goes_round_without_a_jump(lap):
     assert not lap.goals.handles["goal"].visible and "goes round" in lap.goals.note.content
 
 
+@pytest.mark.parametrize("aspect", [390 / 844, 0.8])
+def test_an_upright_window_sees_the_whole_path_above_its_panel(lap, aspect):
+    place, look_at = lap.drawing.upright_camera(aspect)
+    ahead = (look_at - place) / np.linalg.norm(look_at - place)
+    right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
+    off = np.vstack([lap.drawing.middle, lap.entry.track.motion.positions]) - place
+    half = np.tan(lap.server.initial_camera.fov / 2) * (off @ ahead)
+    # From -1 to 1 within the window, to the right and upwards.
+    x, y = off @ right / half / aspect, off @ np.cross(right, ahead) / half
+    assert (x[0], y[0]) == pytest.approx((0, 2 * 0.18), abs=0.05)
+    assert np.abs(x).max() < 0.9
+    # Unfolded, the panel covers three fifths.
+    assert y.min() > 1 - 2 * 2 / 5
+
+
 def test_a_vehicle_is_a_cart(lap, cut):
     def widths(tool: list) -> list[float]:
         return [float(np.ptp(part.vertices[:, 1])) for part in tool]

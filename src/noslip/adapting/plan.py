@@ -72,20 +72,23 @@ class Plan(Value):
         """Return the same with more notes."""
         return replace(self, notes=(*self.notes, *notes))
 
-    def verified(self, before: Law, rule: Rule) -> Adapted:
+    def verified(self, before: Law, rule: Rule, seeks_remedy: bool = True) -> Adapted:
         """See that it comes where it was asked to; note what it compromises on.
 
         Parameters
         ----------
         before : Law
             What it was adapted from.
+        rule : Rule
+        seeks_remedy : bool
+            As for :func:`noslip.verification.verify`.
 
         Raises
         ------
         MissedError
         """
         asked = [boundary for boundary in self.request.boundaries if boundary.at > 0]
-        motion, compromise = verify(self.law, rule, asked)
+        motion, compromise = verify(self.law, rule, asked, seeks_remedy=seeks_remedy)
         turning = _turning(motion, before, rule) if asked[1:] else ""
         noted = self.noting(*filter(None, (compromise, turning)))
         return Adapted(**vars(noted), motion=motion, is_exact=not compromise)

@@ -34,7 +34,7 @@ EXIT_VIOLATED, EXIT_USAGE = 1, 2
 PANELS = {
     "Start here": ("demo", "docs", "doctor"),
     "Recordings": ("topics", "convert", "segment", "check", "identify", "shield"),
-    "Primitives": ("learn", "rollout", "adapt"),
+    "Primitives": ("learn", "rollout", "adapt", "sample"),
     "Look at them": ("plot", "view", "report"),
     "To the robot": ("simulate", "export"),
 }

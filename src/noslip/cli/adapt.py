@@ -83,14 +83,7 @@ def run(
     start_values: options.PointValues = None,
     start_velocity: Velocity = None,
     duration: options.Duration = None,
-    via: Annotated[
-        list[str],
-        options.optional(
-            "AT:[X,Y,Z][,QW,QX,QY,QZ]",
-            "To pass at a fraction of the duration, 0 < AT < 1; of vectors and joints "
-            "AT:V1,V2,...; repeatable.",
-        ),
-    ] = [],  # noqa: B006 - typer's way to say none
+    via: options.Vias = [],  # noqa: B006 - typer's way to say none
     scaling: Annotated[
         Scaling,
         typer.Option(
@@ -146,7 +139,7 @@ def run(
         "start_position": options.place("start", start_position, start_values, space),
         "start_rotation": options.rotation("--start-rotation", start_rotation),
         "start_velocity": _velocity("--start-velocity", start_velocity, space),
-        "via": tuple(_via(text, space) for text in via),
+        "via": tuple(options.via(text, space) for text in via),
         "duration": duration,
         "scaling": scaling,
         "shape": shape,
@@ -302,29 +295,6 @@ def _velocity(option: str, text: str | None, space: Space) -> Floats | str | Non
         return np.array(values if len(values) == space.linear else values * space.linear)
     linear, angular = twist(option, values)
     return linear if angular is None else np.concatenate([linear, angular])
-
-
-def _via(text: str, space: Space) -> Boundary:
-    at, colon, pose = text.partition(":")
-    try:
-        fraction = float(at if colon else "")
-    except ValueError:
-        raise InputError(
-            "--via: expected AT:X,Y,Z, AT:QW,QX,QY,QZ or AT:X,Y,Z,QW,QX,QY,QZ with 0 < AT < 1, "
-            f"got {text!r}"
-        ) from None
-    rotation = None
-    if space.rotations:
-        count = len(options.numbers("--via", pose, (3, 4, 7)))
-        cells = pose.split(",")
-        moved, turned = (cells, []) if count == 3 else (cells[:-4], cells[-4:])
-        position = options.vector("--via", ",".join(moved) or None)
-        rotation = options.rotation("--via", ",".join(turned) or None)
-    else:
-        position = options.point("--via", pose, space)
-    if not 0 < fraction < 1:
-        raise InputError(f"--via: AT must be between 0 and 1, a fraction of the motion, got {at}")
-    return Boundary.via((fraction, position, rotation))
 
 
 def _read_goals(path: Path, space: Space) -> dict[str, Options]:

@@ -36,9 +36,11 @@ from noslip.constraints.check import (
 )
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.demonstrations.cycles import periods
+from noslip.distribution import MotionDistribution
 from noslip.errors import InputError, muted, one_line
 from noslip.learning import learn
 from noslip.merit import figures_of_merit
+from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import LEARNING
 from noslip.rule import BARRIER_RATE, STABILIZATION
 from noslip.runtime.motion import Motion
@@ -146,6 +148,14 @@ def run(
     out: Annotated[Path, options.out("the primitive: .json; with --each, a folder of them")],
     constraint: options.Constraints = [],  # noqa: B006 - typer's way to say none
     learning: Learning = Learning(),
+    distribution: Annotated[
+        bool,
+        typer.Option(
+            "--distribution",
+            help="Learn how the motions are distributed too, of three recordings or more; noslip "
+            "sample draws from the file.",
+        ),
+    ] = False,
     each: options.Each = False,
     table: Annotated[
         Path | None,
@@ -184,6 +194,8 @@ def run(
     """
     held = options.constraints(constraint)
     if each:
+        if distribution:
+            raise InputError("--distribution: is of several together; leave out --each")
         if learning.align:
             raise InputError(
                 "--align: brings several into step; with --each there is one at a time"
@@ -207,12 +219,13 @@ def run(
     options.output(out)
     demonstrations = given.load(recordings)
     with output.progress("learning", len(demonstrations)) as progress:
-        primitive = learn(
-            demonstrations,
-            held,
-            progress=progress,
-            **learning.keywords(),
-        )
+        how = learning.keywords() | {"progress": progress}
+        learned: ConstrainedDMP | MotionDistribution
+        if distribution:
+            learned = learn(demonstrations, held, distribution=True, **how)
+            primitive = learned.primitive
+        else:
+            learned = primitive = learn(demonstrations, held, **how)
     if learning.align:
         # What it was learned from is what it is compared with.
         demonstrations = bring_into_step(demonstrations)
@@ -238,7 +251,7 @@ def run(
         "projection": [vars(record) for record in primitive.record],
     }
     # Only what moves is written: what was there before may still be of use.
-    primitive.save(out)
+    learned.save(out)
     if as_json:
         output.print_json(result)
         return

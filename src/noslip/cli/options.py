@@ -17,7 +17,7 @@ from noslip import _arguments
 from noslip._samples import Duplicates, Gaps, Lost, Mending, Unsorted
 from noslip._turns import KINDS
 from noslip._typing import Floats
-from noslip.boundary import End
+from noslip.boundary import Boundary, End
 from noslip.constraints.catalog import parse_constraint
 from noslip.constraints.declaration import CATALOG, Constraint
 from noslip.demonstrations.preparation import Order, prepare
@@ -330,6 +330,14 @@ Each = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Of whatever is random.")]
+Vias = Annotated[
+    list[str],
+    optional(
+        "AT:[X,Y,Z][,QW,QX,QY,QZ]",
+        "To pass at a fraction of the duration, 0 < AT < 1; of vectors and joints "
+        "AT:V1,V2,...; repeatable.",
+    ),
+]
 PointValues = Annotated[
     str | None,
     optional("V1,V2,...", "Of vectors and joints: a number a coordinate, in its own unit."),
@@ -655,3 +663,27 @@ def _interval(text: str) -> tuple[float | None, float | None]:
         raise InputError(
             f"--trim-time: expected START:END in seconds, either side may be empty; got {text!r}"
         ) from None
+
+
+def via(text: str, space: Space) -> Boundary:
+    """Return a point to pass on the way, ``AT:X,Y,Z[,QW,QX,QY,QZ]``."""
+    at, colon, pose = text.partition(":")
+    try:
+        fraction = float(at if colon else "")
+    except ValueError:
+        raise InputError(
+            "--via: expected AT:X,Y,Z, AT:QW,QX,QY,QZ or AT:X,Y,Z,QW,QX,QY,QZ with 0 < AT < 1, "
+            f"got {text!r}"
+        ) from None
+    turn = None
+    if space.rotations:
+        count = len(numbers("--via", pose, (3, 4, 7)))
+        cells = pose.split(",")
+        moved, turned = (cells, []) if count == 3 else (cells[:-4], cells[-4:])
+        position = vector("--via", ",".join(moved) or None)
+        turn = rotation("--via", ",".join(turned) or None)
+    else:
+        position = point("--via", pose, space)
+    if not 0 < fraction < 1:
+        raise InputError(f"--via: AT must be between 0 and 1, a fraction of the motion, got {at}")
+    return Boundary.via((fraction, position, turn))

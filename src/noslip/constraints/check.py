@@ -301,7 +301,7 @@ def checked(
     """Do what :func:`check` does, of any motion: also one that no recording could be."""
     system = as_system(constraints, trajectory.space)
     residuals = sample_residuals(trajectory, system)
-    parts = np.split(residuals, np.cumsum(system.rows)[:-1], axis=1)
+    parts = np.split(residuals, np.cumsum(system.rows), axis=1)[:-1]
     results = tuple(
         _checked(trajectory, constraint, name, part, tolerance, slip_share)
         for constraint, name, part in zip(system.constraints, system.names, parts, strict=True)

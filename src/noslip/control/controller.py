@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil, dist, expm1, isfinite, sqrt
 from typing import Any, Literal
 
@@ -40,10 +40,13 @@ from noslip.control.clock import AT_REST, CELLS, Bounds, Schedule, runs_in_plan_
 from noslip.control.goal_filter import GoalFilter
 from noslip.control.observer import SEEN, Observer, compile_now
 from noslip.control.planning import (
+    SMOOTHER,
     Made,
     Planner,
+    Plans,
     Primitive,
     Reason,
+    Replanned,
     Task,
     channels_at,
     channels_of,
@@ -132,30 +135,8 @@ _STANDING = 1e15
 """Over the plan's duration: that of a motion which stands still."""
 _POSE = slice(engine.MOVING.start, engine.MOVING.start + 7)
 _TWIST = engine.VELOCITIES
-_BUILT = ("_library", "_planner", "_engine", "_job", "_now")
+_BUILT = ("_library", "_plans", "_planner", "_engine", "_job", "_now")
 """What a copy builds anew."""
-
-
-@dataclass(frozen=True)
-class Replanned:
-    """A change of plan.
-
-    Attributes
-    ----------
-    time : float
-        When (s).
-    reason : str
-        What had moved: the tool, pushed, or the goal.
-    duration : float
-        Of the new plan (s); nan if there is none.
-    failure : str
-        Why there is none; the old plan is followed on.  Empty if all went well.
-    """
-
-    time: float
-    reason: Reason
-    duration: float
-    failure: str = ""
 
 
 class Controller:
@@ -268,14 +249,15 @@ class Controller:
         self._now = self.memory.data[_POSE]
         if self.replans:
             compiled.compile_for(self.rule)
-        self._planner = Planner(
+        self._plans = Plans(
             self.rule,
             self._bounds,
             self._mean_speed,
             self.time_step,
             self.braking == 0,
-            self.memory,
+            SMOOTHER,
         )
+        self._planner = Planner(self.rule, self.memory, self.time_step, self._plans)
         self._job: Future[Made] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -338,7 +320,7 @@ class Controller:
             goals = ("goal_position", "goal_rotation", "first_goal_position", "first_goal_rotation")
             asked = {name: getattr(begun, name) for name in goals}
             first = replace(initial_state(self.law, self.rule, duration=begun.duration), **asked)
-        self._follow(self.law, begun, self._planner.schedule(self.law, first, AT_REST))
+        self._follow(self.law, begun, self._plans.schedule(self.law, first, AT_REST))
         moves = self._schedule.begins_at_speed or begun.previous_step > 0
         self._speed = 0.0 if moves and isfinite(self.faster) else 1.0
         return self.state
@@ -925,6 +907,7 @@ class Controller:
         if self._speed > HASTY * cap and not task.resting:
             # It bends too sharply for this speed: a like one is made from where it is slower.
             self._slowed += 1
+            assert task.goal_rotation is not None
             if self._slowed <= MOST_SLOWED:
                 self._plan(task.reason, task.goal_position, task.goal_rotation, 0.9 * cap)
             else:
@@ -954,6 +937,7 @@ class Controller:
         self._channels = self._channels and self._channels.after(self._hand_over)
         self._follow(made.plan, begun, made.schedule, made.engine)
         data[engine.FRACTION] = beyond / self._plan_duration
+        assert task.goal_rotation is not None
         self._target, self._target_rotation = task.goal_position, task.goal_rotation
         if task.resting:
             self._speed = 0.0

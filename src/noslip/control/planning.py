@@ -7,6 +7,7 @@ clock ran meanwhile.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
@@ -31,8 +32,9 @@ from noslip.runtime.stepper import stepper_of
 
 Reason = Literal["push", "goal"]
 SMOOTHER = 30.0
-"""Times as smooth a turn as when a motion is adapted from rest: else it bends within a few samples
-from the twist that it is handed over with, at some ten times the accelerations of the path."""
+"""Times as smooth a turn of a pose as when a motion is adapted from rest: else it bends within few
+samples from the twist that it is handed over with, at some ten times the accelerations of the
+path."""
 _ORIENTATIONS = 6
 """At which rules are asked what they forbid for good: more than any has rows."""
 
@@ -78,10 +80,11 @@ class Task(Value):
         Of plan time, each (s).
     resting : bool
         Whether the motion has come to its end there.
-    goal_position : array, shape (3,)
-    goal_rotation : Rotation
-    duration : float
-        Of the new plan (s).
+    goal_position : array, shape (n,)
+    goal_rotation : Rotation or None
+        None where nothing turns.
+    duration : float or None
+        Of the new plan (s); None is what it takes.
     samples : int
         Of its projection.
     """
@@ -93,9 +96,31 @@ class Task(Value):
     step: float
     resting: bool
     goal_position: Floats
-    goal_rotation: Rotation
-    duration: float
+    goal_rotation: Rotation | None
+    duration: float | None
     samples: int
+
+
+@dataclass(frozen=True)
+class Replanned:
+    """A change of plan.
+
+    Attributes
+    ----------
+    time : float
+        When (s).
+    reason : str
+        What had moved: the tool, pushed, or the goal.
+    duration : float
+        Of the new plan (s); nan if there is none.
+    failure : str
+        Why there is none; the old plan is followed on.  Empty if all went well.
+    """
+
+    time: float
+    reason: Reason
+    duration: float
+    failure: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,10 +145,15 @@ class Made:
     failure: str = ""
 
 
-class Planner:
-    """Makes plans for one controller, one at a time.
+Found = tuple[Law, State, Schedule]
+"""A plan, the state to follow it from, and what it allows its clock."""
 
-    Parameters
+
+@dataclass(frozen=True)
+class Plans:
+    """Plans of a rule, and what they allow the clock.
+
+    Attributes
     ----------
     rule : Rule
     bounds : Bounds
@@ -133,53 +163,69 @@ class Planner:
         Of the loop (s).
     rests : bool
         Whether plans that end at speed come to rest at their ends.
+    smoother : float
+        Times as smooth a turn as when a motion is adapted from rest.
+    """
+
+    rule: Rule
+    bounds: Bounds
+    mean_speed: float
+    time_step: float
+    rests: bool = True
+    smoother: float = 1.0
+
+    def schedule(self, plan: Law, state: State, at_rest: float = PLAN_AT_REST) -> Schedule:
+        """What a plan allows its clock, from its first state."""
+        motion = motion_from(plan, self.rule, state, state.duration / CELLS)
+        return Schedule.of(
+            motion, self.bounds, self.mean_speed, self.time_step, self.rests, at_rest
+        )
+
+    def __call__(self, task: Task, state: State) -> Found:
+        """Plan from a state."""
+        plan = replan(
+            task.plan,
+            self.rule,
+            state,
+            goal_position=task.goal_position,
+            goal_rotation=task.goal_rotation,
+            duration=task.duration,
+            samples=task.samples,
+            rotation_smoothing=self.smoother * ADAPTING.rotation_smoothing,
+        ).law
+        turn = state.rotation if plan.space.rotations else None
+        begun = initial_state(plan, self.rule, start_position=state.position, start_rotation=turn)
+        return plan, begun, self.schedule(plan, begun)
+
+
+class Planner:
+    """Makes plans for one controller, one at a time.
+
+    Parameters
+    ----------
+    rule : Rule
     memory : Memory
         Of the controller.
+    time_step : float
+        Of the loop (s).
+    find : callable
+        (task, state) -> :data:`Found`.
     """
 
     def __init__(
-        self,
-        rule: Rule,
-        bounds: Bounds,
-        mean_speed: float,
-        time_step: float,
-        rests: bool,
-        memory: Memory,
+        self, rule: Rule, memory: Memory, time_step: float, find: Callable[[Task, State], Found]
     ) -> None:
-        self._memory = memory
-        self._rule, self._bounds, self._mean_speed = rule, bounds, mean_speed
-        self._time_step, self._rests = time_step, rests
+        self._rule, self._memory, self._time_step, self._find = rule, memory, time_step, find
         self._thread = ThreadPoolExecutor(1, "noslip-plan")
 
     def begin(self, task: Task) -> Future[Made]:
         """Begin to plan beside the loop."""
         return self._thread.submit(self._made, task)
 
-    def schedule(self, plan: Law, state: State, at_rest: float = PLAN_AT_REST) -> Schedule:
-        """What a plan allows its clock, from its first state."""
-        motion = motion_from(plan, self._rule, state, state.duration / CELLS)
-        return Schedule.of(
-            motion, self._bounds, self._mean_speed, self._time_step, self._rests, at_rest
-        )
-
     def _made(self, task: Task) -> Made:
         try:
             with muted():
-                state = self._there(task)
-                plan = replan(
-                    task.plan,
-                    self._rule,
-                    state,
-                    goal_position=task.goal_position,
-                    goal_rotation=task.goal_rotation,
-                    duration=task.duration,
-                    samples=task.samples,
-                    rotation_smoothing=SMOOTHER * ADAPTING.rotation_smoothing,
-                ).law
-                begun = initial_state(
-                    plan, self._rule, start_position=state.position, start_rotation=state.rotation
-                )
-                schedule = self.schedule(plan, begun)
+                plan, begun, schedule = self._find(task, self._there(task))
         # Whatever it is must not end the loop.
         except Exception as failure:
             return Made(failure=str(failure) or type(failure).__name__)
@@ -198,7 +244,10 @@ class Planner:
             ahead.step(task.step)
         state = memory.state()
         if task.resting:
-            state = replace(state, linear_velocity=np.zeros(3), angular_velocity=np.zeros(3))
+            linear, angular = (
+                np.zeros_like(v) for v in (state.linear_velocity, state.angular_velocity)
+            )
+            state = replace(state, linear_velocity=linear, angular_velocity=angular)
         return state
 
 

@@ -6,7 +6,7 @@ operation for a thousand instants at a time, in less than 1 ns each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import casadi as ca
@@ -16,6 +16,13 @@ from noslip._typing import Floats
 
 CHUNK = 2048
 """Instants of one pass: all numbers of a graph then stay in the cache."""
+
+
+def in_cache(count: int, several: int) -> Iterator[slice]:
+    """Rows of arrays, shape (N, S), of which all numbers of an evaluation stay in the cache."""
+    rows = max(1, CHUNK // max(1, several))
+    for first in range(0, count, rows):
+        yield slice(first, min(first + rows, count))
 
 
 def _if_else_zero(condition: Floats, value: Floats, out: Floats) -> None:
@@ -86,28 +93,26 @@ class OnArrays:
         self._is_known = all(operation in known for operation, *_ in self._steps)
 
     def __call__(self, given: Sequence[Floats | float]) -> Floats:
-        """Evaluate for inputs that broadcast to one shape; outputs come last in the result's."""
+        """Evaluate for inputs that broadcast to shape (N, S); of the result, (N, outputs, S)."""
         arrays = np.broadcast_arrays(*given)
-        shape = arrays[0].shape
+        count, several = arrays[0].shape
         if not self._is_known:
             columns = np.stack([a.ravel() for a in arrays])
-            mapped = self._function.map(columns.shape[1])(columns)
-            return np.array(mapped).T.reshape(*shape, self._width)
-        found = np.zeros((*shape, self._width))
-        rows = max(1, CHUNK // max(1, shape[-1]))
+            mapped = np.array(self._function.map(columns.shape[1])(columns))
+            return mapped.reshape(self._width, count, several).swapaxes(0, 1)
+        found = np.zeros((count, self._width, several))
         with np.errstate(all="ignore"):
-            for first in range(0, shape[0], rows):
-                part = slice(first, first + rows)
-                self._run([a[part] for a in arrays], found[part])
+            for rows in in_cache(count, several):
+                self._run([a[rows] for a in arrays], found[rows])
         return found
 
     def _run(self, given: Sequence[Floats], found: Floats) -> None:
-        work = np.empty((self._function.sz_w(), *found.shape[:-1]))
+        work = np.empty((self._function.sz_w(), len(found), found.shape[2]))
         for operation, inputs, outputs, constant in self._steps:
             if operation == ca.OP_INPUT:
                 work[outputs[0]] = given[inputs[1]]
             elif operation == ca.OP_OUTPUT:
-                found[..., outputs[1]] = work[inputs[0]]
+                found[:, outputs[1]] = work[inputs[0]]
             elif operation == ca.OP_CONST:
                 work[outputs[0]] = constant
             else:

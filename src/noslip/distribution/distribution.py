@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,10 @@ from noslip._typing import Floats
 from noslip._values import Value
 from noslip.boundary import Boundary, End, sample_of
 from noslip.constraints.system import ConstraintSystem
-from noslip.distribution.curves import FRACTIONS, Curves
+from noslip.distribution.arrays import in_cache
+from noslip.distribution.conditions import checked, exactly, merged, noise_of
+from noslip.distribution.curves import Curves
+from noslip.distribution.demonstrated import Tangent, context_of, deviations, projected
 from noslip.distribution.estimation import (
     FEWEST,
     context_rows,
@@ -25,9 +29,13 @@ from noslip.distribution.estimation import (
 )
 from noslip.distribution.gaussian import Gaussian
 from noslip.distribution.impedance import Impedance
-from noslip.distribution.retraction import Retraction
+from noslip.distribution.kernels import Kernels
+from noslip.distribution.retraction import TOGETHER, Retraction, kernels_of
+from noslip.distribution.stored import boundary_to_data
+from noslip.document import write_document
 from noslip.errors import CompromiseWarning, InputError, warn
-from noslip.law.fitting import Recorded, as_demonstrations, evenly_sampled, fit
+from noslip.law.channels import Channels
+from noslip.law.fitting import Recorded, as_demonstrations, fit
 from noslip.primitive import ConstrainedDMP
 from noslip.projection.request import ADAPTING, Request
 from noslip.projection.trajectory import project_heeding_what_it_can, project_trajectory
@@ -45,8 +53,8 @@ KEPT = 1e-8
 """Violation of a limit that is none, as in a trajectory projection."""
 _STARTING_CURVES = 12
 """Weights of a curve before their number is chosen."""
-_MOVED_TOGETHER = 128
-"""Samples that are made at once: as many as are moved onto the constraints at once."""
+_TOGETHER = 64
+"""Samples that compiled code makes at once: a row of them fills the first cache."""
 
 ContextValues = Mapping[str, float]
 
@@ -130,14 +138,16 @@ class MotionDistribution(Value):
             raise InputError(
                 f"a distribution needs {FEWEST} demonstrations or more, got {len(demonstrations)}"
             )
-        names, numbers = _context_of(context or {}, len(demonstrations))
-        rolled = primitive.rollout()
-        # Of equal steps: times of a rollout are sums.
-        times = np.linspace(rolled.times[0], rolled.times[-1], len(rolled))
-        reference = replace(rolled.with_points(rolled.points, times), name="reference")
+        if primitive.law.clock.returns:
+            raise InputError(
+                "a distribution is of motions that end: its curves begin and end apart, which "
+                "would tear a rhythm; learn one period without rhythmic=True"
+            )
+        names, numbers = context_of(context or {}, len(demonstrations))
+        reference = reference_of(primitive)
         values = np.array([deviations(d, reference) for d in demonstrations])
         curves = Curves.along(reference.positions, _STARTING_CURVES)
-        tangent = _Tangent(reference, primitive.system, primitive.law.begin)
+        tangent = Tangent(reference, primitive.system, primitive.law.begin)
         found = estimate(values, numbers, curves, tangent)
         return cls(
             primitive,
@@ -172,7 +182,7 @@ class MotionDistribution(Value):
     def motion(self) -> PoseTrajectory:
         """The mean motion, projected onto the constraints; as many samples as the reference."""
         points = self._points(self.gaussian.mean[None, : self._weights])
-        mean = self.trajectory(points[0], "mean")
+        mean = self.trajectory(points[:, :, 0], "mean")
         if not self.system.size:
             return mean
         request = Request(
@@ -233,26 +243,32 @@ class MotionDistribution(Value):
         channels = self.gaussian.mean[: self._weights].reshape(self.space.velocity_size, -1)
         return np.asarray(self.curves.values @ channels.T)
 
-    def interval(self, level: float = 0.95) -> Floats:
+    def interval(self, level: float = 0.95, confidence: float | None = None) -> Floats:
         """Half widths within which a motion stays of the mean, at each fraction and axis by itself.
 
-        By Student's distribution: the covariance is itself known from few demonstrations.
+        By Student's distribution: the covariance is itself known from few demonstrations.  So wide,
+        they hold the level on average over all sets of demonstrations that there might have been;
+        of a particular set they may hold less.  With a confidence they are wide enough for that
+        share of the sets (a tolerance interval; Howe 1969).
 
         Parameters
         ----------
         level : float
             Share of motions that stay, between 0 and 1.
+        confidence : float, optional
+            Share of sets of demonstrations whose intervals hold the level, between 0 and 1.
 
         Returns
         -------
         array, shape (101, n + 3 b)
             Position (m) and rotation vector (rad), world frame, at even fractions of the duration.
         """
-        level = _arguments.finite("level", level)
-        if not 0 < level < 1:
-            raise InputError(f"level must be between 0 and 1, got {level:g}")
+        level = _arguments.inside("level", level)
         variances = np.diagonal(self._covariances(), axis1=1, axis2=2) + self.noise**2
         width = scipy.stats.t.ppf((1 + level) / 2, self._freedom)
+        if confidence is not None:
+            short = scipy.stats.chi2.isf(_arguments.inside("confidence", confidence), self._freedom)
+            width = scipy.stats.norm.ppf((1 + level) / 2) * np.sqrt(self._freedom / short)
         return np.asarray(width * np.sqrt(variances))
 
     def impedance(self, **options: Any) -> Impedance:
@@ -266,6 +282,22 @@ class MotionDistribution(Value):
         if not isinstance(self.motion, PoseTrajectory):
             raise InputError("an impedance is that of a tool's pose; what moves here has none")
         return Impedance.of(self.motion, self.spread, **options)
+
+    def held(self, **options: Any) -> ConstrainedDMP:
+        """Return :attr:`mean` with its impedance as channels: they follow its phase.
+
+        Its rollouts, adapted motions, files and bags then have them beside the pose.
+
+        Parameters
+        ----------
+        **options
+            Of :meth:`Impedance.of`.
+        """
+        mean = self.mean
+        found = Channels.fit(mean.law.basis, [self.impedance(**options).channels])
+        return replace(
+            mean, channels=found if mean.channels is None else _both(mean.channels, found)
+        )
 
     # ---------------------------------------------------------------- what is known of a motion
 
@@ -299,8 +331,8 @@ class MotionDistribution(Value):
             If what is asked for lies far from all demonstrations (Mahalanobis distance): motions
             are then extrapolated.
         """
-        deviation = _noise_of(noise)
-        asked = [_checked(b, len(self.reference), self.space) for b in boundaries]
+        deviation = noise_of(noise)
+        asked = [checked(b, len(self.reference), self.space) for b in boundaries]
         parts = [self._seen(boundary, deviation) for boundary in asked]
         parts += self._seen_context(context or {})
         if not parts:
@@ -316,8 +348,8 @@ class MotionDistribution(Value):
                 "is extrapolated, demonstrate one like it",
                 CompromiseWarning,
             )
-        exact = [_exact(boundary, deviation) for boundary in asked]
-        kept = _merged((*self.kept, *exact), len(self.reference))
+        exact = [exactly(boundary, deviation) for boundary in asked]
+        kept = merged((*self.kept, *exact), len(self.reference))
         return replace(self, gaussian=conditioned, kept=kept)
 
     def log_likelihood(self, trajectory: PoseTrajectory) -> float:
@@ -372,17 +404,18 @@ class MotionDistribution(Value):
         states = np.empty((count, steps, self.space.point_size + self.space.velocity_size))
         residuals = np.empty((count, steps, system.equalities.size))
         margins = np.empty((count, steps, system.limits.size))
-        far = 0
-        for first in range(0, count, _MOVED_TOGETHER):
-            part = slice(first, first + _MOVED_TOGETHER)
+        far, lot = 0, TOGETHER if self._kernels is None else _TOGETHER
+        for first in range(0, count, lot):
+            part = slice(first, first + lot)
             drawn = self._points(weights[part])
             points = self._feasible(drawn)
             far += int((_turned(self.space, drawn, points) > self._turning).sum())
-            states[part] = self._with_velocities(points)
-            residuals[part] = self._retraction.residuals(points) if residuals.size else 0.0
+            self._with_velocities(points, states[part])
+            if residuals.size:
+                residuals[part] = self.retraction.residuals(points).transpose(2, 0, 1)
             margins[part] = self._margins(states[part])
             if progress is not None:
-                progress(min(first + _MOVED_TOGETHER, count), count)
+                progress(min(first + lot, count), count)
         if far > count / 2:
             warn(
                 f"the constraints turn {far} of {count} samples by more than motions differ from "
@@ -396,7 +429,8 @@ class MotionDistribution(Value):
 
     def drawn(self, count: int, *, seed: int | np.random.Generator = 0) -> Floats:
         """Return what :meth:`sample` draws before it is projected: points, (count, N, n + 4 b)."""
-        return self._points(self._draw(_arguments.count("drawn: count", count), seed))
+        weights = self._draw(_arguments.count("drawn: count", count), seed)
+        return np.ascontiguousarray(self._points(weights).transpose(2, 0, 1))
 
     def _draw(self, count: int, seed: int | np.random.Generator) -> Floats:
         return self.gaussian.draw(count, np.random.default_rng(seed))[:, : self._weights]
@@ -405,13 +439,15 @@ class MotionDistribution(Value):
         """Return motions on the constraints; exactly projected where it takes that."""
         if not self.system.size:
             return drawn
-        moved = self._retraction(drawn)
+        moved = self.retraction(drawn)
         points, lost = moved.points, ~moved.arrived
         if self.system.limits.size:
-            margins = self._margins(self._with_velocities(points)).min(axis=(1, 2))
-            lost |= ~(margins >= -KEPT)
+            width = self.space.point_size + self.space.velocity_size
+            states = np.empty((points.shape[2], len(points), width))
+            self._with_velocities(points, states)
+            lost |= ~(self._margins(states).min(axis=(1, 2)) >= -KEPT)
         for k in np.flatnonzero(lost):
-            trajectory = self.trajectory(drawn[k], f"sample {k}")
+            trajectory = self.trajectory(drawn[:, :, k], f"sample {k}")
             ends = self.boundaries(trajectory)
             result = project_trajectory(
                 trajectory,
@@ -422,11 +458,17 @@ class MotionDistribution(Value):
                 position_smoothing=ADAPTING.position_smoothing,
                 rotation_smoothing=ADAPTING.rotation_smoothing,
             )
-            points[k] = result.trajectory.points
+            points[:, :, k] = result.trajectory.points
         return points
 
+    @property
+    def _kernels(self) -> Kernels | None:
+        system = self.system.equalities
+        return kernels_of(system) if system.size else None
+
     @cached_property
-    def _retraction(self) -> Retraction:
+    def retraction(self) -> Retraction:
+        """What moves samples onto the equalities; what does not arrive is projected exactly."""
         request = Request(
             self.motion,
             self.system.equalities,
@@ -436,12 +478,25 @@ class MotionDistribution(Value):
         )
         return Retraction(request)
 
-    def _with_velocities(self, points: Floats) -> Floats:
-        """Points and the velocities of the steps that lead to them, as states."""
-        time_step = self.duration / (points.shape[1] - 1)
-        velocities = self.space.difference(points[:, 1:], points[:, :-1]) / time_step
-        velocities = np.concatenate([velocities[:, :1], velocities], axis=1)
-        return np.concatenate([points, velocities], axis=2)
+    def _with_velocities(self, points: Floats, states: Floats) -> None:
+        """Write points, motions last, and the velocities of the steps that lead to them, as states.
+
+        Parameters
+        ----------
+        states : array, shape (S, N, ...)
+            As :class:`noslip.runtime.batch.Motions` has them.
+        """
+        count, size, several = points.shape
+        kernels = self._kernels
+        if kernels is not None:
+            kernels.states(self.duration / (count - 1), points, states)
+            return
+        states[:, :, :size] = points.transpose(2, 0, 1)
+        for rows in in_cache(count - 1, several):
+            before, after = points[rows], points[rows.start + 1 : rows.stop + 1]
+            moving = self.space.difference(after, before, 1) * ((count - 1) / self.duration)
+            states[:, rows.start + 1 : rows.stop + 1, size:] = moving.transpose(2, 0, 1)
+        states[:, 0, size:] = states[:, 1, size:]
 
     def _margins(self, states: Floats) -> Floats:
         """Margins of the limits, shape (S, N, k); infinite where they are not asked for."""
@@ -468,6 +523,31 @@ class MotionDistribution(Value):
             margin[0, on_poses] = first[0, on_poses]
         return found
 
+    # ---------------------------------------------------------------- files
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as JSON, with its primitive; :func:`noslip.saving.load_distribution` reads it.
+
+        To :func:`noslip.load_primitive`, and to all commands, the file is that of the primitive.
+        Samples, intervals and likelihoods of what is read back are the same.
+        """
+        return write_document(path, self.as_data())
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what :meth:`save` writes, as plain data."""
+        own = {
+            "curves": self.curves.count,
+            "mean": self.gaussian.mean.tolist(),
+            "covariance": self.gaussian.covariance.tolist(),
+            "noise": self.noise.tolist(),
+            "score": self.score,
+            "demonstrations": self.demonstrations,
+            "context": list(self.context),
+            "kept": [boundary_to_data(boundary) for boundary in self.kept],
+            "ends": list(self.ends),
+        }
+        return self.primitive.as_data() | {"distribution": own}
+
     # ---------------------------------------------------------------- inside
 
     @property
@@ -488,20 +568,28 @@ class MotionDistribution(Value):
         return float(np.sqrt(np.mean(np.sum(self.spread.rotation_deviation**2, axis=1))))
 
     def _points(self, weights: Floats) -> Floats:
-        """Motions of weights, shape (S, D): points, (S, N, n + 4 b), on what is kept exactly."""
+        """Motions of weights, shape (S, D): points, (N, n + 4 b, S), on what is kept exactly."""
         n, space = self.space.linear, self.space
-        shaped = weights.reshape(len(weights), space.velocity_size, -1)
-        changes = np.matmul(self._basis, shaped.transpose(0, 2, 1))
-        points = space.moved(self.reference.points[None], changes)
+        shaped = weights.T.reshape(space.velocity_size, self.curves.count, -1)
+        reference = self.reference.points[:, :, None]
+        kernels = self._kernels
+        if kernels is not None:
+            changes = np.matmul(self._basis, shaped).swapaxes(0, 1)
+            points = kernels.moved(self.reference.points, changes)
+        else:
+            points = np.empty((*reference.shape[:2], len(weights)))
+            for rows in in_cache(len(points), len(weights)):
+                changes = np.matmul(self._basis[rows], shaped).swapaxes(0, 1)
+                points[rows] = space.moved(reference[rows], changes, 1)
         for boundary in self.kept:
-            k = sample_of(boundary.at, points.shape[1])
+            k = sample_of(boundary.at, len(points))
             if boundary.position is not None:
-                points[:, k, :n] = boundary.position
+                points[k, :n] = boundary.position[:, None]
             if boundary.quaternion is not None:
                 for first in range(0, 4 * space.rotations, 4):
                     kept = boundary.quaternion[first : first + 4]
-                    own = points[:, k, n + first : n + first + 4]
-                    own[:] = kept * np.where(own @ kept < 0, -1.0, 1.0)[:, None]
+                    own = points[k, n + first : n + first + 4]
+                    own[:] = kept[:, None] * np.where(kept @ own < 0, -1.0, 1.0)
         return points
 
     def trajectory(self, points: Floats, name: str) -> PoseTrajectory:
@@ -513,7 +601,7 @@ class MotionDistribution(Value):
         own = [
             Boundary.keeping(motion, at, end) for at, end in zip((0.0, 1.0), self.ends, strict=True)
         ]
-        return _merged((*own, *self.kept), len(motion))
+        return merged((*own, *self.kept), len(motion))
 
     def _covariances(self) -> Floats:
         """Of the deviations at each of the fractions, shape (101, n + 3 b, n + 3 b)."""
@@ -557,6 +645,24 @@ class MotionDistribution(Value):
         return found
 
 
+def reference_of(primitive: ConstrainedDMP) -> PoseTrajectory:
+    """Return the motion of a primitive that others are told apart from, of equal steps."""
+    rolled = primitive.rollout()
+    # Times of a rollout are sums.
+    times = np.linspace(rolled.times[0], rolled.times[-1], len(rolled))
+    found: PoseTrajectory = replace(rolled.with_points(rolled.points, times), name="reference")
+    return found
+
+
+def _both(one: Channels, other: Channels) -> Channels:
+    """Channels of one basis beside each other."""
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name), getattr(other, name)], axis=-1)
+        for name in ("trend", "weights", "least", "most")
+    }
+    return replace(one, **arrays, names=one.names + other.names, units=one.units + other.units)
+
+
 def learn_distribution(
     primitive: ConstrainedDMP,
     demonstrations: Recorded | Iterable[Recorded],
@@ -590,142 +696,11 @@ def learn_distribution(
     return MotionDistribution.about(primitive, feasible, context, ends)
 
 
-def projected(
-    trajectory: PoseTrajectory, system: ConstraintSystem, ends: tuple[End, End], functions: int
-) -> PoseTrajectory:
-    """Return a demonstration on the constraints, as learning projects it."""
-    sampled = evenly_sampled(trajectory, functions)
-    if not system.size:
-        return sampled
-    kept = (Boundary.keeping(sampled, at, end) for at, end in zip((0.0, 1.0), ends, strict=True))
-    found: PoseTrajectory = project_heeding_what_it_can(
-        Request(sampled, system, tuple(kept))
-    ).trajectory
-    return found
-
-
-class _Tangent:
-    """Weights of curves -> those that lead along the constraints, to first order."""
-
-    def __init__(self, reference: PoseTrajectory, system: ConstraintSystem, begin: float) -> None:
-        self._points, self._kept = reference.points, dict[int, Floats]()
-        self._space = reference.space
-        self._retraction: Retraction | None = None
-        if system.equalities.size:
-            # What demonstrations have in common at their ends, curves along the constraints have.
-            ends = tuple(Boundary.keeping(reference, at, "position") for at in (0.0, 1.0))
-            if "position" in system.equalities.row_levels:
-                ends = ()
-            request = Request(reference, system.equalities, ends, ADAPTING, begin=begin)
-            self._retraction = Retraction(request)
-
-    def __call__(self, curves: Curves) -> Floats:
-        if curves.count not in self._kept:
-            self._kept[curves.count] = self._matrix(curves)
-        return self._kept[curves.count]
-
-    def _matrix(self, curves: Curves) -> Floats:
-        size, channels, steps = curves.count, self._space.velocity_size, len(self._points)
-        if self._retraction is None:
-            return np.eye(channels * size)
-        fractions = np.linspace(0.0, 1.0, steps)
-        changes = np.zeros((channels, size, steps, channels))
-        for channel in range(channels):
-            changes[channel, :, :, channel] = curves.at(fractions).T
-        along = self._retraction.tangent(changes.reshape(-1, steps, channels), self._points)
-        # Curves are smooth: between two steps, a chord is as good.
-        nearest = np.interp(FRACTIONS, fractions, np.arange(steps))
-        before = np.minimum(nearest.astype(int), steps - 2)
-        share = (nearest - before)[:, None]
-        seen = (1 - share) * along[:, before] + share * along[:, before + 1]
-        found = np.einsum("wsd,sk->dkw", seen, curves.values)
-        return np.asarray(found.reshape(channels * size, -1))
-
-
-def deviations(trajectory: PoseTrajectory, reference: PoseTrajectory) -> Floats:
-    """How a motion differs from the reference at the fractions, shape (101, n + 3 b)."""
-    there, here = (
-        each.resampled(times=each.times[0] + each.duration * FRACTIONS).points
-        for each in (trajectory, reference)
-    )
-    return reference.space.difference(there, here)
-
-
 def _turned(space: Space, before: Floats, after: Floats) -> Floats:
     """How far each motion was turned (rad), rms along the way; by a few degrees, or more."""
-    squares = np.zeros(before.shape[:2])
+    squares = np.zeros((len(before), before.shape[2]))
     for first in range(space.linear, space.point_size, 4):
-        one, other = (points[:, :, first : first + 4] for points in (before, after))
+        one, other = (points[:, first : first + 4] for points in (before, after))
         # Of half an angle h, 1 - cos h is h^2 / 2.
-        squares += 8 * np.maximum(0.0, 1 - np.abs(np.einsum("snq,snq->sn", one, other)))
-    return np.asarray(np.sqrt(squares.mean(axis=1)))
-
-
-def _checked(boundary: Boundary, steps: int, space: Space) -> Boundary:
-    """Return a boundary that a distribution can be conditioned on, at its sample."""
-    if not isinstance(boundary, Boundary):
-        raise InputError(f"condition on Boundary objects, got {_arguments.short(boundary)}")
-    if boundary.has_twist or boundary.is_free:
-        raise InputError(
-            f"condition on a position or a rotation at {boundary.at:g}; velocities follow"
-        )
-    boundary.require_of(space)
-    return replace(boundary, at=sample_of(boundary.at, steps) / (steps - 1))
-
-
-def _exact(boundary: Boundary, noise: Floats) -> Boundary:
-    """What of a boundary is asked for without noise."""
-    return replace(
-        boundary,
-        position=None if noise[0] else boundary.position,
-        rotation=None if noise[1] else boundary.rotation,
-    )
-
-
-def _merged(boundaries: Iterable[Boundary], steps: int) -> tuple[Boundary, ...]:
-    """Boundaries, one a sample; of those at the same one the last says what it names."""
-    found: dict[int, Boundary] = {}
-    for boundary in boundaries:
-        k = sample_of(boundary.at, steps)
-        if k in found:
-            position, rotation = found[k].position, found[k].rotation
-            boundary = replace(
-                boundary,
-                position=position if boundary.position is None else boundary.position,
-                rotation=rotation if boundary.rotation is None else boundary.rotation,
-            )
-        found[k] = boundary
-    return tuple(found[k] for k in sorted(found) if not found[k].is_free)
-
-
-def _noise_of(noise: float | Sequence[float]) -> Floats:
-    given = _arguments.numbers("noise", noise)
-    if given.ndim > 1 or given.size not in (1, 2) or not np.all((given >= 0) & np.isfinite(given)):
-        raise InputError(
-            "noise must be a number, 0 or more, or two: of positions (m) and of rotations (rad); "
-            f"got {_arguments.short(noise)}"
-        )
-    return np.broadcast_to(given.ravel(), 2)
-
-
-def _context_of(
-    context: Mapping[str, Sequence[float]], count: int
-) -> tuple[tuple[str, ...], Floats]:
-    """Names and numbers, shape (count, c), of what demonstrations were made in."""
-    columns = []
-    for name, values in context.items():
-        column = _arguments.numbers(f"context {name}", values)
-        if column.shape != (count,) or not np.isfinite(column).all():
-            raise InputError(
-                f"context {name} must be {count} finite numbers, one a demonstration; got shape "
-                f"{column.shape}"
-            )
-        if not np.ptp(column) > 0:
-            raise InputError(f"context {name} is the same in all demonstrations: leave it out")
-        columns.append(column)
-    if count < FEWEST + len(columns):
-        raise InputError(
-            f"{len(columns)} numbers of context need {FEWEST + len(columns)} demonstrations or "
-            f"more, got {count}"
-        )
-    return tuple(context), np.array(columns).T.reshape(count, len(columns))
+        squares += 8 * np.maximum(0.0, 1 - np.abs(np.einsum("nqs,nqs->ns", one, other)))
+    return np.asarray(np.sqrt(squares.mean(axis=0)))

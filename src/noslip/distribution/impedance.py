@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from noslip import _arguments
-from noslip._files import write_beside
 from noslip._typing import Floats
 from noslip._values import Value
 from noslip.errors import InputError
+from noslip.series import Series
 from noslip.spread import Spread
 from noslip.trajectory import PoseTrajectory
 
 LINEAR, ANGULAR = (100.0, 2000.0), (2.0, 100.0)
 """Least and largest stiffness (N/m; Nm/rad): what hands push aside with ease, and what arms of
 seven joints hold without shaking."""
-COLUMNS = ("kx", "ky", "kz", "krx", "kry", "krz", "dx", "dy", "dz", "drx", "dry", "drz")
-"""Of stiffness and damping beside the pose's."""
+CHANNELS = {
+    **dict.fromkeys(("kx", "ky", "kz"), "N/m"),
+    **dict.fromkeys(("krx", "kry", "krz"), "Nm/rad"),
+    **dict.fromkeys(("dx", "dy", "dz"), "Ns/m"),
+    **dict.fromkeys(("drx", "dry", "drz"), "Nms/rad"),
+}
+"""Names and units of stiffness and damping beside a pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +34,8 @@ class Impedance(Value):
     Attributes
     ----------
     trajectory : PoseTrajectory
+        Its channels are stiffness and damping, as :data:`CHANNELS` names them; with them it is
+        written to files and bags.
     stiffness : array, shape (N, 6)
         Along x, y, z (N/m), then about them (Nm/rad).
     damping : array, shape (N, 6)
@@ -88,16 +94,18 @@ class Impedance(Value):
             damping.append(2 * ratio * np.sqrt(k * weight))
         return cls(motion, np.hstack(stiffness), np.hstack(damping))
 
-    def csv_text(self) -> str:
-        """Return the motion's columns, then :data:`COLUMNS`, as text."""
-        lines = self.trajectory.csv_text().splitlines()
-        numbers = np.hstack([self.stiffness, self.damping])
-        rows = [",".join(COLUMNS), *(",".join(map(repr, row.tolist())) for row in numbers)]
-        return "\n".join(f"{pose},{row}" for pose, row in zip(lines, rows, strict=True)) + "\n"
+    def __post_init__(self) -> None:
+        values = np.hstack([self.stiffness, self.damping])
+        names, units = tuple(CHANNELS), tuple(CHANNELS.values())
+        beside = Series(self.trajectory.times, values, names, units=units, name="impedance")
+        object.__setattr__(self, "trajectory", self.trajectory.with_channels(beside))
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write :meth:`csv_text` to a file; its poses are read as of any recording."""
-        return write_beside(path, self.csv_text().encode())
+    @property
+    def channels(self) -> Series:
+        """Stiffness and damping along the motion."""
+        found = self.trajectory.channels
+        assert found is not None
+        return found
 
 
 def _bounds(name: str, given: Sequence[float]) -> tuple[float, float]:

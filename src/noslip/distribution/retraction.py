@@ -15,6 +15,7 @@ motions; Absil, Mahony and Sepulchre 2008, section 4.1).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -23,10 +24,11 @@ from numpy.typing import NDArray
 
 from noslip._typing import Expression, Floats
 from noslip.constraints.system import ConstraintSystem
-from noslip.distribution.arrays import OnArrays
+from noslip.distribution.arrays import OnArrays, in_cache
+from noslip.distribution.blocks import Blocks
+from noslip.distribution.kernels import Kernels, kernels
 from noslip.errors import ConvergenceError
 from noslip.projection import newton
-from noslip.projection.band import Band
 from noslip.projection.problem import Problem
 from noslip.projection.request import Request
 from noslip.rotations import quaternion_conjugate, quaternion_log, quaternion_product
@@ -45,11 +47,6 @@ DEPTH = 3
 TOGETHER = 128
 """Motions that are moved at once: enough for products of matrices to run at full speed, few enough
 to stay in the processor's cache."""
-IN_CACHE = 8
-"""Motions of which all numbers of a turn stay in the cache."""
-STAGES = 6
-"""Samples of a block of the factorization: fewer are slower for their number, more for their
-size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +55,7 @@ class Retracted:
 
     Attributes
     ----------
-    points : array, shape (S, N, n + 4 b)
+    points : array, shape (N, n + 4 b, S)
     residual : array, shape (S,)
         Largest of each, over the one at which it has arrived.
     arrived : array of bool, shape (S,)
@@ -99,7 +96,9 @@ class Retraction:
         self.length = plan.length
         value, jacobian = plan.stage.slope(*plan.arguments())
         band, _ = newton.optimality(plan, plan.scaled(value), jacobian, {})
-        self._factor = _Blocks(band)
+        system = self.system
+        self._kernels = kernels_of(system) if system.size else None
+        self._factor = Blocks(band, self._kernels)
         if not self._factor.is_finite:
             raise ConvergenceError(
                 f"{reference.name}: the constraints leave no motion near it; condition on less, or "
@@ -107,34 +106,40 @@ class Retraction:
             )
         self._active, self._scale = plan.active, plan.row_scale
         self._tolerance = np.maximum(ARRIVED, plan.tolerance / plan.row_scale)
-        self._step: _Between = self.system.owned("between", lambda: _Between(self.system))
+        self._step: _Between = system.owned("between", lambda: _Between(system))
 
     def residuals(self, points: Floats) -> Floats:
-        """Residuals of the equalities, shape (S, N, m), zero where they are not asked for."""
-        found = self._step(self._times, self._time_step, points)
-        return found if self._active.all() else np.where(self._active, found, 0.0)
+        """Residuals of the equalities, shape (N, m, S), zero where they are not asked for."""
+        residuals = self._step if self._kernels is None else self._kernels.residuals
+        found = residuals(self._times, self._time_step, points)
+        return found if self._active.all() else np.where(self._active[:, :, None], found, 0.0)
 
     def corrections(self, residuals: Floats) -> Floats:
         """Least changes of a motion that take away residuals, to first order.
 
         Parameters
         ----------
-        residuals : array, shape (S, N, m)
+        residuals : array, shape (N, m, S)
 
         Returns
         -------
-        array, shape (S, N, n + 3 b)
+        array, shape (N, n + 3 b, S)
             As :meth:`noslip.space.Space.moved` wants them.
         """
-        several, count, rows = residuals.shape
         turns, unknowns = self.space.angular, self.space.velocity_size
-        right = np.zeros((count, unknowns + rows, several))
-        right[:, unknowns:] = (residuals * -self._scale).transpose(1, 2, 0)
+        steps = self._solved(residuals)
         # The projection has the turns first, and positions over the path's length.
-        steps = self._factor.solve(right.reshape(-1, several)).reshape(right.shape)
-        found = np.empty((several, count, unknowns))
-        found[:, :, : unknowns - turns] = self.length * steps[:, turns:unknowns].transpose(2, 0, 1)
-        found[:, :, unknowns - turns :] = steps[:, :turns].transpose(2, 0, 1)
+        moves = self.length * steps[:, turns:unknowns]
+        return np.concatenate([moves, steps[:, :turns]], axis=1)
+
+    def _solved(self, residuals: Floats) -> Floats:
+        """Unknowns and multipliers of the projection that residuals ask for."""
+        count, rows, several = residuals.shape
+        unknowns = self.space.velocity_size
+        right = np.zeros((self._factor.rows, several))
+        found = right[: count * (unknowns + rows)].reshape(count, -1, several)
+        np.multiply(residuals, -self._scale[:, None], out=found[:, unknowns:])
+        self._factor.solve(right)
         return found
 
     def tangent(self, changes: Floats, reference: Floats) -> Floats:
@@ -142,57 +147,72 @@ class Retraction:
 
         Parameters
         ----------
-        changes : array, shape (S, N, n + 3 b)
+        changes : array, shape (N, n + 3 b, S)
         reference : array, shape (N, n + 4 b)
             The feasible motion.
         """
         # Central differences: exact to the square of a step that is a millionth of the path.
         step = _DIFFERENCE * self.length / max(float(np.abs(changes).max()), 1e-300)
-        found = np.empty_like(changes)
-        for first in range(0, len(changes), TOGETHER):
-            part = slice(first, first + TOGETHER)
+        found, begun = np.empty_like(changes), reference[:, :, None]
+        for part in _lots(changes):
             there, back = (
-                self.residuals(self.space.moved(reference[None], sign * step * changes[part]))
+                self.residuals(self.space.moved(begun, sign * step * changes[..., part], 1))
                 for sign in (1.0, -1.0)
             )
-            found[part] = changes[part] + self.corrections((there - back) / (2 * step))
+            found[..., part] = changes[..., part] + self.corrections((there - back) / (2 * step))
         return found
 
     def __call__(self, points: Floats) -> Retracted:
-        """Move motions, points of shape (S, N, n + 4 b), onto the constraints."""
-        moved, missed = points.copy(), np.empty(len(points))
-        arrived, most = np.zeros(len(points), dtype=bool), 0
-        for first in range(0, len(points), TOGETHER):
-            part = slice(first, first + TOGETHER)
-            moved[part], missed[part], arrived[part], steps = self._onto(moved[part])
+        """Move motions, points of shape (N, n + 4 b, S), onto the constraints."""
+        moved, missed = points.copy(), np.empty(points.shape[2])
+        arrived, most = np.zeros(points.shape[2], dtype=bool), 0
+        for part in _lots(points):
+            moved[..., part], missed[part], arrived[part], steps = self._onto(points[..., part])
             most = max(most, steps)
         return Retracted(moved, missed, arrived, most)
 
     def _onto(self, points: Floats) -> tuple[Floats, Floats, NDArray[np.bool_], int]:
         """Move a few motions; the points, what is left, which arrived, and in how many steps."""
-        found, size = points.copy(), np.empty(len(points))
-        going, left = np.arange(len(points)), self.residuals(points)
+        found, size = points.copy(), np.empty(points.shape[2])
+        going, left = np.arange(points.shape[2]), self.residuals(points)
         missed = self._missed(left)
         size[:] = missed
         least, pull = missed.copy(), np.zeros_like(left)
-        past = _Past(pull, left)
+        past = _Past()
         for steps in range(MOST_STEPS + 1):
             on = (missed > 1) & np.isfinite(missed) & (missed <= WORST * least)
             if not on.all():
-                going, left, pull, least = going[on], left[on], pull[on], least[on]
+                going, least = going[on], least[on]
+                points, left, pull = points[..., on], left[..., on], pull[..., on]
                 past.keep(on)
             if not len(going) or steps == MOST_STEPS:
                 break
             pull = past.next(pull, left)
-            moved = _led(self.space, points[going], self.corrections(pull))
+            moved = self._led(points, self._solved(pull))
             left = self.residuals(moved)
             missed = self._missed(left)
-            found[going], size[going] = moved, missed
+            if len(going) == len(size):
+                found = moved
+            else:
+                found[..., going] = moved
+            size[going] = missed
             least = np.minimum(least, missed)
         return found, size, size <= 1, steps
 
+    def _led(self, points: Floats, steps: Floats) -> Floats:
+        if self._kernels is not None:
+            return self._kernels.led(self.length, points, steps)
+        return _led(self.space, self.length, points, steps)
+
     def _missed(self, residuals: Floats) -> Floats:
-        return np.asarray(np.abs(residuals / self._tolerance).max(axis=(1, 2), initial=0.0))
+        off = np.abs(residuals / self._tolerance[:, None])
+        return np.asarray(off.max(axis=(0, 1), initial=0.0))
+
+
+def _lots(motions: Floats) -> Iterator[slice]:
+    """Places of the motions that are moved at once."""
+    for first in range(0, motions.shape[2], TOGETHER):
+        yield slice(first, first + TOGETHER)
 
 
 class _Past:
@@ -202,125 +222,72 @@ class _Past:
     linear in them (Walker and Ni 2011, eq. 2.2 and below).
     """
 
-    def __init__(self, pull: Floats, left: Floats) -> None:
-        self._pulls: list[Floats] = []
+    def __init__(self) -> None:
+        self._steps: list[Floats] = []
         self._lefts: list[Floats] = []
         self._before: tuple[Floats, Floats] | None = None
 
     def keep(self, on: NDArray[np.bool_]) -> None:
-        self._pulls, self._lefts = ([x[on] for x in xs] for xs in (self._pulls, self._lefts))
+        self._steps, self._lefts = ([x[..., on] for x in xs] for xs in (self._steps, self._lefts))
         if self._before is not None:
-            self._before = self._before[0][on], self._before[1][on]
+            self._before = self._before[0][..., on], self._before[1][..., on]
 
     def next(self, pull: Floats, left: Floats) -> Floats:
-        if self._before is not None:
-            self._pulls = [*self._pulls, pull - self._before[0]][-DEPTH:]
-            self._lefts = [*self._lefts, left - self._before[1]][-DEPTH:]
-        self._before = pull, left
         step = pull + left
-        if not self._lefts:
+        if self._before is not None:
+            self._steps = [*self._steps, step - self._before[0]][-DEPTH:]
+            self._lefts = [*self._lefts, left - self._before[1]][-DEPTH:]
+        self._before = step, left
+        count = len(self._lefts)
+        if not count:
             return step
-        changes = np.stack(self._lefts, axis=1).reshape(len(left), len(self._lefts), -1)
-        flat = left.reshape(len(left), -1)
-        normal = changes @ changes.swapaxes(1, 2)
+        normal, wanted = np.empty((left.shape[2], count, count)), np.empty((left.shape[2], count))
+        for k, one in enumerate(self._lefts):
+            wanted[:, k] = _dot(one, left)
+            for j, other in enumerate(self._lefts[: k + 1]):
+                normal[:, k, j] = normal[:, j, k] = _dot(one, other)
         size = np.einsum("skk->s", normal)[:, None, None]
-        normal += (1e-14 * size + 1e-300) * np.eye(normal.shape[1])
-        shares = np.linalg.solve(normal, changes @ flat[:, :, None])[:, :, 0]
-        for k, both in enumerate(zip(self._pulls, self._lefts, strict=True)):
-            step -= shares[:, k, None, None] * sum(both)
-        return step
+        normal += (1e-14 * size + 1e-300) * np.eye(count)
+        shares = np.linalg.solve(normal, wanted[:, :, None])[:, :, 0]
+        found = step.copy()
+        for share, change in zip(shares.T, self._steps, strict=True):
+            found -= share * change
+        return found
+
+
+def _dot(one: Floats, other: Floats) -> Floats:
+    """Products of motions' numbers, summed, shape (S,)."""
+    return np.asarray(np.einsum("nms,nms->s", one, other))
 
 
 _DIFFERENCE = 1e-6
 """Of the path, for central differences: their error is its square, their rounding 1e-10."""
 
 
-class _Blocks:
-    """A banded matrix, factorized in blocks of several stages, for many right-hand sides at once.
-
-    As ``L D U`` of a block-tridiagonal matrix: products of small matrices, which take a quarter of
-    the time of LAPACK's triangular solutions with a band.  A block's own pivots are all there are;
-    what rounding that costs, the iteration makes up for.
-    """
-
-    def __init__(self, band: Band) -> None:
-        self._size, self._width = STAGES * band.stage, band.width
-        self._count = band.count * band.stage
-        size, width = self._size, self._width
-        self._inverses: list[Floats] = []
-        self._lower: list[Floats] = []
-        self._upper: list[Floats] = []
-        for first in range(0, self._count, size):
-            last = min(first + size, self._count)
-            block = _part(band, first, last, first, last)
-            if first:
-                reach = min(first + width, last)
-                below = _part(band, first, reach, first - width, first)
-                above = _part(band, first - width, first, first, reach)
-                before = self._inverses[-1]
-                block[: reach - first, : reach - first] -= below @ before[-width:, -width:] @ above
-                self._lower.append(below)
-                self._upper.append(before[:, -width:] @ above)
-            self._inverses.append(_inverse(block))
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether there is a solution."""
-        return all(np.isfinite(each).all() for each in self._inverses)
-
-    def solve(self, right: Floats) -> Floats:
-        """Solve for right-hand sides of shape (unknowns, S), which are overwritten."""
-        size, width, last = self._size, self._width, len(self._inverses) - 1
-        for k, inverse in enumerate(self._inverses):
-            first = k * size
-            block = right[first : first + size]
-            if k:
-                lower = self._lower[k - 1]
-                block[: len(lower)] -= lower @ right[first - width : first]
-            right[first : first + size] = inverse @ block
-        for k in range(last - 1, -1, -1):
-            first, upper = (k + 1) * size, self._upper[k]
-            right[k * size : first] -= upper @ right[first : first + upper.shape[1]]
-        return right
+def kernels_of(system: ConstraintSystem) -> Kernels | None:
+    """Machine code of a system of equalities; None without a compiler."""
+    return kernels(system, lambda: _residual(system))
 
 
-def _part(band: Band, top: int, bottom: int, left: int, right: int) -> Floats:
-    """Entries of a band as a dense matrix."""
-    rows, columns = np.arange(top, bottom)[:, None], np.arange(left, right)
-    inside = np.abs(rows - columns) <= band.width
-    found = np.zeros(inside.shape)
-    at = np.broadcast_to(2 * band.width + rows - columns, inside.shape)[inside]
-    found[inside] = band.storage[at, np.broadcast_to(columns, inside.shape)[inside]]
-    return found
+def _led(space: Space, length: float, points: Floats, steps: Floats) -> Floats:
+    """Points led by steps of a projection, turned by ``2 atan(|r| / 2)``: without a sine.
 
-
-def _inverse(block: Floats) -> Floats:
-    try:
-        return np.asarray(np.linalg.inv(block), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return np.full_like(block, np.nan)
-
-
-def _led(space: Space, points: Floats, changes: Floats) -> Floats:
-    """Points moved by changes, turned by ``2 atan(|r| / 2)``: to third order, without a sine.
-
-    Any way to go does that begins like ``Exp(r) R``; this one takes half the time.
+    Any way to go does that begins like ``Exp(r) R``; this one, to third order, takes half the time.
     """
     found = np.empty_like(points)
-    for first in range(0, len(points), IN_CACHE):
-        part = slice(first, first + IN_CACHE)
-        _lead(space, points[part], changes[part], found[part])
+    for rows in in_cache(len(points), points.shape[2]):
+        _lead(space, length, points[rows], steps[rows], found[rows])
     return found
 
 
-def _lead(space: Space, points: Floats, changes: Floats, found: Floats) -> None:
-    n = space.linear
-    np.add(points[..., :n], changes[..., :n], out=found[..., :n])
+def _lead(space: Space, length: float, points: Floats, steps: Floats, found: Floats) -> None:
+    n, turns = space.linear, space.angular
+    np.add(points[:, :n], length * steps[:, turns : turns + n], out=found[:, :n])
     for k in range(space.rotations):
-        a, b, c = np.moveaxis(changes[..., n + 3 * k : n + 3 * k + 3] / 2, -1, 0)
+        a, b, c = (steps[:, 3 * k + j] / 2 for j in range(3))
         first = n + 4 * k
-        w, x, y, z = np.moveaxis(points[..., first : first + 4], -1, 0)
-        size = np.sqrt(1 + a * a + b * b + c * c)
+        w, x, y, z = (points[:, first + j] for j in range(4))
+        shorter = 1 / np.sqrt(1 + a * a + b * b + c * c)
         for j, part in enumerate(
             (
                 w - a * x - b * y - c * z,
@@ -329,7 +296,7 @@ def _lead(space: Space, points: Floats, changes: Floats, found: Floats) -> None:
                 z + c * w + a * y - b * x,
             )
         ):
-            np.divide(part, size, out=found[..., first + j])
+            np.multiply(part, shorter, out=found[:, first + j])
 
 
 class _Between:
@@ -339,13 +306,13 @@ class _Between:
         self._size, self._evaluate = system.size, OnArrays(_residual(system))
 
     def __call__(self, times: Floats, time_step: float, points: Floats) -> Floats:
-        """Of motions of shape (S, N, n + 4 b), shape (S, N, m): of the steps to each sample."""
-        found = np.empty((*points.shape[:2], self._size))
+        """Of motions of shape (N, n + 4 b, S), shape (N, m, S): of the steps to each sample."""
+        found = np.empty((len(points), self._size, points.shape[2]))
         # No step leads to the first sample: what is asked of it is asked of its pose alone.
         for at, before in ((slice(0, 1), slice(0, 1)), (slice(1, None), slice(0, -1))):
             if self._size:
-                pairs = [*np.moveaxis(points[:, before], -1, 0), *np.moveaxis(points[:, at], -1, 0)]
-                found[:, at] = self._evaluate([times[at], time_step, *pairs])
+                pairs = [points[part, j] for part in (before, at) for j in range(points.shape[1])]
+                found[at] = self._evaluate([times[at, None], time_step, *pairs])
         return found
 
 

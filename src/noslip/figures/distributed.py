@@ -93,7 +93,7 @@ def motion_distribution(
         ax.set_xlim(0, 100)
         style.dress(ax, PROGRESS, f"{name} ({shown})")
     handles: dict[str, Any] = {"mean": MEAN, f"{count} samples": SAMPLE}
-    handles[f"{LEVEL:.0%} of motions"] = Patch(**BAND)
+    handles[f"{100 * LEVEL:g} % of motions"] = Patch(**BAND)
     if any(boundary.position is not None for boundary in distribution.kept):
         handles["all pass"] = {"linestyle": "none"} | KEPT
     style.put_legend(figure, handles)
@@ -132,7 +132,7 @@ def _finding(
     at, which = np.unravel_index(np.argmax(half[:, :linear]), half[:, :linear].shape)
     width = value_text(float(half[at, which]), distribution.space.units[int(which)])
     where = f"{names[int(which)]} at {100 * at / (len(half) - 1):.0f} % of the time"
-    text = f"{LEVEL:.0%} of motions stay within {width} of the mean, widest in {where}"
+    text = f"{100 * LEVEL:g} % of motions stay within {width} of the mean, widest in {where}"
     if residuals.size:
         unit = distribution.system.equalities.row_units[0]
         text += f"; {count} samples: residual {residual_text(float(residuals.max()), unit)}"

@@ -91,12 +91,14 @@ def _alone(trajectory: Series, limits: Floats) -> Figure:
     panels = _panels(trajectory)
     figure = style.new_figure(style.TWO_COLUMNS, 0.8 + PANEL_HEIGHT * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    limited = False
     for ax, (unit, columns) in zip(axes, panels, strict=True):
         curves = {trajectory.names[k]: trajectory.values[:, k] for k in columns}
         lines = style.draw_curves(ax, {name: (times, values) for name, values in curves.items()})
         _span(ax, list(curves.values()))
         for line, k in zip(lines, columns, strict=True):
-            _draw_limits(ax, curves[trajectory.names[k]], limits[k], color=line.get_color())
+            own = curves[trajectory.names[k]]
+            limited |= _draw_limits(ax, own, limits[k], color=line.get_color())
         label = ", ".join(curves) if len(curves) == 1 else ""
         style.dress(ax, TIME, f"{label or 'values'} ({unit})")
         ax.set_xlim(times[0], times[-1])
@@ -111,6 +113,8 @@ def _alone(trajectory: Series, limits: Floats) -> Figure:
                 borderaxespad=0,
             )
     style.stack(figure, list(axes))
+    if limited:
+        style.write_note(figure, "Sparse dots: limits, each in its value's color")
     return figure
 
 
@@ -124,6 +128,7 @@ def _compared(motions: Mapping[str, Series], limits: Floats) -> Figure:
     )
     figure = style.new_figure(style.TWO_COLUMNS, 1.0 + PANEL_HEIGHT * rows)
     panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    limited = False
     for k, ax in enumerate(panels):
         if k >= len(first.names):
             ax.remove()
@@ -133,10 +138,12 @@ def _compared(motions: Mapping[str, Series], limits: Floats) -> Figure:
         curves = {name: (clocks[name], values[name]) for name in motions}
         style.draw_curves(ax, curves, styles)
         _span(ax, list(values.values()))
-        _draw_limits(ax, np.concatenate(list(values.values())), limits[k])
+        limited |= _draw_limits(ax, np.concatenate(list(values.values())), limits[k])
         below = k + columns >= len(first.names)
         style.dress(ax, TIME if below else "", f"{first.names[k]} ({first.units[k]})")
     style.name_lines(figure, motions, styles)
+    if limited:
+        style.write_note(figure, "Gray, across a panel: limits")
     return figure
 
 
@@ -155,16 +162,17 @@ def _limits(constraints: Constraints, motion: Series) -> Floats:
     return bounds
 
 
-def _draw_limits(ax: Axes, values: Floats, bounds: Floats, color: object = None) -> None:
-    """Draw the limits that a value comes near to, dashed in its own color if it has one."""
+def _draw_limits(ax: Axes, values: Floats, bounds: Floats, color: object = None) -> bool:
+    """Draw the limits that a value comes near to, in its own color if it has one; return if any."""
     room = SEEN * float(np.ptp(values)) or np.inf
-    look = LIMIT | ({"color": color, "linestyle": ":"} if color else {})
-    for bound in bounds[np.isfinite(bounds)]:
-        if np.min(np.abs(values - bound)) <= room:
-            ax.axhline(bound, **look)
-            low, high = ax.get_ylim()
-            margin = 0.05 * (high - low)
-            ax.set_ylim(min(low, bound - margin), max(high, bound + margin))
+    look = LIMIT | ({"color": color, "linestyle": (0, (1, 4))} if color else {})
+    near = [b for b in bounds[np.isfinite(bounds)] if np.min(np.abs(values - b)) <= room]
+    for bound in near:
+        ax.axhline(bound, **look)
+        low, high = ax.get_ylim()
+        margin = 0.05 * (high - low)
+        ax.set_ylim(min(low, bound - margin), max(high, bound + margin))
+    return bool(near)
 
 
 def _panels(trajectory: Series) -> list[tuple[str, list[int]]]:

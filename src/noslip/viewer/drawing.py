@@ -26,6 +26,9 @@ GHOST, GHOST_OPACITY = rgb(PALETTE["gray"]), 0.3
 """Color and opacity of what a motion is compared with: seen, and seen through."""
 ROD_LENGTH = 0.3
 """Of what stands for a body beside the tool, over the scene's size: shorter than the scalpel."""
+ABOVE = 0.18
+"""Share of an upright window's height by which the scene is above its middle: a panel that is
+unfolded covers the lower three fifths."""
 TRAIL_WIDTH, GHOST_WIDTH = 3.5, 1.5
 """Pixels: what a motion is compared with is thinner."""
 
@@ -56,6 +59,11 @@ class Drawing:
         Height of the grid (m).  Its cells are 1 cm wide, or 1 mm, 10 cm, as suits the size.
     arm : array, shape (K, 3), optional
         Points of an arm (m), its base first: the camera stands across from that and sees all.
+
+    Attributes
+    ----------
+    middle : array, shape (3,)
+        Of what is seen first (m): of the scene, or of the arm and its work.
     """
 
     def __init__(
@@ -90,10 +98,10 @@ class Drawing:
         # To the left of the middle, for on the right is the panel.
         camera.look_at = center + size * np.array([0.35, 0.0, 0.1])
         camera.position = center + size * np.array([0.15, -1.4, 1.15])
-        self._middle: Floats = center
+        self.middle: Floats = center
         if arm is not None:
             camera.look_at, camera.position = _across(center, arm)
-            self._middle = np.vstack([arm, center]).mean(axis=0)
+            self.middle = np.vstack([arm, center]).mean(axis=0)
         away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
         camera.near, camera.far = 0.01 * size, max(100 * size, 10 * away)
         camera.fov = np.radians(50)
@@ -108,10 +116,15 @@ class Drawing:
     def upright_camera(self, aspect: float) -> tuple[Floats, Floats]:
         """Where a camera stands (m), and looks, in a window whose width is a share of its height.
 
-        Its width sees what is seen in one that is as wide as it is high.
+        Its width sees what is seen in one that is as wide as it is high; the middle of the scene is
+        above the window's, for below is the panel.
         """
-        away = np.subtract(self.server.initial_camera.position, self._middle)
-        return self._middle + away / aspect, self._middle
+        camera = self.server.initial_camera
+        away = np.subtract(camera.position, self.middle)
+        far = float(np.linalg.norm(away))
+        up = np.array([0.0, 0.0, 1.0]) - away[2] * away / far**2
+        down = -ABOVE * 2 * np.tan(camera.fov / 2) * far * up / np.linalg.norm(up)
+        return self.middle + (away + down) / aspect, self.middle + down / aspect
 
     # ---------------------------------------------------------------- what there is
 

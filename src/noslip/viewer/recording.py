@@ -116,13 +116,13 @@ def _for_phones(drawing: Drawing) -> str:
 
     viser's page takes a camera from its address alone, and has no server here that could move it.
     """
-    place, look_at = drawing.upright_camera(1.0)
+    place, look_at = (point - drawing.middle for point in drawing.upright_camera(1.0))
     return f"""<script>
 if (innerWidth < innerHeight) {{
-  const away = {(place - look_at).tolist()}, at = {look_at.tolist()}, url = new URL(location);
-  const stand = at.map((x, i) => x + away[i] * innerHeight / innerWidth);
-  url.searchParams.set("initialCameraPosition", stand.join());
-  url.searchParams.set("initialCameraLookAt", at.join());
+  const url = new URL(location), middle = {drawing.middle.tolist()};
+  const far = (from) => middle.map((x, i) => x + from[i] * innerHeight / innerWidth).join();
+  url.searchParams.set("initialCameraPosition", far({place.tolist()}));
+  url.searchParams.set("initialCameraLookAt", far({look_at.tolist()}));
   history.replaceState(null, "", url);
 }}
 </script>"""
