@@ -32,8 +32,8 @@ GIVE_WAY = {"any_start", "metric", "priorities"}
 # Limits lead these around, and not into a stop: what is learned, and where it was to arrive.
 ARRIVE = {"keep_out": ("motion", "hand"), "travel": ("wide", "cart")}
 FAR = 0.01
-# What this executes comes of many chunks; its residuals are those of the poses.
-EXECUTED = {"shielded_policy": "blade"}
+# What these execute comes of many chunks or primitives; its residuals are those of the poses.
+EXECUTED = {"rhythms": "blade", "shielded_policy": "blade"}
 # These read recordings that lie beside the repository.
 RECORDED = {"other_placement"}
 # This one has no constraint.

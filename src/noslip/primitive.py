@@ -33,7 +33,9 @@ from noslip.law.scaling import scaled
 from noslip.provenance import LearningRecord, Origin, Verb
 from noslip.rule import Rule, no_rule
 from noslip.runtime.batch import rollout_many
+from noslip.runtime.rhythm import modulated
 from noslip.runtime.rollout import initial_state, rollout, step
+from noslip.runtime.state import State
 from noslip.runtime.stepper import stepper_of
 from noslip.spread import Spread
 from noslip.verification import Deviation, require_hard_limits, tell, tell_many
@@ -245,6 +247,31 @@ class ConstrainedDMP(Value):
     )
     initial_state = _method(initial_state)
     step = _method(step)
+
+    def modulated(
+        self,
+        state: State,
+        time_step: float,
+        *,
+        within: float,
+        period: float | None = None,
+        amplitude: float | None = None,
+        baseline: ArrayLike | None = None,
+    ) -> State:
+        """Lead a rhythm's state a step nearer to another period, amplitude or baseline.
+
+        See :func:`noslip.runtime.rhythm.modulated`, whose arguments and errors these are.
+        """
+        return modulated(
+            self.law,
+            state,
+            time_step,
+            within=within,
+            period=period,
+            amplitude=amplitude,
+            baseline=baseline,
+        )
+
     rollout_many = _with_channels(
         _method(_telling(rollout_many, tell_many)),
         lambda motions, channels: replace(motions, channels=channels),
