@@ -165,7 +165,9 @@ def _limits(constraints: Constraints, motion: Series) -> Floats:
 def _draw_limits(ax: Axes, values: Floats, bounds: Floats, color: object = None) -> bool:
     """Draw the limits that a value comes near to, in its own color if it has one; return if any."""
     room = SEEN * float(np.ptp(values)) or np.inf
-    look = LIMIT | ({"color": color, "linestyle": (0, (1, 4))} if color else {})
+    look: dict[str, Any] = dict(LIMIT)
+    if color is not None:
+        look.update(color=color, linestyle=(0, (1, 4)))
     near = [b for b in bounds[np.isfinite(bounds)] if np.min(np.abs(values - b)) <= room]
     for bound in near:
         ax.axhline(bound, **look)

@@ -133,10 +133,10 @@ def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> 
     units = set(dmp.system.equalities.row_units)
     residual_unit = units.pop() if len(units) == 1 else "(SI)"
     goal = Boundary(1.0, dmp.goal_position, dmp.goal_rotation)
-    checks = [checked(motion, dmp.system).constraints for motion in motions.values()]
-    slips = [
-        [one.slip_distance for one in found if one.slip_distance is not None] for found in checks
-    ]
+    slips: list[list[float]] = []
+    for motion in motions.values() if dmp.system.size else ():
+        found = checked(motion, dmp.system).constraints
+        slips.append([one.slip_distance for one in found if one.slip_distance is not None])
     merits = [figures_of_merit(motion, reference, dmp.system) for motion in motions.values()]
     ends = [end_errors(motion, goal) for motion in motions.values()]
     shown: list[tuple[str, str, Sequence[float | None]]] = [
@@ -165,7 +165,7 @@ def merits_table(dmp: ConstrainedDMP, motions: Mapping[str, PoseTrajectory]) -> 
     )
     if "demonstration" in motions and len(dmp.record) > 1:
         note += f"  Demonstration: {reference.name}, of all the one that violates them most."
-    if all(slips):
+    if slips and all(slips):
         shown.insert(0, ("way slipped", "m", [max(each) for each in slips]))
     rows = tuple((name, *(cell(value, unit) for value in values)) for name, unit, values in shown)
     return Table("Figures of merit", ("", *motions), rows, note)
