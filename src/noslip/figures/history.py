@@ -206,7 +206,7 @@ def _span_something(ax: Axes, values: Floats) -> None:
 
 def _label(ax: Axes, quantity: str, unit: str) -> None:
     style.dress(ax, TIME, "")
-    ax.set_ylabel(fill(f"{quantity} ({unit})", 18), fontsize=style.SMALL_FONT_SIZE)
+    ax.set_ylabel(fill(f"{quantity} ({unit})", 13), fontsize=style.SMALL_FONT_SIZE)
 
 
 PANELS: dict[str, Callable[[Axes, Floats, ConstraintRecord], list[Line2D]]] = {
