@@ -12,10 +12,12 @@ from threading import Lock
 from typing import Any, Literal
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 
@@ -147,11 +149,29 @@ class Picture(Figure):
         return data.getvalue()
 
 
+class _Layout(ConstrainedLayoutEngine):
+    """Constrained layout to nine digits: its solver's rounding depends on addresses in memory.
+
+    An SVG's identifiers are hashes of places, so that the same figure would have other bytes.
+    """
+
+    def execute(self, fig: Figure) -> Any:
+        found = super().execute(fig)
+        for ax in fig.axes:
+            was = ax.get_in_layout()
+            place = ax.get_position(original=True)
+            left, bottom, width, height = np.round(place.bounds, 9).tolist()
+            ax.set_position((left, bottom, width, height))
+            ax.set_in_layout(was)
+        return found
+
+
 def new_figure(
     width: float, height: float, *, layout: Literal["constrained"] | None = "constrained"
 ) -> Figure:
     """Return an empty figure (inches), of no window and of no global state."""
-    figure = Picture(figsize=(width, height), dpi=DPI, layout=layout, facecolor="white")
+    engine = _Layout() if layout else None
+    figure = Picture(figsize=(width, height), dpi=DPI, layout=engine, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
