@@ -37,7 +37,7 @@ def test_joints_are_shown_as_shares_of_their_limits(tracked: robots.TrackedMotio
     )
     assert all(np.abs(line.get_ydata()).max() <= 1 for ax in figure.axes for line in ax.lines)
     [legend] = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == list(arm.joint_names)
+    assert [text.get_text() for text in legend.get_texts()] == [*arm.joint_names, "limits"]
     least, whose = tracked.margins.smallest
     assert whose in figure.get_suptitle()
     assert f"{least:.0%}" in figure.get_suptitle()

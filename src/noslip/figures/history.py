@@ -163,7 +163,7 @@ def _plot_values(ax: Axes, times: Floats, one: ConstraintRecord) -> list[Line2D]
         style.span_at_least(ax, shown.T, 2 * scale * one.span)
     _label(ax, quantity, unit if one.unit else "own unit")
     name = one.name if len(one.name) <= LONGEST_TITLE else f"{one.name[: LONGEST_TITLE - 1]}…"
-    heading = f"{style.short_name(name)}: {one.extreme_text}"
+    heading = f"{style.short_name(name)}:\n{one.extreme_text}"
     ax.set_title(heading, loc="left", fontsize=style.SMALL_FONT_SIZE, fontweight="bold")
     return lines
 
@@ -185,7 +185,7 @@ def _plot_force(ax: Axes, times: Floats, one: ConstraintRecord, part: Part) -> l
     heading = "none added"
     if size.any():
         peak = f"{style.number(size.max())} {FORCE_UNITS[part]}"
-        heading = f"≤ {peak}, at {style.number(times[np.argmax(size)])} s"
+        heading = f"≤ {peak}\nat {style.number(times[np.argmax(size)])} s"
     ax.set_title(heading, loc="left", fontsize=style.SMALL_FONT_SIZE)
     return lines
 
