@@ -20,8 +20,8 @@ from .test_tracking import assert_kept
 pytestmark = pytest.mark.recordings
 BLADE = ns.Blade()
 QUICK = ("a_1", "c_2")
-NAMES = ["a_1", "b_2", "c_2", "d_1"]
-"""Of each placement of the contour one of two recordings."""
+NAMES = ["a_1", "c_2", "d_1"]
+"""Of three placements of the contour one of two recordings each."""
 LOWPASS = 2.0
 """Hz, as the other recordings are learned."""
 BETTER = 10.0
