@@ -15,6 +15,7 @@ import noslip as ns
 from measures import slip
 from noslip import robots
 from noslip.constraints import joint_limits
+from noslip.errors import CompromiseWarning
 
 from .arms import arc, published_motion
 
@@ -84,3 +85,23 @@ def test_recorded_joints_are_read_as_those_of_the_robot(tmp_path: Path, robot: o
     assert read.units == ("rad",) * 7
     assert np.array_equal(read.values, demonstration().values)
     assert np.abs(read.tool.positions - tool(read).positions).max() <= 1e-12
+
+
+def test_limits_of_all_levels_are_held_by_taking_longer() -> None:
+    hurried = demonstration()
+    hurried = ns.Trajectory(0.2 * hurried.times, hurried.values, hurried.names, name="hurried")
+    with pytest.warns(CompromiseWarning, match=r"takes .* instead of .*'joint \w+ limits'"):
+        dmp = ns.learn(hurried, [ns.Blade(), *joint_limits(CHAIN)], robot="panda")
+    motion = dmp.rollout()
+    assert np.abs(slip(tool(motion))).max() <= 1e-10
+    assert dmp.duration > hurried.duration
+    # The law's joints, differenced by nothing of the library's.
+    rates = np.diff(motion.values, axis=0) / np.diff(motion.times)[:, None]
+    accelerations = np.diff(rates, axis=0) / motion.period
+    shares = (
+        (np.abs(rates) / CHAIN.velocity_limits).max(),
+        (np.abs(accelerations) / CHAIN.acceleration_limits).max(),
+    )
+    assert 0.9 <= max(shares) <= 1 + 1e-6
+    slower = learned().rollout()
+    assert np.linalg.norm(motion.values[-1] - slower.values[-1]) <= 1e-3

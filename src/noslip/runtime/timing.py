@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -236,8 +236,9 @@ def timed(system: ConstraintSystem) -> list[bool]:
 
 
 def _kept_at_rest(limit: Constraint) -> bool:
-    still = np.zeros(3)
-    rest = constraint_function(limit)(0, still, np.eye(3), still, still, still, still)
+    still = np.zeros(limit.coordinates or 3)
+    instant: list[Any] = [still, np.eye(3), still, still, still, still]
+    rest = constraint_function(limit)(0, *([still] * 3 if limit.coordinates else instant))
     # What is no number at rest says nothing of it.
     return bool(np.all(~(np.asarray(rest) <= 0)))
 
