@@ -67,7 +67,7 @@ ratchet.set_ylim(-6, None)
 style.dress(thread, "turns", "depth (mm)", title="screw: 4 mm a turn")
 style.dress(ratchet, "time (s)", "turning (rad/s)", title="ratchet: never back (shaded)")
 style.name_lines(figure, motions)
-strays = [style.number(1e3 * ns.check(m, screw).peak) for m in motions.values()]
+strays = [style.number(1e3 * ns.check(m, held).peak) for m in motions.values()]
 style.write_title(
     figure,
     f"Off its thread by up to {strays[0]} mm/s as demonstrated, {strays[1]} mm/s as learned, and "
