@@ -247,8 +247,7 @@ def test_a_hand_that_holds_a_compliant_robot_is_followed(seed: int, at: float, s
     assert turned <= 1.0
 
 
-@pytest.mark.parametrize("rolled", [0.0, np.pi / 2])
-def test_a_tool_that_hardly_comes_back_from_aside_is_waited_for(rolled: float) -> None:
+def test_a_tool_that_hardly_comes_back_from_aside_is_waited_for() -> None:
     # A beveled tip bends with a radius twice as long as its way: it must draw back to get aside.
     u = eased(np.linspace(0, 1, 201))
     path = 0.2 * np.column_stack([np.sin(u / 2), 1 - np.cos(u / 2), 0 * u])
@@ -258,7 +257,8 @@ def test_a_tool_that_hardly_comes_back_from_aside_is_waited_for(rolled: float) -
     nominal = dmp.rollout(time_step=H)
     fine, length = dmp.rollout(time_step=H / 50).positions, nominal.path_length
     begin = 1.2
-    body = nominal.rotations[int(begin / H)].apply([0, np.cos(rolled), np.sin(rolled)])
+    # Out of the plane in which it bends.
+    body = nominal.rotations[int(begin / H)].apply([0, 0, 1])
     for hold in (0.3, 3.0):
         controller = ns.Controller(dmp, H, follows=True)
         run = drive(controller, usual(hand=held(0.1 * length * body, begin, begin + hold)))
@@ -614,7 +614,7 @@ def test_however_late_a_cycle_is_nothing_jumps(late: float, at: int) -> None:
 
 
 @given(st.floats(0.4, 0.95), st.floats(2e-4, 0.02))
-@settings(max_examples=15)
+@settings(max_examples=6)
 def test_every_cycle_keeps_the_bounds_however_long_it_is(faster: float, h: float) -> None:
     # The whole turn of a cycle is asked, and the way: a motion of 2 s has 5 ms between its samples.
     controller = ns.Controller(s_cut(), h, faster=faster)
