@@ -48,7 +48,8 @@ class Timed(Value):
             row = int(np.argmin(np.diff(times) > 0)) + 1
             raise InputError(
                 f"{self.name}: times must increase, but sample {row} is at "
-                f"{seconds(times[row], times[0])} after {seconds(times[row - 1], times[0])}"
+                f"{seconds(times[row], times[0])}, the one before at "
+                f"{seconds(times[row - 1], times[0])}"
             )
         return times
 
