@@ -81,7 +81,7 @@ def test_without_dynamics_it_is_shown_as_told(simulate):
 def test_a_model_of_ones_own_is_found_again(simulate, tmp_path):
     model = tmp_path / "arm.xml"
     model.write_text(Path(robots.__file__).with_name("panda.xml").read_text())
-    folder = simulate(model=model, tool="tool", dynamics="none")
+    folder = simulate(robot=str(model), robot_tool="tool", dynamics="none")
     arm = read_simulation(folder).arm
     assert arm.robot.name == "arm.xml"
     assert len(arm.parts) == len(robots.panda(table=None).model.geom_type)
