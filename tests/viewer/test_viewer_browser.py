@@ -535,11 +535,11 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
     # Tests of this file may run in any order: another may have moved the goal before.
     tab.view.get_by_role("button", name="As learned").click()
     until(lambda: page.entry.wish.goal.is_free, "the motion as learned")
-    # The gizmo's first arrow, which is the tool's x axis at the goal.
+    # The shaft of the first arrow, the tool's x axis at the goal: arcs that turn lie by its tip.
     axis = primitive.goal_rotation.apply([1.0, 0.0, 0.0])
     goal = primitive.goal_position
     handle = np.array(page.goals.handles["goal"].gizmo.position)
-    grip = handle + 0.95 * GIZMO * page.drawing.size * axis
+    grip = handle + 0.6 * GIZMO * page.drawing.size * axis
     there = grip + 0.02 * axis
     drag(tab, page, grip, there)
     until(lambda: page.entry.wish.goal.position is not None, "the goal to be dragged")
