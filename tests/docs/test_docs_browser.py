@@ -18,9 +18,14 @@ pytest.importorskip("sphinx_gallery", reason="needs the extra docs")
 pytest.importorskip("playwright", reason="browser tests need playwright (extra: dev)")
 
 from playwright.sync_api import sync_playwright
-from test_site import build
+from test_site import ROOT, build
 
 pytestmark = NEEDS_CHROMIUM
+
+READABLE = 600
+"""Least width of a picture in the gallery (px): its text is then as large as the page's notes."""
+TALLEST = 40_000
+"""Of a page of the reference (px): the longest folder's, with room to grow."""
 
 
 class Quiet(SimpleHTTPRequestHandler):
@@ -72,14 +77,17 @@ def nothing_else_is_asked_for(site: Site) -> Iterator[None]:
     assert (site.outside, site.errors) == ([], [])
 
 
-@pytest.mark.parametrize("page", ["concepts/primitives.html", "paper.html"])
+@pytest.mark.parametrize(
+    "page", ["concepts/primitives.html", "concepts/projections.html", "paper.html"]
+)
 def test_formulas_are_drawn(site, page):
     site.open(page)
     formulas = site.tab.locator(".math").count()
     assert formulas > 10
     drawn = site.tab.locator("mjx-container svg, math")
     until(lambda: drawn.count() >= formulas, "every formula to be drawn")
-    assert site.tab.locator("mjx-merror, merror").count() == 0
+    assert site.tab.locator(".math mjx-container svg").count() == formulas
+    assert site.tab.locator("mjx-merror, merror, [data-mml-node=merror]").count() == 0
     sizes = drawn.evaluate_all(
         "found => found.map(f => f.getBoundingClientRect()).map(r => [r.width, r.height])"
     )
@@ -94,20 +102,33 @@ def test_the_search_finds_pages_and_shows_where(site):
     assert any("keep_out" in page for page in leads)
     for page in leads:
         assert (site.folder / page.partition("?")[0]).is_file(), page
+    site.open("search.html?q=needle")
+    site.tab.wait_for_selector("#search-results li a")
+    titles = site.tab.locator("#search-results li a").all_inner_texts()
+    assert any("needle" in title.lower() for title in titles)
 
 
 def test_the_pictures_of_the_gallery_are_there_and_said_in_words(site):
-    page = "gallery.html" if (site.folder / "gallery.html").is_file() else "_generated/gallery"
-    site.open(page)
+    site.open("gallery.html")
+    chapters = site.tab.locator("article h2").all_inner_texts()
+    users = ["Cutting", "Needles", "Wheels", "Arms", "Any policy"]
+    assert [chapter.rstrip("#¶") for chapter in chapters][: len(users)] == users
     pictures = site.tab.locator("article img")
-    assert pictures.count() > 10
+    assert pictures.count() == len(list((ROOT / "examples").glob("*.py"))) > 10
     for k in range(pictures.count()):
         # Those further down are loaded when they come into view.
         pictures.nth(k).scroll_into_view_if_needed()
         until(lambda k=k: pictures.nth(k).evaluate("i => i.complete && i.naturalWidth > 0"), "it")
-        shown = pictures.nth(k).bounding_box()
+        shown = pictures.nth(k).bounding_box()["width"]
         # A thumbnail in which nothing can be read is none.
-        assert shown["width"] >= 150 and pictures.nth(k).get_attribute("alt")
+        assert pictures.nth(k).evaluate("i => i.naturalWidth") >= shown >= READABLE
+        assert len(pictures.nth(k).get_attribute("alt").split()) > 4
     site.tab.set_viewport_size({"width": 390, "height": 844})
     assert site.tab.evaluate("document.documentElement.scrollWidth") <= 390
     site.tab.set_viewport_size({"width": 1280, "height": 720})
+
+
+def test_the_reference_is_a_page_a_folder(site):
+    assert len(list((site.folder / "reference").glob("*.html"))) > 15
+    site.open("reference/constraints.html")
+    assert site.tab.evaluate("document.documentElement.scrollHeight") < TALLEST

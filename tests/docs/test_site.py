@@ -8,9 +8,8 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,13 +23,8 @@ inventory = pytest.importorskip("sphinx.util.inventory", reason="needs the extra
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-CHROMIUM = os.environ.get("NOSLIP_CHROMIUM") or shutil.which("chromium")
 FETCHED = re.compile(r"""<(?:script|img|link rel="stylesheet")[^>]* (?:src|href)="(?:https?:)?//""")
 """What a browser would get from elsewhere to show a page."""
-READABLE = 600
-"""Least width of a picture in the gallery (px): its text is then as large as the page's notes."""
-TALLEST = 40_000
-"""Of a page of the reference (px): the longest folder's, with room to grow."""
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 sys.path.insert(0, str(DOCS / "_ext"))
 
@@ -113,18 +107,6 @@ def test_an_interrupted_build_begins_anew(tmp_path: Path) -> None:
     assert build_with(f"for f in {half}; do test -e $f || exit 1; done")
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """A browser without a network."""
-    api = pytest.importorskip("playwright.sync_api", reason="needs the extra dev")
-    if CHROMIUM is None:
-        pytest.skip("no Chromium found; name it with NOSLIP_CHROMIUM=/path/to/chromium")
-    with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium.new_context(offline=True, viewport={"width": 1280, "height": 900})
-        chromium.close()
-
-
 @pytest.mark.slow
 def test_no_page_needs_a_network(site: Path) -> None:
     wanting = [path for path in site.rglob("*.html") if FETCHED.search(path.read_text())]
@@ -132,52 +114,6 @@ def test_no_page_needs_a_network(site: Path) -> None:
     assert FETCHED.search(
         '<script defer="defer" src="https://cdn.jsdelivr.net/npm/mathjax@4/x.js">'
     )
-
-
-@pytest.mark.slow
-def test_formulas_are_drawn_without_a_network(site: Path, browser: Any) -> None:
-    page = browser.new_page()
-    page.goto(f"file://{site}/concepts/projections.html")
-    page.evaluate("MathJax.startup.promise.then(() => true)")
-    formulas = page.locator(".math").count()
-    assert formulas > 10
-    assert page.locator(".math mjx-container svg").count() == formulas
-    assert page.locator("[data-mml-node=merror]").count() == 0
-
-
-@pytest.mark.slow
-def test_search_finds_without_a_network(site: Path, browser: Any) -> None:
-    page = browser.new_page()
-    page.goto(f"file://{site}/search.html?q=needle")
-    page.wait_for_selector("#search-results li a")
-    titles = page.locator("#search-results li a").all_inner_texts()
-    assert any("needle" in title.lower() for title in titles)
-
-
-@pytest.mark.slow
-def test_the_gallery_can_be_read_and_heard(site: Path, browser: Any) -> None:
-    page = browser.new_page()
-    page.goto(f"file://{site}/gallery.html")
-    chapters = page.locator("article h2").all_inner_texts()
-    users = ["Cutting", "Needles", "Wheels", "Arms", "Any policy"]
-    assert [chapter.rstrip("#¶") for chapter in chapters][: len(users)] == users
-    pictures = page.eval_on_selector_all(
-        "article img",
-        "all => all.map(i => [i.alt, i.naturalWidth, i.getBoundingClientRect().width])",
-    )
-    assert len(pictures) == len(list((ROOT / "examples").glob("*.py")))
-    for alt, width, shown in pictures:
-        assert len(alt.split()) > 4
-        assert width >= shown >= READABLE, alt
-
-
-@pytest.mark.slow
-def test_the_reference_is_a_page_a_folder(site: Path, browser: Any) -> None:
-    pages = sorted((site / "reference").glob("*.html"))
-    assert len(pages) > 15
-    page = browser.new_page()
-    page.goto(f"file://{site}/reference/constraints.html")
-    assert page.evaluate("document.documentElement.scrollHeight") < TALLEST
 
 
 def test_broken_links_are_found(tmp_path: Path) -> None:
