@@ -81,6 +81,7 @@ class Series(Timed):
         if len(shape) != 2 or not shape[1]:
             raise InputError(
                 f"{self.name}: values has shape {shape}, expected ({len(times)}, n): a row a sample"
+                + "; of several recordings make a list of trajectories" * (len(shape) == 3)
             )
         self._freeze("values", self.values, (shape[1],))
         given = self.velocities

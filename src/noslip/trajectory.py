@@ -84,7 +84,8 @@ class PoseTrajectory(Timed):
         if not isinstance(self.rotations, Rotation):
             raise InputError(
                 f"{self.name}: rotations must be a SciPy Rotation, "
-                f"got {type(self.rotations).__name__}"
+                f"got {type(self.rotations).__name__}; of quaternions take "
+                "Rotation.from_quat(quaternions, scalar_first=True)"
             )
         quaternions = self.rotations.as_quat()
         if quaternions.shape != (len(times), 4):

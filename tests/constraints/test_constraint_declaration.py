@@ -153,7 +153,9 @@ def test_a_velocity_in_a_position_constraint_is_refused_by_name() -> None:
     ("given", "reason"),
     [
         ([Blade], "call it: Blade()"),
-        (["blade"], "got 'blade'"),
+        (["blade"], "got 'blade'; call it: Blade()"),
+        (["a rule"], "got 'a rule'"),
+        ([Wheel], "call it: Wheel()"),
         ([None], "got None"),
         ([lambda motion: motion.position[2]], "declare it first"),
         pytest.param(

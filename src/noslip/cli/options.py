@@ -69,7 +69,6 @@ _RECORDINGS = typer.Argument(
     show_default=False,
 )
 Recordings = Annotated[list[str], _RECORDINGS]
-OptionalRecordings = Annotated[list[str] | None, _RECORDINGS]
 Recording = Annotated[str, typer.Argument(help="A recording of any format.", show_default=False)]
 Motions = Annotated[
     list[str],

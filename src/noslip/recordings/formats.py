@@ -6,6 +6,7 @@ import glob
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
@@ -356,9 +357,21 @@ def folder_format(folder: Path) -> Format | None:
     return next((each for each in FORMATS if each.is_folder(folder)), None)
 
 
+def is_recording(path: Path) -> bool:
+    """Whether a path is there and is what a recording is called, whatever may be in it."""
+    if path.is_dir():
+        return folder_format(path) is not None
+    return path.exists() and path.suffix.lower() in _BY_SUFFIX
+
+
 def format_of(file: Path) -> Format:
     """Return the format of a file or folder, or refuse it."""
     found = folder_format(file) if file.is_dir() else _BY_SUFFIX.get(file.suffix.lower())
+    if found is None and file.suffix.lower() == ".json":
+        raise RecordingError(
+            f"{file}: JSON holds primitives, not recordings; noslip rollout {quote(str(file))} "
+            "--out motion.csv writes a primitive's motion as one"
+        )
     if found is None:
         folders = " and ".join(each.folders for each in reversed(FORMATS) if each.folders)
         raise RecordingError(
@@ -443,7 +456,9 @@ def write_recording(
         if options[name] and isinstance(trajectory, Series):
             raise InputError(f"{target}: {name} is of poses, and these are none; leave it out")
         if options[name] and name not in chosen.write_options:
-            raise InputError(f"{target}: {chosen.name} has no place for {name}; write a CSV")
+            raise InputError(
+                f"{target}: {chosen.name} has no place for {name}; leave it out, or write a CSV"
+            )
     return chosen.write(
         trajectory, target, **{name: options[name] for name in chosen.write_options}
     )
