@@ -34,8 +34,8 @@ from noslip.law.forcing import ForcingTerm
 from noslip.law.law import Law
 from noslip.law.points import Goal
 from noslip.law.winding import Winding
-from noslip.recordings.formats import is_recording
 from noslip.projection.pointwise import Push
+from noslip.recordings.formats import is_recording
 from noslip.rule import Rule
 from noslip.space import POSE, Carried, Placed, Space
 from noslip.spread import Spread

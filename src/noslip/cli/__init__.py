@@ -94,7 +94,7 @@ def _usage_as_line(context: Any) -> Iterator[None]:
         what = " ".join(told.format_message().replace("Value error, ", "").split()).rstrip(".")
         if hasattr(told, "possibilities"):
             known = [name for each in context.command.params for name in each.opts]
-            ours = _OTHER_WORDS.get(told.option_name)
+            ours = _OTHER_WORDS.get(told.option_name, "")
             near = did_you_mean(ours if ours in known else told.option_name, known)
             what = f"no such option {told.option_name}{near}"
         raise InputError(f"{what}; see {context.command_path} --help") from None
