@@ -45,7 +45,7 @@ else:
         for module in (face.constraints, face.demonstrations, face.recordings, face.errors):
             if hasattr(module, name):
                 return f"; it is {module.__name__}.{name}"
-        modules = (module.name for module in iter_modules(__path__))
+        modules = (module.name for module in iter_modules(globals()["__path__"]))
         known = [*face.__all__, *(module for module in modules if not module.startswith("_"))]
         return face.errors.did_you_mean(name, known)
 

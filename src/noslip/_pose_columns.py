@@ -546,7 +546,7 @@ def _named_pose(
     *,
     timed: bool,
 ) -> PoseColumns:
-    planar = _planar(names, available)
+    planar = _planar(names, turn)
     if group is None and planar is not None and (turn is None or turn.kind == "planar"):
         return planar
     groups = (
@@ -603,18 +603,28 @@ def _rotation(pose: Pose, turn: Turn | None) -> tuple[Turn, list[Name]] | None:
     return (turn, found[1]) if found is not None and found[0].kind == turn.kind else None
 
 
-def _planar(names: Sequence[Name], available: Mapping[str, Column]) -> PoseColumns | None:
-    """Return the pose of a vehicle: x, y and an angle, without a quaternion."""
+def _planar(names: Sequence[Name], turn: Turn | None) -> PoseColumns | None:
+    """Return the pose of a vehicle: x, y and an angle, without a quaternion.
+
+    ``theta`` is in radians where nothing is said; of ``yaw``, which others write in degrees as
+    often, the unit must be.
+    """
     of = {name.tokens: name for name in names}
-    if any((part,) in of for part in QUATERNION):
+    if any((part,) in of for part in QUATERNION) or not {("x",), ("y",)} <= set(of):
         return None
-    theta = of.get(("theta",))
-    if theta is None or not {("x",), ("y",)} <= set(of):
+    angle = of.get(("theta",))
+    said = None if turn is None else turn.degrees
+    if angle is None and not {("z",), ("roll",), ("pitch",)} & set(of):
+        angle = of.get(("yaw",))
+        if angle is None or (degrees_of([angle]) is None and said is None):
+            return None
+    if angle is None:
         return None
+    of_name = degrees_of([angle])
     return PoseColumns(
         position=[of["x",].place, of["y",].place],
-        rotation=[theta.place],
-        turn=Turn("planar", degrees=theta.unit == "deg"),
+        rotation=[angle.place],
+        turn=Turn("planar", degrees=bool(said if of_name is None else of_name)),
         length_unit="",
     )
 
@@ -657,7 +667,7 @@ def _no_pose(
         f"{listed(found, str)}; needed are t "
         "(or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta (radians) or "
         'x,y,theta_deg; or say which they are with columns="..." (--columns) and rotation="..." '
-        f"(--rotation){of_joints(available)}"
+        f"(--rotation), planar:rad of x, y and yaw{of_joints(available)}"
     )
 
 
@@ -752,9 +762,7 @@ def check_rate(where: str | object, column: str, rate: float | None) -> float:
             "time; pass sample_rate=... (--sample-rate), in samples per second"
         )
     if not 0 < number(rate) < np.inf:
-        raise RecordingError(
-            f"{where}: sample_rate must be positive (samples per second), got {rate}"
-        )
+        raise RecordingError(f"{where}: sample_rate must be positive (Hz), got {rate}")
     return rate
 
 

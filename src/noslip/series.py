@@ -213,9 +213,8 @@ class Series(Timed):
 
         See :func:`noslip.load_demonstrations` for what is understood.
         """
-        return cls.of_samples(
-            read_text_table(path, Asked(columns=columns, sample_rate=sample_rate, values=True))
-        )
+        asked = Asked(columns=columns, sample_rate=sample_rate, values=True)
+        return cls.of_samples(read_text_table(path, asked))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write times, values, velocities, names and units as NumPy's ``.npz``."""

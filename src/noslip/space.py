@@ -306,9 +306,9 @@ class Space:
         if name not in names:
             if not names:
                 raise InputError(
-                    f"{', '.join(self.coordinates)} are coordinates, and carry no tool; if they are "
-                    "joints, name the robot: robot=... (--robot) to what reads or learns them, or "
-                    "trajectory.on(chain)"
+                    f"{', '.join(self.coordinates)} carry no tool; of joints name the robot, "
+                    "robot=... (--robot) to what reads or learns them or trajectory.on(chain); of "
+                    "poses say how they turn, rotation=... (--rotation) to what reads them"
                 )
             raise InputError(f"no body {name!r}; there are {', '.join(names)}")
         return names.index(name)

@@ -275,9 +275,8 @@ class PoseTrajectory(Timed):
         cls, path: str | Path, *, sample_rate: float | None = None, channels: str | None = None
     ) -> Self:
         """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
-        return cls.of_samples(
-            read_text_table(path, Asked(sample_rate=sample_rate, channels=channels))
-        )
+        asked = Asked(sample_rate=sample_rate, channels=channels)
+        return cls.of_samples(read_text_table(path, asked))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write the poses, velocities and channels as NumPy's ``.npz``."""

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import Blade, Constraint, position_constraint, velocity_constraint
+from noslip import Blade, Constraint, Wheel, position_constraint, velocity_constraint
 from noslip.constraints import ConstraintSystem, Instant
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import CATALOG, row_units

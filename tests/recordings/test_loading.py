@@ -149,7 +149,29 @@ def test_planar_headings_may_be_in_degrees(write: Write) -> None:
 def test_a_table_of_the_plane_misses_its_heading_not_a_quaternion(write: Write) -> None:
     message = refusal(write(["0,1,2,3"] * 9, "t,X,Y,yaw"))
     assert "column theta missing" in message
-    assert "x,y,theta_deg" in message
+    assert "x,y,theta_deg" in message and "planar:rad of x, y and yaw" in message
+
+
+@pytest.mark.parametrize(
+    ("header", "degrees", "rotation"),
+    [
+        ("t,x,y,yaw_deg", True, None),
+        ("t,x,y,yaw [rad]", False, None),
+        ("t,x,y,yaw", True, "planar:deg"),
+        ("t,x,y,yaw", False, "planar:rad"),
+        ("t,x,y,theta", True, "planar:deg"),
+    ],
+)
+def test_a_yaw_in_the_plane_is_read_where_its_unit_is_said(
+    write: Write, header: str, degrees: bool, rotation: str | None
+) -> None:
+    k = np.arange(50)
+    angles = np.radians(4.0 * k - 30)
+    written = np.degrees(angles) if degrees else angles
+    body = [f"{t},{t},{-t},{angle}" for t, angle in zip(k / 20, written, strict=True)]
+    trajectory = load(write(body, header), rotation=rotation)
+    turned = Rotation.from_rotvec(angles[:, None] * [0, 0, 1])
+    np.testing.assert_allclose((trajectory.rotations * turned.inv()).magnitude(), 0, atol=1e-12)
 
 
 def test_numbered_samples_take_their_time_from_the_rate(write: Write) -> None:
@@ -271,9 +293,8 @@ def test_numbered_samples_without_a_rate(write: Write) -> None:
     assert "line 1: column i counts samples" in message
     assert "pass sample_rate=... (--sample-rate)" in message
     for rate in (0.0, -14.5, np.nan, np.inf):
-        assert f"sample_rate must be positive (samples per second), got {rate}" in refusal(
-            path, sample_rate=rate
-        )
+        message = refusal(path, sample_rate=rate)
+        assert f"sample_rate must be positive (Hz), got {rate}" in message
 
 
 @pytest.mark.parametrize("name", HEADER.split(","))

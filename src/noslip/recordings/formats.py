@@ -128,9 +128,9 @@ def load_demonstrations(
         glob.  A file given twice is read once.
     sample_rate : float, optional
         Samples per second of CSV files and tables that number their samples (column ``i``)
-        instead of stamping them (sample ``i`` is then at ``i / sample_rate`` seconds), of tables without
-        times, and of robomimic files.  Files with stamps ignore it; beside ``time`` it says that
-        this column numbers the samples.
+        instead of stamping them (sample ``i`` is then at ``i / sample_rate`` seconds), of tables
+        without times, and of robomimic files.  Files with stamps ignore it; beside ``time`` it
+        says that this column numbers the samples.
     topic, frame, child_frame, publisher, element, integrate : optional
         Of ROS bags: where the poses are, see :func:`noslip.recordings.bags.read_bag`.
     episode : int or iterable of int, optional
@@ -280,7 +280,7 @@ def load_trajectory(
     columns : str or iterable of str, optional
         As for :func:`load_demonstrations` with ``values``.
     **options
-        Of :func:`load_demonstrations`: ``sample_rate``, ``time``, ``units``, ``topic``, ``episode``, ...
+        Of :func:`load_demonstrations`: ``sample_rate``, ``time``, ``units``, ``topic``, ...
 
     Raises
     ------
