@@ -128,7 +128,8 @@ def test_a_path_without_a_unit_is_told_without_one() -> None:
 
 
 def test_a_rule_of_a_tool_asks_who_carries_it() -> None:
-    joints = ns.Trajectory(np.arange(9.0), np.zeros((9, 2)), names=["a", "b"])
+    angles = np.column_stack([np.arange(9.0), np.arange(9.0)])
+    joints = ns.Trajectory(np.arange(9.0), angles, names=["a", "b"])
     told = refusal(ns.errors.ConstraintError, lambda: ns.check(joints, ns.Blade()))
     assert "constraint 'blade': a, b carry no tool; of joints name the robot, robot=..." in told
 
