@@ -54,6 +54,7 @@ SAMPLES = 1000
 """Of each motion, compared: as many as the data sets have, and warping sums over them."""
 WIDTH = 220
 """Columns of the table."""
+REFUSED = "refused: "
 SLOW = 0.05
 """Of the greatest speed: below it the direction of travel is that before or after."""
 
@@ -204,12 +205,15 @@ def theirs(weights: Sequence[int]) -> Moves:
 
 
 def _imitated(demo: Motion, weights: int) -> Motion:
-    from movement_primitives.dmp import DMP
+    """Its own defaults in all else, the step of its integration (1 ms) included."""
+    from movement_primitives.dmp import DMP, CartesianDMP
 
+    timing = {"execution_time": demo.duration, "dt": demo.duration / (len(demo) - 1)}
     if is_pose(demo):
-        return peers.rollout(peers.fit(*peers.imitation(demo), weights))
-    step = demo.duration / (len(demo) - 1)
-    dmp = DMP(2, execution_time=demo.duration, dt=step, int_dt=step, n_weights_per_dim=weights)
+        dmp = CartesianDMP(**timing, n_weights_per_dim=weights)
+        dmp.imitate(*peers.imitation(demo))
+        return peers.rollout(dmp)
+    dmp = DMP(demo.values.shape[1], **timing, n_weights_per_dim=weights)
     dmp.imitate(demo.clock, demo.values)
     times, values = dmp.open_loop()
     return ns.Trajectory(times, values, names=demo.names)
@@ -220,7 +224,7 @@ def _unless_refused(name: str, make: Callable[[], Any]) -> Any:
     try:
         return make()
     except ns.NoslipError as error:
-        warnings.warn(f"refused: {name}: {error}", ns.NoslipWarning, stacklevel=2)
+        warnings.warn(f"{REFUSED}{name}: {error}", ns.NoslipWarning, stacklevel=2)
         return None
 
 
@@ -314,14 +318,14 @@ def _alone(shape: Shape, constraint: ns.Constraint | None = None) -> Iterator[Fo
 
 
 def show(found: Sequence[Found]) -> None:
-    """A line for each data set and method, then what was refused or warned of."""
+    """A line for each data set and method, then what was refused."""
     table = Table(
         title="Against each demonstration: median over shapes (least to most)", box=box.MARKDOWN
     )
     table.add_column("data, method")
     for name in ("shapes", "DTW", "Fréchet", "swept area", "end", "turned (deg)"):
         table.add_column(name, justify="right")
-    for name in ("slip, most (m/s)", "s a demonstration", "refused", "worst DTW"):
+    for name in ("slip, most (m/s)", "s a demonstration", "refused", "warned", "worst DTW"):
         table.add_column(name, justify="right")
     for data, method in dict.fromkeys((each.data, each.method) for each in found):
         own = [each for each in found if (each.data, each.method) == (data, method)]
@@ -333,12 +337,14 @@ def show(found: Sequence[Found]) -> None:
             f"{max(slips):.1e}" if slips else "",
             _range(own, "seconds"),
             str(sum(each.refused for each in own)),
+            str(sum(bool(each.told) for each in own)),
             max(own, key=lambda each: each.dtw or 0.0).shape,
         )
     Console(width=WIDTH).print(table)
     for each in found:
         for message in each.told:
-            print(f"{each.data} {each.shape}, {each.method}: {message}")
+            if message.startswith(REFUSED):
+                print(f"{each.data} {each.shape}, {each.method}: {message}")
 
 
 def _range(found: Sequence[Found], what: str) -> str:
