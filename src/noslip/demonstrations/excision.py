@@ -54,8 +54,9 @@ PARKED = np.array([-0.06, -0.08, 0.05])
 """From the first cut to where the scalpel waits before and after a session (m)."""
 PARKED_FOR = 0.6, 1.0
 """Seconds before the first transfer, and after the last."""
-TRANSFER = 0.8, 1.6
-"""Seconds of a transfer: some 5 to 10 cm, with peaks of 0.1 to 0.2 m/s, as free hands move."""
+TRANSFER = 0.7, 1.4
+"""Seconds of a transfer: some 5 to 12 cm, with peaks of 0.1 to 0.3 m/s, as free hands move.  Less
+than half of the shortest cut, by which :func:`noslip.segment` tells them apart."""
 LIFT = 15e-3, 25e-3
 """Above the straight way, halfway through a transfer (m)."""
 SESSION = 1

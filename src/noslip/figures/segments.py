@@ -17,10 +17,12 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike
 
+from noslip import _arguments
 from noslip._instants import counts_from_afar
 from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
+from noslip.errors import InputError
 from noslip.figures import style
 from noslip.figures.quantities import length_unit, scaled_unit, value_text
 from noslip.trajectory import PoseTrajectory
@@ -75,7 +77,18 @@ def recording_cuts(
         as bars below the signal.
     title : str, optional
         By default the finding: how many pieces, how long, and how many were dropped.
+
+    Raises
+    ------
+    InputError
+        If ``true`` holds no pairs of numbers.
     """
+    if true is not None:
+        true = _arguments.numbers("recording_cuts: true", true)
+        if true.ndim != 2 or true.shape[1] != 2:
+            raise InputError(
+                f"recording_cuts: true has shape {true.shape}; give start and end of each, (n, 2)"
+            )
     figure = style.new_figure(style.TWO_COLUMNS, 3.1)
     over_time, above = figure.subplots(1, 2, width_ratios=(2.1, 1))
     handles = _draw_cuts(over_time, segments, true) | _draw_paths(above, segments)
@@ -86,7 +99,7 @@ def recording_cuts(
 
 
 def _draw_cuts(
-    ax: Axes, segments: Segments, true: ArrayLike | None
+    ax: Axes, segments: Segments, true: Floats | None
 ) -> dict[str, Artist | dict[str, Any]]:
     times, values = segments.recording.times, segments.signal
     afar = counts_from_afar(times[0])
@@ -121,7 +134,7 @@ def _draw_cuts(
     ax.set_xlim(times[0], times[-1])
 
     if true is not None:
-        for start, end in np.asarray(true, dtype=float) - began:
+        for start, end in true - began:
             ax.plot([start, end], [TRUE_AT] * 2, transform=ax.get_xaxis_transform(), **TRUE)
         handles["true cut"] = TRUE
     colors, kept = _colors(segments), 0
