@@ -139,7 +139,7 @@ def _session_text(session: Session) -> str:
     if not session.found:
         return text
     late, missed = np.abs(session.late).max(), session.missed.max()
-    return f"{text}, ends within {late:.2f} s and {missed * 1e3:.1f} mm of the true ones"
+    return f"{text}, ends within {late:.2f} s and {missed * 1e3:.2g} mm of the true ones"
 
 
 def _summary(example: NumericalExample, session: Session, seed: int) -> dict[str, Any]:
