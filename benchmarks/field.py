@@ -2,7 +2,7 @@
 
 LASA (30 handwritten shapes of 7 demonstrations; Khansari-Zadeh and Billard, IEEE T-RO 2011),
 HelloWorld (7 letters of 8) and RoboTasks (4 tasks of 9; both Auddy et al., RAS 2023), in the folder
-that holds them: a clone of github.com/sayantanauddy/clfd has all three.  With them, the recordings
+that holds them: a clone of github.com/sayantanauddy/clfd has all three.  With them the recordings
 of a hand that led a tool along a contour (``--recordings``).  What is absent is skipped, and said.
 
 A primitive is learned of each demonstration, or one of all of a shape, begun where each begins.
@@ -52,7 +52,7 @@ LOWPASS = 2.0
 """Hz, as the contour is learned in the other benchmarks."""
 SAMPLES = 1000
 """Of each motion, compared: as many as the data sets have, and warping sums over them."""
-WIDTH = 220
+WIDTH = 300
 """Columns of the table."""
 REFUSED = "refused: "
 SLOW = 0.05
@@ -100,11 +100,12 @@ class Found:
 
 
 def lasa(folder: Path) -> Iterator[Shape]:
-    """The planar shapes of LASA, with their own times."""
-    for file in sorted(folder.rglob("LASA/DataSet/*.mat")):
+    """The planar shapes of LASA, with their own times; four hold several patterns each."""
+    for file in sorted(folder.rglob("DataSet/*.mat")):
         demos = scipy.io.loadmat(file, squeeze_me=True)["demos"]
         moves = [(demo["t"].item(), MILLIMETER * demo["pos"].item().T) for demo in demos]
-        yield Shape("LASA", file.stem, _planar(file.stem, moves), MILLIMETER)
+        data = "LASA, several patterns" if file.stem.startswith("Multi") else "LASA"
+        yield Shape(data, file.stem, _planar(file.stem, moves), MILLIMETER)
 
 
 def hello_world(folder: Path) -> Iterator[Shape]:
@@ -351,7 +352,15 @@ def _range(found: Sequence[Found], what: str) -> str:
     values = [getattr(each, what) for each in found if getattr(each, what) is not None]
     if not values:
         return ""
-    return f"{np.median(values):.2g} ({min(values):.2g} to {max(values):.2g})"
+    middle, least, most = map(_figure, (np.median(values), min(values), max(values)))
+    return f"{middle} ({least} to {most})"
+
+
+def _figure(value: float) -> str:
+    """Two digits, in full where that is short."""
+    if value and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.0e}"
+    return np.format_float_positional(value, 2, unique=False, fractional=False, trim="-")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
