@@ -78,8 +78,8 @@ class Shape:
 class Found:
     """One method on one shape: means over its demonstrations, in the data's unit.
 
-    ``slip`` is the worst (m/s), ``seconds`` are processor time a demonstration; ``told`` is what
-    was refused or warned of.  None where there is no such number.
+    ``slip`` is the worst (m/s), ``rate`` the fastest turn (rad/s); ``seconds`` are processor time a
+    demonstration; ``told`` is what was refused or warned of.  None where there is no such number.
     """
 
     data: str
@@ -91,6 +91,7 @@ class Found:
     end: float | None = None
     degrees: float | None = None
     slip: float | None = None
+    rate: float | None = None
     seconds: float | None = None
     refused: int = 0
     told: list[str] = field(default_factory=list)
@@ -256,11 +257,16 @@ def compare(
     if not pairs:
         return found
     merits = [_merit(demo, motion, shape.unit) for demo, motion in pairs]
-    slips = [np.abs(step_residuals(m, [constraint])).max() for _, m in pairs if constraint]
+    slips, rates = [], []
+    if constraint:
+        slips = [np.abs(step_residuals(motion, [constraint])).max() for _, motion in pairs]
+        turning = [motion.step_velocities()[1] for _, motion in pairs]
+        rates = [np.linalg.norm(angular, axis=1).max() for angular in turning]
     return replace(
         found,
         **{name: _mean([merit[name] for merit in merits]) for name in merits[0]},
         slip=float(max(slips)) if slips else None,
+        rate=float(max(rates)) if rates else None,
         seconds=seconds / len(demos),
     )
 
@@ -326,7 +332,9 @@ def show(found: Sequence[Found]) -> None:
     table.add_column("data, method")
     for name in ("shapes", "DTW", "Fréchet", "swept area", "end", "turned (deg)"):
         table.add_column(name, justify="right")
-    for name in ("slip, most (m/s)", "s a demonstration", "refused", "warned", "worst DTW"):
+    for name in ("slip, most (m/s)", "fastest turn (rad/s)", "s a demonstration"):
+        table.add_column(name, justify="right")
+    for name in ("refused", "warned", "worst DTW"):
         table.add_column(name, justify="right")
     for data, method in dict.fromkeys((each.data, each.method) for each in found):
         own = [each for each in found if (each.data, each.method) == (data, method)]
@@ -336,6 +344,7 @@ def show(found: Sequence[Found]) -> None:
             str(len(own)),
             *(_range(own, what) for what in ("dtw", "frechet", "area", "end", "degrees")),
             f"{max(slips):.1e}" if slips else "",
+            _range(own, "rate"),
             _range(own, "seconds"),
             str(sum(each.refused for each in own)),
             str(sum(bool(each.told) for each in own)),
