@@ -56,15 +56,20 @@ CARTESIAN = {
 def pydmps(job: Job) -> PoseTrajectory:
     """The discrete primitive of pydmps, of six coordinates, with as many steps as samples.
 
-    It lasts one second whatever the demonstration does.
+    It lasts one second whatever the demonstration does.  It scales the force of each coordinate
+    with the way to its goal, and the example's x ends where it begins: it is given axes at 45
+    degrees, in which both have a way to go.  Along x and y another goal throws it more than
+    a hundred meters.
     """
     from pydmps.dmp_discrete import DMPs_discrete
 
+    axes = np.eye(6)
+    axes[:2, :2] = [[np.sqrt(0.5), -np.sqrt(0.5)], [np.sqrt(0.5), np.sqrt(0.5)]]
     dmp = DMPs_discrete(n_dmps=6, n_bfs=BASIS_FUNCTIONS, dt=1 / len(job.given))
-    dmp.imitate_path(coordinates(job.given).T, plot=False)
-    dmp.goal = goal_of(job)
+    dmp.imitate_path((coordinates(job.given) @ axes).T, plot=False)
+    dmp.goal = goal_of(job) @ axes
     values, _, _ = dmp.rollout()
-    return motion_of(job, job.given.times, values)
+    return motion_of(job, job.given.times, values @ axes.T)
 
 
 def dmpbbo(job: Job) -> PoseTrajectory:

@@ -90,7 +90,8 @@ def points_ahead(positions: np.ndarray, ahead: float) -> np.ndarray:
     asked = way + ahead
     found = np.column_stack([np.interp(asked, way[moving], x[moving]) for x in positions.T])
     # A chord as long: the last step alone may be all but nothing.
-    chord = positions[-1] - positions[np.searchsorted(way, way[-1] - ahead, side="left")]
+    back = np.searchsorted(way, way[-1] - ahead, side="right") - 1
+    chord = positions[-1] - positions[max(back, 0)]
     length = np.linalg.norm(chord)
     if length > 0:
         found += np.maximum(asked - way[-1], 0.0)[:, None] * chord / length
