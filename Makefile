@@ -99,6 +99,9 @@ wheels: $(VENV)/.dev ## install the wheel with each extra, for each of PYTHONS t
 	    NOSLIP_WHEEL_PYTHON=$$found $(BIN)/python -m pytest -q tests/test_wheel.py || exit 1; \
 	done
 
+pictures: $(VENV)/.dev ## draw docs/images anew; NAMES="blade viewer" those alone
+	$(BIN)/python docs/draw.py $(NAMES)
+
 # What an interrupted or failed build left behind may be half a file, and warns no second time: it goes.
 docs: $(VENV)/.dev ## build the documentation into docs/_build/html
 	@if test -e docs/_build/unfinished; then rm -rf docs/_build docs/_generated; fi
