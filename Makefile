@@ -9,7 +9,7 @@ PYTHONS ?= python3.11 python3.12 python3.13
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints rhythms obstacles hard-use kills fuzz wheels docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints rhythms obstacles hard-use kills fuzz wheels docs pictures clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10

@@ -46,6 +46,8 @@ COLUMNS = {1: (ONE_COLUMN, 2.2), 2: (TWO_COLUMNS, 2.6)}
 """Width and usual height of a paper's figure, by the columns that it goes over (inches)."""
 FONT_SIZE, SMALL_FONT_SIZE = 8.0, 7.0
 """Of titles, and of everything else (points): as a caption beside text of 10."""
+PAD = 0.07
+"""Inches left and right of a panel with its labels: those of neighbors do not read as one."""
 DPI = 200
 """Of a PNG: sharp on a screen of high density, and small enough for a web page."""
 LONGEST_NAME = 40
@@ -170,7 +172,7 @@ def new_figure(
     width: float, height: float, *, layout: Literal["constrained"] | None = "constrained"
 ) -> Figure:
     """Return an empty figure (inches), of no window and of no global state."""
-    engine = _Layout() if layout else None
+    engine = _Layout(w_pad=PAD) if layout else None
     figure = Picture(figsize=(width, height), dpi=DPI, layout=engine, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
@@ -255,7 +257,7 @@ def draw_curves(
 
 def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> None:
     """Give axes their labels, readable sizes and a faint grid."""
-    ax.set_xlabel(xlabel, fontsize=SMALL_FONT_SIZE)
+    ax.set_xlabel(fill(xlabel, 40), fontsize=SMALL_FONT_SIZE)
     ax.set_ylabel(fill(ylabel, 26), fontsize=SMALL_FONT_SIZE)
     if title is not None:
         ax.set_title(title, fontsize=SMALL_FONT_SIZE)
@@ -266,6 +268,11 @@ def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> No
         axis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
         if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
             formatter.set_useOffset(False)
+
+
+def with_places(title: str, places: Iterable[str]) -> str:
+    """Return a title with what is drawn of places below it, if anything is."""
+    return "\n".join(filter(None, [title, ", ".join(places)]))
 
 
 def stack(figure: Figure, panels: Sequence[Axes]) -> None:
