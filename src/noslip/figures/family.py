@@ -70,10 +70,9 @@ def adapted_family(
     """Show the motions of a primitive adapted to other goals, and how well they get there.
 
     Panels: the paths in the plane in which they reach furthest, and from the side if they leave it,
-    with the tool's lateral axis across them here and there, and what the constraints of the position
-    forbid; for each goal how far from it the
-    motion ends, in position and in rotation; and the largest residual of the constraints.  Up to 8
-    motions have a color each.
+    with the tool's lateral axis across them here and there, and what the constraints of the
+    position forbid; for each goal how far from it the motion ends, in position and in rotation;
+    and the largest residual of the constraints.  Up to 8 motions have a color each.
 
     Parameters
     ----------
@@ -156,9 +155,9 @@ class _Sizes:
     @property
     def text(self) -> str:
         """The largest of all with its unit."""
-        return (
-            f"{style.number(self.most)}°" if self.unit == "°" else value_text(self.most, self.unit)
-        )
+        if self.unit == "°":
+            return f"{style.number(self.most)}°"
+        return value_text(self.most, self.unit).replace(" SI", " in SI units")
 
     @property
     def most(self) -> float:
@@ -213,7 +212,7 @@ def _finding(
     if where:
         text += f"{up_to} {' and '.join(where)}"
     ends = [panel.text for panel in panels if panel.name == ENDS]
-    results = [f"ends within {' and '.join(ends)}"] if ends else []
+    results = [f"ends within {' and '.join(ends).replace('< ', '')}"] if ends else []
     results += [f"{panel.name} {panel.text}" for panel in panels if panel.name != ENDS]
     return f"{text}: {', '.join(results)}" if results else text
 

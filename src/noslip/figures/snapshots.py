@@ -65,7 +65,8 @@ AT_REST = 1e-3
 """Share of the top speed below which a tool stands: it slips nowhere."""
 VIEW = (55.0, -80.0)
 """Elevation and azimuth of the eye (degrees): from above the side that work in the plane faces."""
-TITLE_ROOM, HEADING_ROOM, LABEL_ROOM, LEGEND_ROOM, BAR_ROOM, EDGE = 0.3, 0.6, 0.5, 0.3, 0.65, 0.06
+TITLE_ROOM, HEADING_ROOM, LEGEND_ROOM, BAR_ROOM, EDGE = 0.3, 0.6, 0.3, 0.65, 0.06
+LABEL_ROOM, FOOT_ROOM = 0.5, 0.3
 """Inches for the text around panels: three-dimensional ones do not know how large it is."""
 Place = tuple[float, float, float, float]
 """Of an axes in a figure: left, bottom, width and height, as shares."""
@@ -240,6 +241,8 @@ def plot_tool_frame(ax: Any, rotation: Rotation) -> list[Artist]:
     ax.set_proj_type("ortho")
     ax.view_init(FRAME_ELEVATION, azimuth)
     ax.set_axis_off()
+    # Names go on beyond the axes, and a neighbor's background would hide them.
+    ax.patch.set_visible(False)
     return artists
 
 
@@ -349,7 +352,7 @@ def _arrange(figure: Figure, panels: list[Any]) -> Axes:
     rows = -(-len(panels) // columns)
     side = (style.TWO_COLUMNS - BAR_ROOM) / max(columns, 2)
     inches = (side - LABEL_ROOM) * min(1 / wide, 1 / high)
-    pitch = HEADING_ROOM + inches * high + LABEL_ROOM
+    pitch = HEADING_ROOM + inches * high + FOOT_ROOM
     width, height = columns * side + BAR_ROOM, TITLE_ROOM + rows * pitch + LEGEND_ROOM
     figure.set_size_inches(width, height)
 
