@@ -128,10 +128,9 @@ def test_each_body_has_its_own_obstacles_in_the_world_and_in_the_other_body():
     assert "hatched: forbidden" in world.get_title() and "hatched" in seen.get_title()
     # What is never violated has no line, and is named; the title tells what is.
     assert violated.get_ylabel() == "violation (SI)"
-    assert (
-        figure.legends[0].get_title().get_text().endswith("never violated: keep-out-sphere of tray")
-    )
-    assert figure.get_suptitle().replace("\n", " ").endswith("; the other holds")
+    told = figure.legends[0].get_title().get_text().replace("\n", " ")
+    assert told.endswith("never violated: keep-out-sphere of hand, keep-out-sphere of tray")
+    assert figure.get_suptitle().replace("\n", " ").endswith("; the other 2 hold")
 
 
 def test_what_is_in_the_way_of_a_family_is_drawn_with_it():
@@ -142,7 +141,7 @@ def test_what_is_in_the_way_of_a_family_is_drawn_with_it():
     assert figure.axes[0].get_title().endswith("\nhatched: forbidden")
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_the_names_of_a_tools_axes_lie_on_no_arrow(seed):
     rotation = Rotation.random(rng=seed)
     figure = style.new_figure(3.5, 3.5)
