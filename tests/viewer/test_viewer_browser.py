@@ -31,7 +31,7 @@ from playwright.sync_api import sync_playwright
 from noslip.viewer import Page, read_simulation, save_page
 from noslip.viewer.entries import extent
 from noslip.viewer.found import LENGTH
-from noslip.viewer.handles import GIZMO
+from noslip.viewer.handles import GIZMO, TURNING
 from noslip.viewer.tool import HANDLE
 
 pytestmark = NEEDS_CHROMIUM
@@ -546,7 +546,7 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
     # Tests of this file may run in any order: another may have moved the goal before.
     tab.view.get_by_role("button", name="As learned").click()
     until(lambda: page.entry.wish.goal.is_free, "the motion as learned")
-    # The shaft of the first arrow, the tool's x axis at the goal: arcs that turn lie by its tip.
+    # The shaft of the first arrow, the tool's x axis at the goal.
     axis = primitive.goal_rotation.apply([1.0, 0.0, 0.0])
     goal = primitive.goal_position
     handle = np.array(page.goals.handles["goal"].gizmo.position)
@@ -563,6 +563,21 @@ def test_a_goal_that_is_dragged_takes_the_path_along(tab, page, primitive, artif
     motion = page.entry.track.motion
     assert np.linalg.norm(motion.positions[-1] - page.entry.wish.goal.position) < 1e-4
     assert np.abs(motion.constraint_residuals).max() < EXACT
+    # The middle of the arc about z, outside of the arrows.
+    own, moved = page.entry.wish.goal.rotation or primitive.goal_rotation, page.entry.wish.goal
+    radius = 0.65 * TURNING * GIZMO * page.drawing.size
+    middle = np.array(page.goals.handles["goal"].gizmo.position)
+    grip, there = (
+        middle + radius * own.apply([np.cos(a), np.sin(a), 0.0]) for a in (0.25 * np.pi, 1.0)
+    )
+    drag(tab, page, grip, there)
+    until(lambda: page.entry.wish.goal.rotation is not None, "the goal to be turned")
+    tab.view.mouse.up()
+    until(lambda: not page.playing and len(page.entry.track.motion) > 300, "the whole motion")
+    wanted = page.entry.wish.goal
+    turned = (own.inv() * wanted.rotation).as_rotvec()
+    assert turned == pytest.approx([0.0, 0.0, 1.0 - 0.25 * np.pi], abs=0.08)
+    assert wanted.position == pytest.approx(moved.position, abs=1e-9)
     tab.view.get_by_role("button", name="As learned").click()
     until(lambda: page.entry.wish.goal.position is None, "the motion as learned")
 
