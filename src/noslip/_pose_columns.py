@@ -651,6 +651,11 @@ def _no_pose(
     bare = poses.get("", Pose())
     wanted: tuple[str, ...] = POSE
     here = set(available)
+    if {"x", "y", "yaw"} <= here and not here & {"z", "roll", "pitch", *QUATERNION}:
+        return RecordingError(
+            f'{where}: column yaw does not say its unit; say rotation="planar:rad" or "planar:deg" '
+            "(--rotation)"
+        )
     turned = here & {"theta", "theta_deg"}
     # Without a quaternion and a height it is most likely meant to be planar.
     if not here & set(QUATERNION) and (turned or ("z" not in here and {"x", "y"} <= here)):

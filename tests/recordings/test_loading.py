@@ -147,7 +147,8 @@ def test_planar_headings_may_be_in_degrees(write: Write) -> None:
 
 
 def test_a_table_of_the_plane_misses_its_heading_not_a_quaternion(write: Write) -> None:
-    message = refusal(write(["0,1,2,3"] * 9, "t,X,Y,yaw"))
+    assert "yaw does not say its unit" in refusal(write(["0,1,2,3"] * 9, "t,X,Y,yaw"))
+    message = refusal(write(["0,1,2,3"] * 9, "t,X,Y,heading"))
     assert "column theta missing" in message
     assert "x,y,theta_deg" in message and "planar:rad of x, y and yaw" in message
 
