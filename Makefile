@@ -9,7 +9,7 @@ PYTHONS ?= python3.11 python3.12 python3.13
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints rhythms obstacles hard-use kills fuzz wheels docs clean
+.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints rhythms obstacles hard-use kills fuzz wheels docs pictures clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -98,6 +98,9 @@ wheels: $(VENV)/.dev ## install the wheel with each extra, for each of PYTHONS t
 	    echo "$$found"; \
 	    NOSLIP_WHEEL_PYTHON=$$found $(BIN)/python -m pytest -q tests/test_wheel.py || exit 1; \
 	done
+
+pictures: $(VENV)/.dev ## draw docs/images anew; NAMES="blade viewer" those alone
+	$(BIN)/python docs/draw.py $(NAMES)
 
 # What an interrupted or failed build left behind may be half a file, and warns no second time: it goes.
 docs: $(VENV)/.dev ## build the documentation into docs/_build/html

@@ -55,7 +55,7 @@ for ax, (title, (dmp, start, project)) in zip(figure.subplots(1, 3), panels.item
         print(f"{title}, pull_in={rate:g}: {errors[-1]:.1e} of the first residual off the formula")
     ax.set_ylim(1e-12, 50)
     unit = "height (mm)" if dmp is table else "speed across (mm/s)"
-    style.dress(ax, "time (s)", unit, title=title)
+    style.dress(ax, "time (s)", unit, title=title.replace(", ", ",\n"))
 handles = {
     f"pull_in={rate:g}/s": Line2D([], [], color=style.PALETTE[color])
     for rate, color in rates.items()
@@ -64,6 +64,6 @@ handles["predicted"] = Line2D([], [], color="black", ls=(0, (1, 2.5)), lw=1.6)
 style.put_legend(figure, handles)
 style.write_title(
     figure,
-    f"A violation at the start decays as predicted, to {style.number(max(errors))} of its size",
+    f"A violation at the start decays as predicted: off by {style.number(max(errors))} of it",
 )
 save_figure(figure, out)

@@ -49,9 +49,11 @@ above.contourf(1e3 * X, 1e3 * Y, inside, [0.5, 1.5], colors=color, alpha=0.25)
 for name, line in style.line_styles(motions).items():
     m = motions[name]
     above.plot(*1e3 * m.positions[:, :2].T, **line)
+for name, place in (("nerve", CENTER), ("vessel", (START + END) / 2)):
+    above.annotate(name, 1e3 * np.array(place[:2]), fontsize=7, ha="center", va="center")
 tips, edges = 1e3 * motion.positions[::20], 3 * motion.rotations[::20].apply([1, 0, 0])
 blades = np.stack([tips - edges, tips + edges])
-above.plot(*blades[:, :, :2].transpose(2, 0, 1), color="black", lw=1.5)
+above.plot(*blades[:, :, :2].transpose(2, 0, 1), color=line["color"], lw=2.5)
 for name, values in zip(("nerve", "vessel"), 1e3 * motion.margins.T, strict=True):
     margin.plot(
         motion.times, values, label=name, ls="-" if name == "nerve" else "--", color="black"
@@ -61,12 +63,14 @@ margin.set_ylim(-5, None)
 margin.legend(fontsize=7, frameon=False)
 above.set_aspect("equal")
 style.dress(above, "x (mm)", "y (mm)", title="path and blade, from above")
-style.dress(margin, "time (s)", "distance to it (mm)", title="margins of the learned motion")
+style.dress(
+    margin, "time (s)", "distance to it (mm)", title="of the learned motion; shaded: inside"
+)
 style.name_lines(figure, motions)
 least = style.number(1e3 * motion.margins.min())
 slip = style.number(1e3 * np.abs(motion.constraint_residuals[:, 0]).max())
 style.write_title(
     figure,
-    f"A blade passes nerve and vessel: least margin {least} mm, slip {slip} mm/s",
+    f"The blade passes nerve and vessel {least} mm off, and slips {slip} mm/s",
 )
 save_figure(figure, out)

@@ -61,7 +61,7 @@ aside = {name: style.number(size) for name, size in aside.items()}
 push = {name: style.number(size) for name, size in push.items()}
 style.write_title(
     figure,
-    f"The position alone leaves the path by {aside['position']} mm; shared, by "
-    f"{aside['shared']} mm and up to {push['shared']} rad/s²",
+    f"Where only the position gives way it leaves the path by {aside['position']} mm; where the "
+    f"rotation shares, by {aside['shared']} mm, turned at up to {push['shared']} rad/s²",
 )
 save_figure(figure, out)

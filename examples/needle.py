@@ -51,7 +51,7 @@ for name, line in style.line_styles(motions).items():
     bend.plot(motions[name].times[1:-1], curvature, **line)
 style.dress(top, "", "y (mm)", title="path of the tip")
 style.dress(side, "depth x (mm)", "z (mm)")
-style.dress(bend, "", "curvature (1/m)", title="how the path bends, and where it must not")
+style.dress(bend, "", "curvature (1/m)", title="how the path bends")
 bend.set_ylim(0, 1.6 * CURVATURE)
 plot_residuals(residual, motions, needle, row=2, scale="log")
 style.dress(residual, "time (s)", "turn across the bend (rad/s)")

@@ -67,7 +67,7 @@ for ax, (label, (limit, size, allowed)) in zip(figure.subplots(1, 3), panels.ite
 style.name_lines(figure, motions)
 style.write_title(
     figure,
-    f"Not beyond the limits (shaded): {found[0]} mm/s as demonstrated, {found[1]} rad/s, "
-    f"{found[2]} mm/s²",
+    f"Learned motions keep below their limits (shaded): {found[0]} mm/s, {found[1]} rad/s and "
+    f"{found[2]} mm/s² that were demonstrated",
 )
 save_figure(figure, out)

@@ -25,8 +25,8 @@ for rate, color in ((5, "blue"), (20, "orange"), (100, "green")):
         label=f"γ = {rate} 1/s",
     )
 margin.axhline(0, color="k", lw=0.6)
-margin.legend(loc="upper center", fontsize=7)
-style.dress(margin, "time (s)", "margin h (mm)", title="how a limit is approached")
+margin.legend(loc="lower left", fontsize=7)
+style.dress(margin, "time (s)", "margin h (mm)", title="the larger γ, the later the limit brakes")
 
 still = hand.positions * [1, 1, 0]
 yaw = Rotation.from_euler("z", 0.3 * np.sin(np.pi * s))
@@ -42,5 +42,8 @@ across.plot(
 )
 across.legend(loc="upper right", fontsize=7)
 style.dress(
-    across, "time (s)", "speed across the blade (mm/s)", title="a blade in tissue that sways"
+    across,
+    "time (s)",
+    "speed across the blade (mm/s)",
+    title="tissue sways: no slip in it, though in the room",
 )

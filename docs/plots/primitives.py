@@ -18,7 +18,7 @@ demonstration = ns.PoseTrajectory(t, positions, Rotation.from_rotvec(np.zeros((4
 learned = ns.learn(demonstration)
 
 figure, (clock, motion, turned) = plt.subplots(1, 3, figsize=(9.5, 2.7), layout="constrained")
-clock.plot(t, basis.activations(phases), lw=1)
+clock.plot(t, basis.activations(phases), lw=1, color=style.PALETTE["sky"])
 clock.plot(t, phases, "k--", lw=1.5, label="phase s")
 clock.legend(loc="upper right", fontsize=7)
 style.dress(
@@ -31,7 +31,7 @@ motion.plot(t, height, color="0.7", lw=4, label="demonstrated")
 motion.plot(t, learned.rollout().positions[:, 1], "k-", lw=1, label="with the forcing term")
 motion.plot(t, spring, "--", color=style.PALETTE["blue"], label="the attractor alone")
 motion.legend(loc="lower right", fontsize=7)
-style.dress(motion, "t / τ", "y (m)", title="attractor and forcing term")
+style.dress(motion, "t / τ", "y (m)", title="the forcing term makes the motion")
 
 winding = 2.5 * 2 * np.pi * goal
 turns = ns.PoseTrajectory(t, positions, Rotation.from_euler("z", winding))
@@ -40,4 +40,4 @@ angle = np.unwrap(followed.as_euler("xyz")[:, 2])
 turned.plot(t, winding / (2 * np.pi), color="0.7", lw=4, label="demonstrated")
 turned.plot(t, angle / (2 * np.pi), "k-", lw=1, label="learned")
 turned.legend(loc="upper left", fontsize=7)
-style.dress(turned, "t / τ", "turns about z", title="more than half a turn")
+style.dress(turned, "t / τ", "turns about z", title="turns count on beyond half a turn")

@@ -26,5 +26,5 @@ for name, line in lines.items():
     yaw.plot(motion.times, np.degrees(angle), **line)
 path.set_aspect("equal", adjustable="datalim")
 figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-style.dress(path, "x (m)", "y (m)", title="the path, from above")
-style.dress(yaw, "time (s)", "yaw (°)", title="what it costs in orientation")
+style.dress(path, "x (m)", "y (m)", title="alone, the pointwise projection leaves the path")
+style.dress(yaw, "time (s)", "yaw (°)", title="projected as a whole, the tool turns further")

@@ -45,6 +45,10 @@ def test_vectors_go_round_too_and_one_cycle_is_refused() -> None:
     t = np.linspace(0, 4, 401)
     joints = ns.Trajectory(t, np.column_stack([np.sin(np.pi * t), 0 * t]), units=("rad", "rad"))
     figure = rhythm_cycles(joints, PERIOD)
-    assert [ax.get_ylabel() for ax in figure.axes] == [f"{name} (rad)" for name in joints.names]
+    # What rests has no panel, and is named.
+    assert [ax.get_ylabel() for ax in figure.axes] == ["x0 (rad)"]
+    assert figure.legends[0].get_title().get_text().endswith(": x1")
+    resting = ns.Trajectory(t, np.zeros((401, 2)), units=("rad", "rad"))
+    assert len(rhythm_cycles(resting, PERIOD).axes) == 2
     with pytest.raises(InputError, match="less than two periods of 3 s"):
         rhythm_cycles(joints, 3.0)

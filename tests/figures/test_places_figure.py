@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from noslip.constraints import Box, FixedPoint, HalfSpace, PlaneContact, SphereContact
-from noslip.figures import plot_path
+from noslip.figures import adapted_family, bodies_paths, plot_path, plot_tool_frame, style
 
 
 def line(height: float = 0.0) -> ns.PoseTrajectory:
@@ -95,3 +96,63 @@ def test_a_rule_of_ones_own_is_drawn_as_any_other():
 
     _, edge, (_,) = drawn(hill)
     np.testing.assert_allclose(edge[:, 1], 0.3 - 0.2 * edge[:, 0], atol=1e-9)
+
+
+def holes(ax):
+    """Middle and radius of each hatched region of an axes."""
+    hatched = [c for c in ax.collections if any(getattr(c, "hatches", None) or [])]
+    found = []
+    for region in hatched:
+        edge = np.concatenate([path.vertices for path in region.get_paths()])
+        low, high = edge.min(axis=0), edge.max(axis=0)
+        found.append([*(low + high) / 2, *(high - low) / 2])
+    return np.array(found)
+
+
+def test_each_body_has_its_own_obstacles_in_the_world_and_in_the_other_body():
+    tray = line()
+    hand = ns.PoseTrajectory(tray.times, tray.positions[:, [1, 0, 2]], tray.rotations)
+    own = [ns.KeepOutSphere(center=(0.3 * k, 0.5, 0.0), radius=0.1) for k in (1, 2, -2)]
+    rules = [
+        ns.constraints.of(own[0], "hand"),
+        ns.constraints.of(own[1], "tray"),
+        ns.constraints.relative_to(own[2], "hand", "tray"),
+        ns.Blade(),
+    ]
+    figure = bodies_paths(ns.Bodies(hand=hand, tray=tray), rules)
+    world, seen, violated = figure.axes
+    np.testing.assert_allclose(
+        holes(world), [[0.3, 0.5, 0.1, 0.1], [0.6, 0.5, 0.1, 0.1]], atol=4e-3
+    )
+    np.testing.assert_allclose(holes(seen), [[-0.6, 0.5, 0.1, 0.1]], atol=4e-3)
+    assert "hatched: forbidden" in world.get_title() and "hatched" in seen.get_title()
+    # What is never violated has no line, and is named; the title tells what is.
+    assert violated.get_ylabel() == "violation (SI)"
+    told = figure.legends[0].get_title().get_text().replace("\n", " ")
+    assert told.endswith("never violated: keep-out-sphere of hand, keep-out-sphere of tray")
+    assert figure.get_suptitle().replace("\n", " ").endswith("; the other 2 hold")
+
+
+def test_what_is_in_the_way_of_a_family_is_drawn_with_it():
+    ball = ns.KeepOutSphere(center=(0.5, 0.3, 0.0), radius=0.1)
+    goal = ns.Boundary(1, line().positions[-1])
+    figure = adapted_family(line(), {"far": line()}, {"far": goal}, ball)
+    np.testing.assert_allclose(holes(figure.axes[0]), [[0.5, 0.3, 0.1, 0.1]], atol=4e-3)
+    assert figure.axes[0].get_title().endswith("\nhatched: forbidden")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_names_of_a_tools_axes_lie_on_no_arrow(seed):
+    rotation = Rotation.random(rng=seed)
+    figure = style.new_figure(3.5, 3.5)
+    ax = figure.add_subplot(projection="3d")
+    _, *arrows = plot_tool_frame(ax, rotation)
+    figure.canvas.draw()
+    names = [text.get_window_extent() for text in ax.texts]
+    for arrow in arrows[:3]:
+        shaft = np.array(arrow._segments3d[0])
+        along = shaft[0] + np.linspace(0, 1, 50)[:, None] * (shaft[-1] - shaft[0])
+        x, y, _ = proj_transform(*along.T, ax.get_proj())
+        places = ax.transData.transform(np.column_stack([x, y]))
+        for name in names[:3]:
+            assert not any(name.contains(*place) for place in places)

@@ -119,7 +119,7 @@ def clock(kind: str) -> tuple[Written, float]:
         case "sec and nanosec":
             ticks = 10_000_000 * np.arange(COUNT)
             return Written({"sec": [start] * COUNT, "nanosec": ticks}), float(start)
-    return Written({"i": np.arange(COUNT)}, {"rate": 100.0}, "--sample-rate"), 0.0
+    return Written({"i": np.arange(COUNT)}, {"sample_rate": 100.0}, "--sample-rate"), 0.0
 
 
 CLOCKS = ("seconds", "milliseconds", "dates", "sec and nanosec", "numbers")
@@ -222,10 +222,10 @@ def test_every_table_is_read_right_or_refused_with_the_option_that_helps(
     name: str, tmp_path: Path
 ) -> None:
     refused, count = 0, 0
-    # A third of all of them, each layout another: together they have every combination.
+    # A sixth of all of them, each layout another: together they have every combination.
     every = itertools.product(KINDS, CLOCKS, DIALECTS, FAULTS)
     for kind, time, dialect, fault in itertools.islice(
-        every, list(LAYOUTS).index(name) % 3, None, 3
+        every, list(LAYOUTS).index(name) % 6, None, 6
     ):
         if time == "numbers" and fault in ("twice", "backwards"):
             continue  # the same number twice is no clock's fault
@@ -258,7 +258,7 @@ def test_every_table_is_read_right_or_refused_with_the_option_that_helps(
                     f"{name}, {kind}, {time}, {dialect}, {fault}: {error}"
                 ) from error
         refused, count = refused + bool(said), count + 1
-    assert count >= 150
+    assert count >= 75
     assert 0 < refused < count or name == "no header"
 
 

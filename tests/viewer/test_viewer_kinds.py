@@ -23,6 +23,7 @@ pytest.importorskip("viser", reason="the viewer needs viser (extra: viewer)")
 from noslip.viewer import Page, save_page
 from noslip.viewer.charts import curves
 from noslip.viewer.entries import Entry, entries, suitable_tool
+from noslip.viewer.handles import GIZMO, TURNING
 from noslip.viewer.links import Links, carrier_of
 from noslip.viewer.printed import HEIGHT, WIDTH, chart, ticks
 from noslip.viewer.texts import field_step, plain
@@ -231,6 +232,43 @@ def test_no_field_shows_a_negative_zero(value, size):
     (told,) = plain([value], step)
     assert not re.fullmatch(r"-0(\.0*)?", f"{told:.{digits}f}")
     assert abs(told - value) <= max(step / 2, 1e-7)
+
+
+@pytest.mark.parametrize("aspect, covered", [(1.77, 0.36), (1.0, 0.5), (2.4, 0.36)])
+def test_a_wide_window_sees_both_handles_beside_the_panel(primitive, aspect, covered):
+    page = Page({"cut.json": primitive}, port=0)
+    try:
+        drawing, camera = page.drawing, page.server.initial_camera
+        place, look_at = drawing.wide_camera(aspect, covered)
+        ahead = (look_at - place) / np.linalg.norm(look_at - place)
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        for handle in page.goals.handles.values():
+            # What turns is the larger of the gizmos; viser draws its arcs at 0.65 of its size.
+            around = 0.65 * TURNING * GIZMO * drawing.size * np.vstack([np.eye(3), -np.eye(3)])
+            off = np.array(handle.gizmo.position) + around - place
+            across = (off @ right) / (np.tan(camera.fov / 2) * aspect * (off @ ahead))
+            # From -1 at the left edge to 1 at the right one.
+            assert np.all((across > -1) & (across < 1 - 2 * covered)), across
+    finally:
+        page.stop()
+
+
+def test_what_turns_lies_beyond_what_moves_and_takes_it_along(primitive):
+    page = Page({"cut.json": primitive}, port=0)
+    try:
+        handle = page.goals.handles["goal"]
+        assert handle.gizmo.disable_rotations and handle._turning.disable_axes
+        assert 0.65 * handle._turning.scale > handle.gizmo.scale
+        handle.position = primitive.goal_position + [0.01, 0.0, 0.0]
+        assert np.array_equal(handle._turning.position, handle.gizmo.position)
+        turn = Rotation.from_euler("z", 0.3) * primitive.goal_rotation
+        handle.place(primitive.goal_position, turn)
+        assert handle._turning.wxyz == pytest.approx(turn.as_quat(scalar_first=True))
+        handle.visible = False
+        assert not handle._turning.visible
+    finally:
+        page.stop()
 
 
 def test_handles_stand_beside_the_tool_and_move_the_pose(primitive):

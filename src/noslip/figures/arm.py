@@ -39,9 +39,9 @@ def joint_limits(tracked: TrackedMotion, *, title: str | None = None) -> Figure:
         middle, half = (robot.upper + robot.lower) / 2, (robot.upper - robot.lower) / 2
         placed = (tracked.joint_positions - middle) / half
     shares = {
-        "position in its range": np.where(np.isfinite(half), placed, 0.0),
-        "velocity over its limit": tracked.joint_velocities / robot.velocity_limits,
-        "acceleration over its limit": np.pad(changes, ((0, 1), (0, 0)))
+        "position in its range (share)": np.where(np.isfinite(half), placed, 0.0),
+        "velocity over its limit (share)": tracked.joint_velocities / robot.velocity_limits,
+        "acceleration over its limit (share)": np.pad(changes, ((0, 1), (0, 0)))
         / robot.acceleration_limits,
     }
     figure = style.new_figure(style.TWO_COLUMNS, 2.7)

@@ -9,8 +9,10 @@ from matplotlib.figure import Figure
 
 from noslip import _arguments
 from noslip._typing import Floats
+from noslip.constraints.check import ROUNDING
 from noslip.errors import InputError
 from noslip.figures import style
+from noslip.figures.motion import STILL
 from noslip.figures.quantities import ANGLES, Constraints, roll_pitch_yaw, scaled_unit, value_text
 from noslip.figures.residuals import finding, least_margins, residual_rows
 from noslip.trajectory import PoseTrajectory
@@ -18,6 +20,8 @@ from noslip.vectors import Trajectory
 
 PHASE = "share of the period (%)"
 """What the axis of a cycle's time says."""
+MOST_ABREAST = 3
+"""Panels side by side."""
 POINTS = 201
 """At which cycles are compared: every half percent of the period."""
 EARLIER: dict[str, Any] = {"color": style.PALETTE["sky"], "linewidth": 0.7}
@@ -71,13 +75,16 @@ def rhythm_cycles(
     gone = cycles[:, turning, :1] - cycles[-1:, turning, :1]
     cycles[:, turning] -= 360 * np.round(gone / 360)
 
-    width = min(3, len(names))
-    rows = -(-len(names) // width)
+    # Millimeters or degrees that are rounding are no change; a tool that rests has all its panels.
+    still = np.ptp(cycles, axis=(0, 2)) <= np.where(turning, STILL, ROUNDING)
+    moving = [k for k in range(len(names)) if not still[k]] or list(range(len(names)))
+    rows = -(-len(moving) // MOST_ABREAST)
+    width = -(-len(moving) // rows)
     figure = style.new_figure(style.TWO_COLUMNS, 0.9 + 1.4 * rows)
     panels = list(figure.subplots(rows, width, squeeze=False).flat)
-    for ax in panels[len(names) :]:
+    for ax in panels[len(moving) :]:
         ax.remove()
-    for k, (ax, name) in enumerate(zip(panels, names, strict=False)):
+    for place, (ax, k) in enumerate(zip(panels, moving, strict=False)):
         own = [cycle[k] for cycle in cycles]
         scale, unit = scaled_unit(max(float(np.ptp(cycle)) for cycle in own), units[k])
         for cycle in own:
@@ -87,8 +94,10 @@ def rhythm_cycles(
             least = scale * style.LEAST_SHARE * float(np.ptp(cycles[:, ~turning], axis=2).max())
         style.span_at_least(ax, [scale * cycle for cycle in own], least)
         ax.set_xlim(0, 100)
-        style.dress(ax, PHASE if k + width >= len(names) else "", f"{name} ({unit})")
+        style.dress(ax, PHASE if place + width >= len(moving) else "", f"{names[k]} ({unit})")
     style.put_legend(figure, {"cycles before": EARLIER, "the last cycle": LAST})
+    if rest := [name for k, name in enumerate(names) if k not in moving]:
+        style.write_note(figure, f"Without a panel, as it does not change: {', '.join(rest)}")
     style.write_title(figure, title or _finding(motion, period, cycles, units, constraints))
     return figure
 
@@ -114,12 +123,12 @@ def _finding(
     owned = np.array(units)
     gaps = {unit: float(apart[owned == unit].max()) for unit in dict.fromkeys(units)}
     told = [
-        f"{style.number(gap)}°" if unit == "°" else value_text(gap, unit)
+        value_text(gap, unit) if unit != "°" else f"{style.number(max(gap, STILL))}°"
         for unit, gap in gaps.items()
     ]
     text = f"{len(cycles)} cycles of {style.number(period)} s: the last two differ by at most "
     text += " and ".join(told)
     if constraints and isinstance(motion, PoseTrajectory):
         rows = least_margins(residual_rows({motion.name: motion}, constraints))
-        text += f".  {finding(rows, {})}"
+        text += f". {finding(rows, {})}"
     return text

@@ -18,6 +18,7 @@ from noslip.constraints.system import ConstraintSystem, as_system
 from noslip.edge import Axis, Edge, unit_axis
 from noslip.errors import InputError
 from noslip.figures import style
+from noslip.figures.places import draw_places
 from noslip.figures.quantities import Constraints, Motions, named, scaled_unit, value_text
 from noslip.figures.residuals import residual_rows, violations
 from noslip.figures.snapshots import equally_far_apart
@@ -69,9 +70,9 @@ def adapted_family(
     """Show the motions of a primitive adapted to other goals, and how well they get there.
 
     Panels: the paths in the plane in which they reach furthest, and from the side if they leave it,
-    with the tool's lateral axis across them here and there; for each goal how far from it the
-    motion ends, in position and in rotation; and the largest residual of the constraints.  Up to 8
-    motions have a color each.
+    with the tool's lateral axis across them here and there, and what the constraints of the
+    position forbid; for each goal how far from it the motion ends, in position and in rotation;
+    and the largest residual of the constraints.  Up to 8 motions have a color each.
 
     Parameters
     ----------
@@ -113,9 +114,10 @@ def adapted_family(
     ticks = []
     for row, view in enumerate(views):
         ax = figure.add_subplot(paths[row])
-        ticks.append(_draw_paths(ax, view, original, motions, goals, styles, system))
-        if not row:
-            ax.set_title("paths (○ start, ■ end)", fontsize=style.SMALL_FONT_SIZE)
+        tick, there = _draw_paths(ax, view, original, motions, goals, styles, system)
+        ticks.append(tick)
+        caption = style.with_places("" if row else "paths (○ start, ■ end)", there)
+        ax.set_title(caption, fontsize=style.SMALL_FONT_SIZE)
     stack = grid[1].subgridspec(max(1, len(panels)), 1)
     axes = [figure.add_subplot(stack[row]) for row in range(len(panels))]
     for ax, panel in zip(axes, panels, strict=True):
@@ -153,9 +155,9 @@ class _Sizes:
     @property
     def text(self) -> str:
         """The largest of all with its unit."""
-        return (
-            f"{style.number(self.most)}°" if self.unit == "°" else value_text(self.most, self.unit)
-        )
+        if self.unit == "°":
+            return f"{style.number(self.most)}°"
+        return value_text(self.most, self.unit).replace(" SI", " in SI units")
 
     @property
     def most(self) -> float:
@@ -210,7 +212,7 @@ def _finding(
     if where:
         text += f"{up_to} {' and '.join(where)}"
     ends = [panel.text for panel in panels if panel.name == ENDS]
-    results = [f"ends within {' and '.join(ends)}"] if ends else []
+    results = [f"ends within {' and '.join(ends).replace('< ', '')}"] if ends else []
     results += [f"{panel.name} {panel.text}" for panel in panels if panel.name != ENDS]
     return f"{text}: {', '.join(results)}" if results else text
 
@@ -234,8 +236,8 @@ def _draw_paths(
     goals: Mapping[str, Boundary],
     styles: Mapping[str, dict[str, Any]],
     system: ConstraintSystem,
-) -> str:
-    """Draw all paths in a plane, to scale; return what the ticks across them are."""
+) -> tuple[str, list[str]]:
+    """Draw all paths in a plane, to scale; return what the ticks across them, and places, are."""
     family = [original, *motions.values()]
     reach = float(np.ptp(np.concatenate([m.positions for m in family]), axis=0).max()) or 1.0
     scale, unit = scaled_unit(reach)
@@ -269,10 +271,11 @@ def _draw_paths(
             ax.plot(*place, **WANTED, ms=1.6 * size, zorder=3.5)
         else:
             ax.plot(*place, **FAILED, zorder=4)
+    there = draw_places(ax, family, system, columns, scale)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
     style.dress(ax, *(f"{'xyz'[column]} ({unit})" for column in columns))
-    return tick
+    return tick, there
 
 
 def _tool_axis(

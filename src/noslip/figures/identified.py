@@ -67,7 +67,7 @@ def identified_constraint(found: Identified, *, title: str | None = None) -> Fig
 
 def _finding(found: Identified) -> str:
     first, *more = found.sentences[: 3 if found.rows else 2]
-    return f"{first}: {'; '.join(more)}" if more else first
+    return style.capitalized(f"{first}: {'; '.join(more)}" if more else first)
 
 
 def _look(color: str, marker: str, inside: str | None = None) -> dict[str, Any]:
@@ -181,4 +181,4 @@ def _draw_places(ax: Axes, places: Sequence[Place]) -> None:
         off = max(1e3 * place.holdout, LEAST_LENGTH)
         ax.plot(off, k, **_look(FOUND if place.holds else FREE, "o"))
     kinds = [place.kind for place in places]
-    _log_dots(ax, "off, where it was not fitted (mm; of an axis mrad)", "rules about places", kinds)
+    _log_dots(ax, "off where not fitted (mm, axes mrad)", "rules about places", kinds)

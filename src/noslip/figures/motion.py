@@ -269,7 +269,7 @@ def plot_path(
     ax.margins(0.08)
     seen = "path from above" if chosen == "XY" else f"path in the {chosen} plane"
     labels = [f"{axis.lower()} ({unit})" for axis in chosen]
-    style.dress(ax, *labels, title="\n".join([f"{seen} (○ start, ■ end)", *there]))
+    style.dress(ax, *labels, title=style.with_places(f"{seen} (○ start, ■ end)", there))
     return lines
 
 

@@ -134,7 +134,7 @@ def draw_places(
     # The grid itself, which is larger than what is to be seen, does not count.
     ax.dataLim.set_points(seen)
     ax.autoscale_view()
-    return [", ".join(found)] if found else []
+    return list(found)
 
 
 def _has_place(constraint: Constraint) -> bool:

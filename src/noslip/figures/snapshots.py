@@ -55,13 +55,18 @@ FRAME_NAMES = ("x̂, travel", "ŷ, lateral", "ẑ")
 """Of the body's axes."""
 FRAME_COLORS = (style.PALETTE["vermillion"], style.PALETTE["green"], style.PALETTE["blue"])
 """Of the body's axes: the usual red, green and blue, for all to tell apart."""
+ASLANT = 0.35
+"""Share of an axis that leads sideways, or up, from which its name stands on that side of it."""
+AXIS_NAME = 1.12
+"""How far out along an axis its name begins, over the axis' length: past the arrow's head."""
 WORLD_DROP, WORLD_SIZE = 1.5, 0.5
 """How far below the blade's tip the world's axes are drawn, and how long, smaller than its own."""
 AT_REST = 1e-3
 """Share of the top speed below which a tool stands: it slips nowhere."""
 VIEW = (55.0, -80.0)
 """Elevation and azimuth of the eye (degrees): from above the side that work in the plane faces."""
-TITLE_ROOM, HEADING_ROOM, LABEL_ROOM, LEGEND_ROOM, BAR_ROOM, EDGE = 0.3, 0.6, 0.5, 0.3, 0.65, 0.06
+TITLE_ROOM, HEADING_ROOM, LEGEND_ROOM, BAR_ROOM, EDGE = 0.3, 0.6, 0.3, 0.65, 0.06
+LABEL_ROOM, FOOT_ROOM = 0.5, 0.3
 """Inches for the text around panels: three-dimensional ones do not know how large it is."""
 Place = tuple[float, float, float, float]
 """Of an axes in a figure: left, bottom, width and height, as shares."""
@@ -212,23 +217,32 @@ def plot_tool_frame(ax: Any, rotation: Rotation) -> list[Artist]:
         (np.zeros(3), rotation.apply(np.eye(3)), list(FRAME_NAMES), list(FRAME_COLORS), 1.6),
         (np.array([0, 0, -WORLD_DROP]), WORLD_SIZE * np.eye(3), list("xyz"), ["0.45"] * 3, 0.9),
     ]
-    tips = [corners]
+    tips, azimuth = [corners], _clearest_azimuth(rotation)
+    right, up = _page_axes(azimuth)
     for origin, axes, names, colors, width in frames:
         for axis, name, color in zip(axes, names, colors, strict=True):
             arrow = ax.quiver(*origin, *axis, color=color, linewidth=width, arrow_length_ratio=0.15)
             arrow.set_zorder(4)
             artists.append(arrow)
-            place = origin + 1.22 * axis
-            tips.append(np.stack([origin, place]))
-            ax.text(*place, name, color=color, fontsize=style.SMALL_FONT_SIZE, ha="center")
+            place = origin + AXIS_NAME * axis
+            tips.append(np.stack([origin, origin + 1.22 * axis]))
+            # Beside the arrow's tip on the side that it points to, so that it lies on no arrow.
+            x, y = np.array([axis @ right, axis @ up]) / np.hypot(axis @ right, axis @ up)
+            sides: dict[str, Any] = {
+                "ha": "left" if x > ASLANT else "right" if x < -ASLANT else "center",
+                "va": "bottom" if y > ASLANT else "top" if y < -ASLANT else "center",
+            }
+            ax.text(*place, name, color=color, fontsize=style.SMALL_FONT_SIZE, **sides)
     seen = np.concatenate(tips)
     low, high = seen.min(axis=0), seen.max(axis=0)
     for k, name in enumerate("xyz"):
         ax.set(**{f"{name}lim": (low[k], high[k]), f"{name}ticks": []})
     ax.set_box_aspect(high - low, zoom=1.25)
     ax.set_proj_type("ortho")
-    ax.view_init(FRAME_ELEVATION, _clearest_azimuth(rotation))
+    ax.view_init(FRAME_ELEVATION, azimuth)
     ax.set_axis_off()
+    # Names go on beyond the axes, and a neighbor's background would hide them.
+    ax.patch.set_visible(False)
     return artists
 
 
@@ -238,12 +252,10 @@ def _clearest_azimuth(rotation: Rotation) -> float:
     The smallest area between two axes of the body or of the world, as they are seen, is the
     largest.
     """
-    frames, elevation = (rotation.as_matrix().T, np.eye(3)), np.radians(FRAME_ELEVATION)
+    frames = rotation.as_matrix().T, np.eye(3)
 
     def least_area(azimuth: float) -> float:
-        a = np.radians(azimuth)
-        right = np.array([-np.sin(a), np.cos(a), 0.0])
-        up = np.array([*(-np.sin(elevation) * np.array([np.cos(a), np.sin(a)])), np.cos(elevation)])
+        right, up = _page_axes(azimuth)
         return min(
             abs(float(np.linalg.det([axes[[i, j]] @ right, axes[[i, j]] @ up])))
             for axes in frames
@@ -251,6 +263,14 @@ def _clearest_azimuth(rotation: Rotation) -> float:
         )
 
     return float(max(range(-170, 0, 10), key=least_area))
+
+
+def _page_axes(azimuth: float) -> tuple[Floats, Floats]:
+    """World directions that lead to the right and up on the page, of an eye at an azimuth."""
+    a, elevation = np.radians(azimuth), np.radians(FRAME_ELEVATION)
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    up = np.array([*(-np.sin(elevation) * np.array([np.cos(a), np.sin(a)])), np.cos(elevation)])
+    return right, up
 
 
 def blade_corners(motion: PoseTrajectory, where: NDArray[np.intp], size: float) -> Floats:
@@ -332,7 +352,7 @@ def _arrange(figure: Figure, panels: list[Any]) -> Axes:
     rows = -(-len(panels) // columns)
     side = (style.TWO_COLUMNS - BAR_ROOM) / max(columns, 2)
     inches = (side - LABEL_ROOM) * min(1 / wide, 1 / high)
-    pitch = HEADING_ROOM + inches * high + LABEL_ROOM
+    pitch = HEADING_ROOM + inches * high + FOOT_ROOM
     width, height = columns * side + BAR_ROOM, TITLE_ROOM + rows * pitch + LEGEND_ROOM
     figure.set_size_inches(width, height)
 

@@ -46,6 +46,10 @@ COLUMNS = {1: (ONE_COLUMN, 2.2), 2: (TWO_COLUMNS, 2.6)}
 """Width and usual height of a paper's figure, by the columns that it goes over (inches)."""
 FONT_SIZE, SMALL_FONT_SIZE = 8.0, 7.0
 """Of titles, and of everything else (points): as a caption beside text of 10."""
+UNITS = r"(?:[mnµ]?m|s|rad)\b"
+"""What the units of figures begin with."""
+PAD = 0.07
+"""Inches left and right of a panel with its labels: those of neighbors do not read as one."""
 DPI = 200
 """Of a PNG: sharp on a screen of high density, and small enough for a web page."""
 LONGEST_NAME = 40
@@ -170,7 +174,7 @@ def new_figure(
     width: float, height: float, *, layout: Literal["constrained"] | None = "constrained"
 ) -> Figure:
     """Return an empty figure (inches), of no window and of no global state."""
-    engine = _Layout() if layout else None
+    engine = _Layout(w_pad=PAD) if layout else None
     figure = Picture(figsize=(width, height), dpi=DPI, layout=engine, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
@@ -196,7 +200,9 @@ def column_figure(columns: Literal[1, 2] = 1, height: float | None = None) -> Fi
 def write_title(figure: Figure, title: str) -> None:
     """Put the finding above a figure, in as many lines as its width asks for."""
     characters = int(figure.get_figwidth() * 72 / (0.64 * FONT_SIZE))
-    lines = [fill(line, characters) for line in title.splitlines()]
+    # A number stays beside its unit.
+    bound = re.sub(rf"(?<=\d) (?=%|{UNITS})", "\xa0", title)
+    lines = [fill(line, characters).replace("\xa0", " ") for line in bound.splitlines()]
     figure.suptitle("\n".join(lines), fontsize=FONT_SIZE, fontweight="bold")
 
 
@@ -229,12 +235,14 @@ def put_legend(figure: Figure, handles: Mapping[str, Artist | dict[str, Any]]) -
     labels = [short_name(name) for name in handles]
     # An entry is its handle, as wide as 8 characters, its label and the space between columns.
     characters = figure.get_figwidth() * 72 / (0.52 * SMALL_FONT_SIZE)
-    columns = int(characters / (max(map(len, labels)) + 14))
+    columns = max(1, min(len(labels), int(characters / (max(map(len, labels)) + 14))))
+    # Rows of one length, rather than a last one of what is left.
+    columns = -(-len(labels) // -(-len(labels) // columns))
     figure.legend(
         [Line2D([], [], **h) if isinstance(h, dict) else h for h in handles.values()],
         labels,
         loc="outside lower center" if figure.get_layout_engine() else "lower center",
-        ncols=max(1, min(columns, len(labels))),
+        ncols=columns,
         fontsize=SMALL_FONT_SIZE,
         frameon=False,
         handlelength=3.5,
@@ -255,7 +263,7 @@ def draw_curves(
 
 def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> None:
     """Give axes their labels, readable sizes and a faint grid."""
-    ax.set_xlabel(xlabel, fontsize=SMALL_FONT_SIZE)
+    ax.set_xlabel(fill(xlabel, 40), fontsize=SMALL_FONT_SIZE)
     ax.set_ylabel(fill(ylabel, 26), fontsize=SMALL_FONT_SIZE)
     if title is not None:
         ax.set_title(title, fontsize=SMALL_FONT_SIZE)
@@ -266,6 +274,11 @@ def dress(ax: Axes, xlabel: str, ylabel: str, *, title: str | None = None) -> No
         axis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
         if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
             formatter.set_useOffset(False)
+
+
+def with_places(title: str, places: Iterable[str]) -> str:
+    """Return a title with what is drawn of places below it, if anything is."""
+    return "\n".join(filter(None, [title, ", ".join(places)]))
 
 
 def stack(figure: Figure, panels: Sequence[Axes]) -> None:

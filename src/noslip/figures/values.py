@@ -23,8 +23,9 @@ MOST_LINES = 4
 """In a panel: more cross each other until none can be followed."""
 PANEL_HEIGHT = 1.35
 """Inches."""
-COLUMNS = 2
-"""Panels side by side where several motions have one for each value."""
+COLUMNS, THREE = 2, 3
+"""Panels side by side where several motions have one for each value; three where that leaves no
+hole."""
 SEEN = 0.3
 """Share of a value's range within which a limit beyond it is drawn; a farther one would flatten
 what moves."""
@@ -121,7 +122,7 @@ def _alone(trajectory: Series, limits: Floats) -> Figure:
 def _compared(motions: Mapping[str, Series], limits: Floats) -> Figure:
     """Draw several motions: a panel a value."""
     first = next(iter(motions.values()))
-    columns = min(COLUMNS, len(first.names))
+    columns = THREE if len(first.names) % THREE == 0 else min(COLUMNS, len(first.names))
     rows = -(-len(first.names) // columns)
     styles = style.line_styles(
         motions, [name for name, one in motions.items() if isinstance(one, VectorMotion)]

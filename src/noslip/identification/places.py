@@ -26,6 +26,7 @@ from noslip.constraints.remote_center import RemoteCenter
 from noslip.constraints.rolling import RollingDisc, RollingSphere
 from noslip.constraints.tool_axis import ToolAxis
 from noslip.identification.identified import Place
+from noslip.identification.rows import crossing
 from noslip.trajectory import PoseTrajectory
 
 SHARE = 0.005
@@ -591,9 +592,10 @@ def _remote_residual(poses: _Poses, values: Values) -> Floats:
 def _across(axis: Floats) -> Floats:
     """Two unit vectors perpendicular to one, as rows, that turn smoothly with it."""
     # No tie for axes of the body and the world: a small turn must not choose another.
-    one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis) + [0.0, 0.1, 0.2])])
+    turn = crossing(axis)
+    one = turn[:, np.argmin(np.abs(axis) + [0.0, 0.1, 0.2])]
     one = one / np.linalg.norm(one)
-    return np.array([one, np.cross(axis, one)])
+    return np.array([one, turn @ one])
 
 
 def _remote_starts(poses: _Poses) -> Iterator[Values]:
@@ -637,7 +639,7 @@ def _axis_starts(poses: _Poses) -> Iterator[Values]:
 
 
 def _ball_residual(poses: _Poses, values: Values) -> Floats:
-    way = np.cross(poses.turns, values["radius"] * values["normal"])
+    way = poses.turns @ crossing(values["radius"] * values["normal"])
     return poses.at(values["reference_point"]) - way
 
 

@@ -46,9 +46,18 @@ NOTHING: Floats = np.zeros((0, 3))
 """No direction."""
 
 
+def crossing(vector: Floats) -> Floats:
+    """Return the matrix, shape (3, 3), of the cross product with a vector on its left.
+
+    Of one vector with many it is several times as fast as ``np.cross``.
+    """
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def screws(axes: Floats, point: Floats) -> Floats:
     """Rows ``(a, r x a)`` of a body twist, shape (n, 6), of axes, shape (n, 3), through a point."""
-    return np.hstack([axes, np.cross(point, axes)])
+    return np.hstack([axes, axes @ crossing(point).T])
 
 
 @dataclass(frozen=True, eq=False)

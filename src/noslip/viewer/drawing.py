@@ -26,6 +26,15 @@ GHOST, GHOST_OPACITY = rgb(PALETTE["gray"]), 0.3
 """Color and opacity of what a motion is compared with: seen, and seen through."""
 ROD_LENGTH = 0.3
 """Of what stands for a body beside the tool, over the scene's size: shorter than the scalpel."""
+PANEL = 400
+"""Pixels at the right of a window that the panel covers: viser's large one, and its margin."""
+COVERED = 0.36, 0.5
+"""Shares of a window's width that it is taken to cover at least, and at most.  A dense screen tells
+of more pixels than those that a page counts in, and a window that wide has room; of one that is
+narrower than two panels not even half would be left."""
+REACH = 1.03
+"""From the scene's middle to the ends of its handles at either side, over the scene's size, as far
+away as the camera looks."""
 ABOVE = 0.18
 """Share of an upright window's height by which the scene is above its middle: a panel that is
 unfolded covers the lower three fifths."""
@@ -64,6 +73,8 @@ class Drawing:
     ----------
     middle : array, shape (3,)
         Of what is seen first (m): of the scene, or of the arm and its work.
+    reach : float
+        How far to either side of the middle that reaches (m).
     """
 
     def __init__(
@@ -99,19 +110,49 @@ class Drawing:
         camera.look_at = center + size * np.array([0.35, 0.0, 0.1])
         camera.position = center + size * np.array([0.15, -1.4, 1.15])
         self.middle: Floats = center
+        self.reach = REACH * size
         if arm is not None:
             camera.look_at, camera.position = _across(center, arm)
-            self.middle = np.vstack([arm, center]).mean(axis=0)
+            points = np.vstack([arm, center])
+            self.middle = points.mean(axis=0)
+            self.reach = float(np.linalg.norm(points - self.middle, axis=1).max())
         away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
         camera.near, camera.far = 0.01 * size, max(100 * size, 10 * away)
         camera.fov = np.radians(50)
 
         @server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            if client.camera.aspect < 1:
-                place, look_at = self.upright_camera(client.camera.aspect)
-                with client.atomic():
-                    client.camera.position, client.camera.look_at = place, look_at
+            aspect, width = client.camera.aspect, client.camera.image_width
+            place, look_at = (
+                self.upright_camera(aspect)
+                if aspect < 1
+                else self.wide_camera(aspect, float(np.clip(PANEL / width, *COVERED)))
+            )
+            with client.atomic():
+                client.camera.position, client.camera.look_at = place, look_at
+
+    def wide_camera(self, aspect: float, covered: float) -> tuple[Floats, Floats]:
+        """Where a camera stands (m), and looks, in a window that is wider than high.
+
+        What is seen first lies in the middle of what the panel leaves free, and fits there.
+
+        Parameters
+        ----------
+        aspect : float
+            Width of the window over its height.
+        covered : float
+            Share of the width, at the right, that the panel covers.
+        """
+        camera = self.server.initial_camera
+        away = np.subtract(camera.position, camera.look_at)
+        far = float(np.linalg.norm(away))
+        right = np.cross(np.array([0.0, 0.0, 1.0]), away)
+        right /= np.linalg.norm(right)
+        seen = far * np.tan(camera.fov / 2) * aspect
+        back = max(1.0, self.reach / (seen * (1 - covered)))
+        aside = np.subtract(camera.look_at, self.middle)
+        look_at = self.middle + aside + (back * covered * seen - aside @ right) * right
+        return look_at + back * away, look_at
 
     def upright_camera(self, aspect: float) -> tuple[Floats, Floats]:
         """Where a camera stands (m), and looks, in a window whose width is a share of its height.

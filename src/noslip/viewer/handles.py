@@ -17,13 +17,16 @@ from noslip.viewer.drawing import place, pose
 
 GIZMO = 0.15
 """Length of a handle's arrows, over the scene's size: large enough to be hit."""
+TURNING = 1.75
+"""Size of what turns, over that of what moves: viser draws arcs at 0.65 of it, beyond the arrows'
+tips, which they would cover."""
 ASIDE = 0.22
-"""Distance of a handle from what it moves, over the scene's size: its arrows, along any axis, end
-before the tool."""
+"""Distance of a handle from what it moves, over the scene's size: its arrows and arcs, along any
+axis, end before the tool."""
 
 
 class Handle:
-    """A gizmo, its name, and a line to the pose that it moves.
+    """A gizmo that moves, one around it that turns, their name, and a line to what they move.
 
     Parameters
     ----------
@@ -41,14 +44,19 @@ class Handle:
     def __init__(
         self, scene: viser.SceneApi, node: str, label: str, size: float, *, turns: bool = True
     ) -> None:
+        look: dict[str, Any] = {"line_width": 3.0, "depth_test": False, "visible": False}
         self.gizmo: Any = scene.add_transform_controls(
-            f"/{node}",
-            scale=GIZMO * size,
-            line_width=3.0,
-            disable_rotations=not turns,
-            depth_test=False,
-            visible=False,
+            f"/{node}", scale=GIZMO * size, disable_rotations=True, **look
         )
+        self._turning: Any = None
+        if turns:
+            self._turning = scene.add_transform_controls(
+                f"/{node} turning",
+                scale=TURNING * GIZMO * size,
+                disable_axes=True,
+                disable_sliders=True,
+                **look,
+            )
         scene.add_label(f"/{node}/label", label, font_screen_scale=0.9, anchor="top-center")
         self._line: Any = scene.add_line_segments(
             f"/{node} line",
@@ -68,6 +76,8 @@ class Handle:
     @visible.setter
     def visible(self, value: bool) -> None:
         self.gizmo.visible = value
+        if self._turning is not None:
+            self._turning.visible = value
         self._line.visible = value and bool(self.aside.any())
 
     @property
@@ -78,7 +88,7 @@ class Handle:
     @position.setter
     def position(self, value: Floats) -> None:
         self.gizmo.position = np.asarray(value) + self.aside
-        self.draw_line()
+        self._follow()
 
     @property
     def pose(self) -> tuple[Floats, Rotation]:
@@ -88,10 +98,12 @@ class Handle:
     def place(self, position: Floats, rotation: Rotation) -> None:
         """Put it to a pose."""
         place(self.gizmo, position + self.aside, rotation)
-        self.draw_line()
+        self._follow()
 
-    def draw_line(self) -> None:
-        """Lead the line to where the gizmo was dragged."""
+    def _follow(self) -> None:
+        """Bring what turns, and the line, to where the gizmo is."""
+        if self._turning is not None:
+            self._turning.position, self._turning.wxyz = self.gizmo.position, self.gizmo.wxyz
         if self.aside.any():
             ends = np.array([[self.position, self.gizmo.position]], dtype=np.float32)
             self._line.points = ends
@@ -100,7 +112,13 @@ class Handle:
         """Do something when it is dragged; it is called with whether it was released."""
 
         def dragged(released: bool) -> None:
-            self.draw_line()
+            self._follow()
+            action(released)
+
+        def turned(released: bool) -> None:
+            self.gizmo.wxyz = self._turning.wxyz
             action(released)
 
         actions.on_drag(self.gizmo, key, dragged)
+        if self._turning is not None:
+            actions.on_drag(self._turning, f"{key}, turned", turned)
