@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import peers
 from benchmarks.example import ALPHA, BASIS_FUNCTIONS
-from benchmarks.side_by_side.job import Job, Row, measured, version_of
+from benchmarks.side_by_side.job import Job, Row, judged, version_of
 from noslip import PoseTrajectory
 from noslip._typing import Floats
 
@@ -173,4 +173,4 @@ def rows(library: str, job: Job) -> Iterator[Row]:
         if find_spec(known.module) is None:
             yield Row(library, version, way, job.name, skipped=known.advice)
         else:
-            yield measured(library, version, way, job, partial(move, job))
+            yield judged(library, version, way, job, partial(move, job))
