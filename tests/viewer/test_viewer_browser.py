@@ -120,6 +120,16 @@ def choose(tab: Tab, label: str, option: str) -> None:
     tab.view.get_by_role("option", name=option, exact=True).click()
 
 
+def placed(page: Page) -> bool:
+    """Whether the page's camera has come to where a window of its size has it first."""
+    clients = list(page.server.get_clients().values())
+    if not clients:
+        return False
+    camera = clients[0].camera
+    place, look_at = page.drawing.first_camera(camera.aspect, camera.image_width)
+    return np.allclose([camera.position, camera.look_at], [place, look_at], atol=1e-6)
+
+
 def distance(path: np.ndarray, other: np.ndarray) -> float:
     """How far a path strays from another: of its points to the other's, the largest."""
     return float(KDTree(other).query(path)[0].max())
@@ -153,7 +163,8 @@ def alone(chromium, shown: dict) -> Iterator[tuple[Tab, Page]]:
 
 
 def drag(tab: Tab, page: Page, grip: np.ndarray, there: np.ndarray) -> None:
-    """Press the mouse on a gizmo's arrow, and move it; it stays pressed."""
+    """Press the mouse on a gizmo's arrow or arc, and move it; it stays pressed."""
+    until(lambda: placed(page), "the camera to come to its place")
     mouse = tab.view.mouse
     mouse.move(*pixel(page, grip))
     time.sleep(1.0)
@@ -307,6 +318,7 @@ def test_what_is_drawn_is_what_is_computed(chromium, slipping, artifacts):
     tab.open(f"{page.address}/")
     track = page.entry.track
     tab.view.get_by_text("slip angle").wait_for()
+    until(lambda: placed(page), "the camera to come to its place")
     handles = []
     for instant in (0.8, 3.2):
         page.post("seek", lambda instant=instant: page._seek(instant))
@@ -365,6 +377,7 @@ def test_the_arm_of_joints_moves(chromium, artifacts):
     tab = Tab(chromium, sharpness=1.0)
     tab.open(f"{page.address}/")
     tab.view.get_by_text("slip angle").wait_for()
+    until(lambda: placed(page), "the camera to come to its place")
     links = page.entry.follower
     for instant in (0.0, page.duration):
         page.post("seek", lambda instant=instant: page._seek(instant))
