@@ -102,6 +102,7 @@ def tab(chromium, page) -> Iterator[Tab]:
     tab = Tab(chromium)
     tab.open(f"{page.address}/")
     tab.view.get_by_text("slip angle").wait_for()
+    settle(page)
     yield tab
     tab.context.close()
 
@@ -130,6 +131,19 @@ def placed(page: Page) -> bool:
     return np.allclose([camera.position, camera.look_at], [place, look_at], atol=1e-6)
 
 
+def settle(page: Page) -> None:
+    """Wait until the camera stays there: what is drawn later moves it once more."""
+
+    def stays() -> bool:
+        for _ in range(4):
+            if not placed(page):
+                return False
+            time.sleep(0.25)
+        return True
+
+    until(stays, "the camera to come to its place")
+
+
 def distance(path: np.ndarray, other: np.ndarray) -> float:
     """How far a path strays from another: of its points to the other's, the largest."""
     return float(KDTree(other).query(path)[0].max())
@@ -155,6 +169,7 @@ def alone(chromium, shown: dict) -> Iterator[tuple[Tab, Page]]:
     page, tab = Page(shown, port=0), Tab(chromium)
     try:
         tab.open(f"{page.address}/")
+        settle(page)
         yield tab, page
         assert tab.errors == []
     finally:
@@ -164,7 +179,6 @@ def alone(chromium, shown: dict) -> Iterator[tuple[Tab, Page]]:
 
 def drag(tab: Tab, page: Page, grip: np.ndarray, there: np.ndarray) -> None:
     """Press the mouse on a gizmo's arrow or arc, and move it; it stays pressed."""
-    until(lambda: placed(page), "the camera to come to its place")
     mouse = tab.view.mouse
     mouse.move(*pixel(page, grip))
     time.sleep(1.0)
@@ -318,7 +332,7 @@ def test_what_is_drawn_is_what_is_computed(chromium, slipping, artifacts):
     tab.open(f"{page.address}/")
     track = page.entry.track
     tab.view.get_by_text("slip angle").wait_for()
-    until(lambda: placed(page), "the camera to come to its place")
+    settle(page)
     handles = []
     for instant in (0.8, 3.2):
         page.post("seek", lambda instant=instant: page._seek(instant))
@@ -377,7 +391,7 @@ def test_the_arm_of_joints_moves(chromium, artifacts):
     tab = Tab(chromium, sharpness=1.0)
     tab.open(f"{page.address}/")
     tab.view.get_by_text("slip angle").wait_for()
-    until(lambda: placed(page), "the camera to come to its place")
+    settle(page)
     links = page.entry.follower
     for instant in (0.0, page.duration):
         page.post("seek", lambda instant=instant: page._seek(instant))
