@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 import noslip as ns
 from benchmarks import single_threaded
+from benchmarks.side_by_side.kinematics import Follower, Pose, solver
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data"
 """They lie beside the repository and are no part of it."""
@@ -32,9 +33,6 @@ NOISE, TURN_NOISE = 1e-3, np.radians(0.6)
 """Of each action, along and about each axis (m, rad)."""
 LONGEST = 600
 """Samples of a recording: 20 s; robots drive for minutes."""
-
-
-Pose = tuple[np.ndarray, Rotation]
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ FAMILIES = (
 
 def episodes(family: Family, most: int) -> list[ns.PoseTrajectory]:
     """Recordings at the rate of actions, without their noise: what a policy would mean."""
-    found = ns.load_demonstrations(RECORDINGS / family.files, rate=family.rate)[:most]
+    found = ns.load_demonstrations(RECORDINGS / family.files, sample_rate=family.rate)[:most]
     steps: dict[str, Any] = {"rate": RATE, "lowpass": 4.8, "trim_speed": family.trim_speed}
     return [ns.prepare(one, **steps)[:LONGEST] for one in found]
 
@@ -152,7 +150,10 @@ class Kinematics:
         return f"{self.library}, equality{ahead}{times}"
 
     def reset(self, family: Family, episode: ns.PoseTrajectory) -> None:
-        self.solve = {"mink": _mink, "pink": _pink}[self.library](self, family)
+        self.offset = self.ahead * np.array(family.forward)
+        step = 1 / RATE / self.substeps
+        follower = Follower(family.body, family.world, self.offset, self.turning, self.gain, step)
+        self.solve = solver(self.library, follower)
         self.pose: Pose | None = None
         self.wanted: Pose | None = None
 
@@ -166,94 +167,13 @@ class Kinematics:
             for share in np.arange(1, self.substeps + 1) / self.substeps:
                 position = (1 - share) * self.wanted[0] + share * wanted[0]
                 rotation = Rotation.from_rotvec(share * turn) * self.wanted[1]
-                self.pose = self.solve(self.pose, (position, rotation))
+                self.pose = self.solve(
+                    self.pose, (position + rotation.apply(self.offset), rotation)
+                )
             self.wanted = wanted
             found.append(self.pose)
         rotations = Rotation.concatenate([rotation for _, rotation in found])
         return ns.PoseTrajectory(poses.times[:executed], [p for p, _ in found], rotations)
-
-
-def _mink(asked: Kinematics, family: Family) -> Any:
-    import mink
-    import mujoco
-
-    x, y, z = asked.ahead * np.array(family.forward)
-    model = mujoco.MjModel.from_xml_string(
-        "<mujoco><worldbody><body name='tool'><freejoint/><geom size='0.01' mass='1'/>"
-        f"<site name='ahead' pos='{x} {y} {z}'/></body></worldbody></mujoco>"
-    )
-    configuration = mink.Configuration(model)
-    task = mink.FrameTask("ahead", "site", 1.0, asked.turning, gain=asked.gain)
-    offset = mink.SE3.from_translation(np.array([x, y, z]))
-
-    class Held(mink.Task):
-        """No motion along some axes; a free joint moves in the world's and turns in its own."""
-
-        def __init__(self) -> None:
-            super().__init__(cost=np.ones(len(family.body) + len(family.world)))
-
-        def compute_error(self, configuration: Any) -> np.ndarray:
-            return np.zeros(len(self.cost))
-
-        def compute_jacobian(self, configuration: Any) -> np.ndarray:
-            turn = Rotation.from_quat(configuration.q[3:7], scalar_first=True)
-            rows = np.vstack([turn.apply(family.body), *np.reshape(family.world, (-1, 1, 3))])
-            return np.hstack([rows, np.zeros_like(rows)])
-
-    held, step = [Held()], 1 / RATE / asked.substeps
-
-    def solve(here: Pose, wanted: Pose) -> Pose:
-        configuration.update(np.r_[here[0], here[1].as_quat(scalar_first=True)])
-        target = mink.SE3(np.r_[wanted[1].as_quat(scalar_first=True), wanted[0]])
-        task.set_target(target.multiply(offset))
-        twist = mink.solve_ik(configuration, [task], step, "daqp", limits=[], constraints=held)
-        configuration.integrate_inplace(twist, step)
-        q = configuration.q
-        return q[:3].copy(), Rotation.from_quat(q[3:7], scalar_first=True)
-
-    return solve
-
-
-def _pink(asked: Kinematics, family: Family) -> Any:
-    import pink
-    import pinocchio
-
-    model = pinocchio.Model()
-    joint = model.addJoint(0, pinocchio.JointModelFreeFlyer(), pinocchio.SE3.Identity(), "tool")
-    model.appendBodyToJoint(joint, pinocchio.Inertia.Random(), pinocchio.SE3.Identity())
-    offset = pinocchio.SE3(np.eye(3), asked.ahead * np.array(family.forward))
-    kind = pinocchio.FrameType.OP_FRAME
-    model.addFrame(pinocchio.Frame("ahead", joint, 0, offset, kind))
-    data = model.createData()
-    task = pink.tasks.FrameTask("ahead", 1.0, asked.turning, gain=asked.gain)
-
-    class Held(pink.tasks.Task):
-        """No motion along some axes; a free flyer's twist is the body's."""
-
-        def compute_error(self, configuration: Any) -> np.ndarray:
-            return np.zeros(len(family.body) + len(family.world))
-
-        def compute_jacobian(self, configuration: Any) -> np.ndarray:
-            turn = Rotation.from_quat(configuration.q[3:7])
-            world = np.reshape(family.world, (-1, 3))
-            rows = np.vstack([family.body, turn.inv().apply(world) if len(world) else world])
-            return np.hstack([rows, np.zeros_like(rows)])
-
-        def __repr__(self) -> str:
-            return "Held()"
-
-    held, step = [Held(cost=1.0)], 1 / RATE / asked.substeps
-
-    def solve(here: Pose, wanted: Pose) -> Pose:
-        configuration = pink.Configuration(model, data, np.r_[here[0], here[1].as_quat()])
-        target = pinocchio.SE3(wanted[1].as_matrix(), wanted[0])
-        task.set_target(target * offset)
-        twist = pink.solve_ik(configuration, [task], step, "daqp", limits=[], constraints=held)
-        configuration.integrate_inplace(twist, step)
-        q = configuration.q
-        return q[:3].copy(), Rotation.from_quat(q[3:7])
-
-    return solve
 
 
 class Shielded:

@@ -34,14 +34,24 @@ def imitation(demonstration: PoseTrajectory) -> tuple[np.ndarray, np.ndarray]:
     return demonstration.times - demonstration.times[0], poses
 
 
-def fit(times: np.ndarray, poses: np.ndarray, basis_functions: int = BASIS_FUNCTIONS) -> Any:
+def fit(
+    times: np.ndarray,
+    poses: np.ndarray,
+    basis_functions: int = BASIS_FUNCTIONS,
+    *,
+    smooth_scaling: bool = False,
+) -> Any:
     """Fit its pose primitive, no constraint; its own defaults in all else.
 
     It integrates with the sampling step; for 1000 samples that is its default, 1 ms.
     """
     step = times[-1] / (len(times) - 1)
     dmp = CartesianDMP(
-        execution_time=times[-1], dt=step, int_dt=step, n_weights_per_dim=basis_functions
+        execution_time=times[-1],
+        dt=step,
+        int_dt=step,
+        n_weights_per_dim=basis_functions,
+        smooth_scaling=smooth_scaling,
     )
     dmp.imitate(times, poses)
     return dmp

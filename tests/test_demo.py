@@ -129,6 +129,19 @@ def test_summary_agrees_with_the_files_and_says_synthetic(demo, example):
     assert len(summary["excision"]["trials"]) == 8
 
 
+def test_the_session_holds_the_recordings_and_its_cuts_are_the_true_ones(demo):
+    told = json.loads((demo / "summary.json").read_text())["excision"]["session"]
+    session = Rows(demo / "excision" / "session.csv")
+    kept = [cut for cut in told["intervals"] if cut["reason"] is None]
+    assert told["found"] == list(EXCISIONS)
+    for number, cut, (start, end) in zip(EXCISIONS, kept, told["cuts"], strict=True):
+        assert max(abs(cut["start"] - start), abs(cut["end"] - end)) < 0.6
+        recording = Rows(demo / "excision" / f"recording_{number}.csv")
+        first = int(np.searchsorted(session.t, recording.t[0] - 1e-9))
+        np.testing.assert_array_equal(session.p[first:][: len(recording.p)], recording.p)
+        assert recording.t[0] < start < end < recording.t[-1]
+
+
 ROWS = {
     "demonstration, and regular primitive": ("demonstration", "regular"),
     "constrained at run time only": ("constrained",),
@@ -151,7 +164,7 @@ def test_the_readme_tells_the_numbers_of_the_summary(demo):
 
 
 def test_figures_are_there_in_both_formats(demo):
-    for folder, count in (("numerical_example", 2), ("excision", 3)):
+    for folder, count in (("numerical_example", 2), ("excision", 4)):
         pictures = sorted((demo / folder).glob("*.png"))
         assert len(pictures) == count
         for picture in pictures:

@@ -18,8 +18,9 @@ import noslip as ns
 from learned import Goal, numerical
 from measures import degrees, slip
 from noslip._typing import Floats
+from noslip.demonstrations.excision import synthetic_excisions
 from noslip.errors import MissedError
-from noslip.experiments.excision import Excision, synthetic_excisions
+from noslip.experiments.excision import Excision
 from noslip.verification import TOLD, TOLD_TURN, pose_at
 from strategies import unit
 

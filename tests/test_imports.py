@@ -100,6 +100,20 @@ def test_every_name_is_there_is_listed_and_is_kept() -> None:
             getattr(ns, name)
 
 
+def test_a_name_that_is_not_on_top_is_answered_with_where_it_is_or_what_was_meant() -> None:
+    def answer(name: str) -> str:
+        with pytest.raises(AttributeError) as refused:
+            getattr(ns, name)
+        return str(refused.value).removeprefix(f"module 'noslip' has no attribute {name!r}")
+
+    assert answer("RollingDisc") == "; it is noslip.constraints.RollingDisc"
+    assert answer("write_bag") == "; it is noslip.recordings.write_bag"
+    assert answer("Balde") == " (did you mean Blade?)"
+    loads = " (did you mean load_demonstrations, load_primitive or load_trajectory?)"
+    assert answer("load") == loads
+    assert answer("report") == " (did you mean reporting?)"
+
+
 def test_parts_are_there_without_being_imported() -> None:
     code = "import noslip as ns; ns.robots.track; ns.figures.save_figure; ns.law.Law"
     assert "matplotlib" in loaded(code)

@@ -462,7 +462,12 @@ def test_arguments_out_of_range_are_refused_by_name(arguments: Any, named: str) 
 
 @pytest.mark.parametrize(
     ("demonstrations", "named"),
-    [([], "demonstration"), ("cut.csv", "load_demonstrations"), ([3], "PoseTrajectory")],
+    [
+        ([], "demonstration"),
+        ("cut.csv", "load_demonstrations"),
+        ([3], "PoseTrajectory"),
+        ((np.arange(9.0), np.zeros((9, 2))), "make arrays Trajectory(times, values)"),
+    ],
 )
 def test_demonstrations_are_needed(demonstrations: Any, named: str) -> None:
     assert named in refusal(InputError, learn, demonstrations, [BLADE])

@@ -111,12 +111,27 @@ def test_they_are_values() -> None:
         ({"units": "mm"}, "units must be 2 texts"),
         ({"values": [[1.0, np.nan]] * 9}, "values[0] is not finite"),
         ({"values": [1.0] * 9}, "a row a sample"),
+        ({"values": np.zeros((5, 9, 2))}, "of several recordings make a list of trajectories"),
         ({"times": np.zeros(9)}, "times must increase"),
     ],
 )
 def test_what_is_none_is_refused(change, told) -> None:
     usual = {"times": np.arange(9.0), "values": np.zeros((9, 2)), "names": ["a", "b"]}
     assert told in refusal(InputError, lambda: ns.Trajectory(**(usual | change)))
+
+
+def test_a_path_without_a_unit_is_told_without_one() -> None:
+    numbers = ns.Trajectory(np.arange(9.0), np.arange(9.0)[:, None])
+    assert repr(numbers) == "Trajectory('trajectory', 9 samples of 1 value, 8 s, path 8)"
+    meters = ns.Trajectory(np.arange(9.0), np.arange(9.0)[:, None], units=["m"])
+    assert repr(meters).endswith("path 8 m)")
+
+
+def test_a_rule_of_a_tool_asks_who_carries_it() -> None:
+    angles = np.column_stack([np.arange(9.0), np.arange(9.0)])
+    joints = ns.Trajectory(np.arange(9.0), angles, names=["a", "b"])
+    told = refusal(ns.errors.ConstraintError, lambda: ns.check(joints, ns.Blade()))
+    assert "constraint 'blade': a, b carry no tool; of joints name the robot, robot=..." in told
 
 
 def with_channels(count: int = 40) -> ns.PoseTrajectory:

@@ -203,7 +203,10 @@ def test_uniform_sampling_is_recognized_wherever_time_starts(start: float) -> No
         ({"angular_velocities": np.zeros(10)}, r"angular_velocities has shape \(10,\)"),
         ({"rotations": Rotation.identity(9)}, r"10 times but 9 rotations"),
         ({"rotations": Rotation.identity()}, r"10 times but not a row of rotations"),
-        ({"rotations": np.tile([1.0, 0, 0, 0], (10, 1))}, r"must be a SciPy Rotation, got ndarray"),
+        (
+            {"rotations": np.tile([1.0, 0, 0, 0], (10, 1))},
+            r"got ndarray; of quaternions take Rotation.from_quat\(quaternions, scalar_first=True",
+        ),
     ],
 )
 def test_what_does_not_fit_together_is_refused(changes: dict[str, object], message: str) -> None:

@@ -63,7 +63,7 @@ ns.constraints.KeepOut("box.stl")
     "report": ("-m", "noslip", "report", "cut.json", "--out", "cut.html"),
     "robots": ("-m", "noslip", "simulate", "cut.json", "--level", "tool", "--out", "arm"),
     "tables": ("-m", "noslip", "convert", "cut.csv", "--out", "cut.parquet"),
-    "viewer": ("-m", "noslip", "view", "cut.json", "--save", "cut-view.html"),
+    "viewer": ("-m", "noslip", "view", "cut.json", "--out", "cut-view.html"),
 }  # fmt: skip
 """What needs an extra, the least of it; run in a folder with the files of `folder`."""
 

@@ -8,6 +8,7 @@ loaded when it is first named (PEP 562), so that what a program does not use cos
 from __future__ import annotations
 
 from importlib import import_module
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 from noslip._supplied import Supplied
@@ -34,7 +35,19 @@ else:
             face = import_module("noslip._face")
             if hasattr(face, name):
                 return globals().setdefault(name, getattr(face, name))
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{_elsewhere(name)}")
+
+    def _elsewhere(name):
+        """Say where a name stands that is not on top, or which of these was meant."""
+        if name.startswith("_"):
+            return ""
+        face = import_module("noslip._face")
+        for module in (face.constraints, face.demonstrations, face.recordings, face.errors):
+            if hasattr(module, name):
+                return f"; it is {module.__name__}.{name}"
+        modules = (module.name for module in iter_modules(globals()["__path__"]))
+        known = [*face.__all__, *(module for module in modules if not module.startswith("_"))]
+        return face.errors.did_you_mean(name, known)
 
     def __dir__():
         return sorted({*globals(), *import_module("noslip._face").__all__})

@@ -79,7 +79,7 @@ class Asked:
     time: str | None = None
     units: str | Iterable[str] | None = None
     rotation: str | None = None
-    rate: float | None = None
+    sample_rate: float | None = None
     robot: Kinematics | None = None
 
     def unit(self, known: Mapping[str, float]) -> str | None:
@@ -217,7 +217,7 @@ def layout_of(
         If a column is missing or there twice, or could be several, or the rate is needed and not
         there; the message names the option that tells.
     """
-    timed = asked.time is None and asked.rate is None
+    timed = asked.time is None and asked.sample_rate is None
     content = content_of(where, available, asked, known, timed=timed)
     return Layout(
         clock=clock_of(where, available, asked, known, content.pose.group),
@@ -546,7 +546,7 @@ def _named_pose(
     *,
     timed: bool,
 ) -> PoseColumns:
-    planar = _planar(names, available)
+    planar = _planar(names, turn)
     if group is None and planar is not None and (turn is None or turn.kind == "planar"):
         return planar
     groups = (
@@ -603,18 +603,28 @@ def _rotation(pose: Pose, turn: Turn | None) -> tuple[Turn, list[Name]] | None:
     return (turn, found[1]) if found is not None and found[0].kind == turn.kind else None
 
 
-def _planar(names: Sequence[Name], available: Mapping[str, Column]) -> PoseColumns | None:
-    """Return the pose of a vehicle: x, y and an angle, without a quaternion."""
+def _planar(names: Sequence[Name], turn: Turn | None) -> PoseColumns | None:
+    """Return the pose of a vehicle: x, y and an angle, without a quaternion.
+
+    ``theta`` is in radians where nothing is said; of ``yaw``, which others write in degrees as
+    often, the unit must be.
+    """
     of = {name.tokens: name for name in names}
-    if any((part,) in of for part in QUATERNION):
+    if any((part,) in of for part in QUATERNION) or not {("x",), ("y",)} <= set(of):
         return None
-    theta = of.get(("theta",))
-    if theta is None or not {("x",), ("y",)} <= set(of):
+    angle = of.get(("theta",))
+    said = None if turn is None else turn.degrees
+    if angle is None and not {("z",), ("roll",), ("pitch",)} & set(of):
+        angle = of.get(("yaw",))
+        if angle is None or (degrees_of([angle]) is None and said is None):
+            return None
+    if angle is None:
         return None
+    of_name = degrees_of([angle])
     return PoseColumns(
         position=[of["x",].place, of["y",].place],
-        rotation=[theta.place],
-        turn=Turn("planar", degrees=theta.unit == "deg"),
+        rotation=[angle.place],
+        turn=Turn("planar", degrees=bool(said if of_name is None else of_name)),
         length_unit="",
     )
 
@@ -657,7 +667,7 @@ def _no_pose(
         f"{listed(found, str)}; needed are t "
         "(or time, or i with a rate), and x,y,z,qw,qx,qy,qz or x,y,theta (radians) or "
         'x,y,theta_deg; or say which they are with columns="..." (--columns) and rotation="..." '
-        f"(--rotation){of_joints(available)}"
+        f"(--rotation), planar:rad of x, y and yaw{of_joints(available)}"
     )
 
 
@@ -687,7 +697,7 @@ def clock_of(
         told = [of[one] for one in chosen]
         if len(told) > 2:
             raise RecordingError(f"{where}: time is one column, or seconds and nanoseconds")
-        if told[0] in counts or (asked.rate is not None and len(told) == 1):
+        if told[0] in counts or (asked.sample_rate is not None and len(told) == 1):
             counts, told = told, []
     require_once(where, available, [name.place[0] for name in told or counts[:1]])
     if told:
@@ -697,14 +707,14 @@ def clock_of(
         said = asked.unit(SECONDS) or (told[0].unit if told[0].unit in SECONDS else "")
         said = "s" if len(columns) == 2 else said or known.time
         return Clock(columns=columns, unit=said or "s", said=bool(said))
-    rate = known.rate if asked.rate is None else asked.rate
+    rate = known.rate if asked.sample_rate is None else asked.sample_rate
     if counts:
         return Clock(columns=(counts[0].place[0],), rate=check_rate(where, counts[0].raw, rate))
     if rate is None:
         raise RecordingError(
             f"{where}: column t missing, found {described(available)}; needed are t (or time, or i "
-            'with a rate); name it with time="..." (--time-column), or give the rate=... (samples '
-            "per second; on the command line --sample-rate)"
+            'with a rate); name it with time="..." (--time-column), or say how fast it was '
+            "sampled: sample_rate=... (--sample-rate)"
         )
     return Clock(rate=check_rate(where, "i", rate))
 
@@ -749,10 +759,10 @@ def check_rate(where: str | object, column: str, rate: float | None) -> float:
     if rate is None:
         raise RecordingError(
             f"{where}: column {column} counts samples and no column t gives their "
-            "time; pass rate=... (samples per second; on the command line --sample-rate)"
+            "time; pass sample_rate=... (--sample-rate), in samples per second"
         )
     if not 0 < number(rate) < np.inf:
-        raise RecordingError(f"{where}: rate must be positive (samples per second), got {rate}")
+        raise RecordingError(f"{where}: sample_rate must be positive (Hz), got {rate}")
     return rate
 
 

@@ -11,6 +11,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 
+def with_unit(number: str, unit: str) -> str:
+    """Return a number with its unit, unless that is 1."""
+    return number if unit == "1" else f"{number} {unit}"
+
+
 class Value:
     """Base of frozen dataclasses (``eq=False``) whose fields may be arrays and rotations.
 

@@ -306,4 +306,4 @@ def twist(name: str, value: ArrayLike, space: Space = POSE) -> tuple[Floats, Flo
 
 def _require_between(at: float) -> None:
     if not 0 < _arguments.finite("via at", at) < 1:
-        raise InputError(f"via at must be between 0 and 1, a fraction of the motion, got {at:g}")
+        raise InputError(f"via at must be a fraction of the motion with 0 < at < 1, got {at:g}")

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
@@ -34,6 +35,7 @@ from noslip.law.law import Law
 from noslip.law.points import Goal
 from noslip.law.winding import Winding
 from noslip.projection.pointwise import Push
+from noslip.recordings.formats import is_recording
 from noslip.rule import Rule
 from noslip.space import POSE, Carried, Placed, Space
 from noslip.spread import Spread
@@ -91,7 +93,15 @@ def read_document(path: str | Path) -> dict[str, Any]:
         since; the message names the file and the field.
     """
     path = Path(path)
-    document = read_json(path, "a noslip primitive")
+    try:
+        document = read_json(path, "a noslip primitive")
+    except InputError:
+        if is_recording(path):
+            raise InputError(
+                f"{path}: a recording, not a primitive; learn one from it first: noslip learn "
+                f"{quote(str(path))} --out {quote(path.stem)}.json"
+            ) from None
+        raise
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(f"{path}: not a noslip primitive (no format {FORMAT!r})")
     version = document.get("version")

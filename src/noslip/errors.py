@@ -25,11 +25,20 @@ def one_line(text: object) -> str:
 
 
 def did_you_mean(found: str, known: Iterable[str]) -> str:
-    """Return ``" (did you mean x?)"`` of the name nearest to one that is none, or nothing."""
+    """Return ``" (did you mean x?)"`` of the name nearest to one that is none, or nothing.
+
+    Where names begin with what was given, they are meant: ``--goal-position`` and ``--goals`` by
+    ``--goal``.
+    """
     # Of names in any case and with any dashes: what differs there alone is surely meant.
     plain = {name.lower().replace("_", "-"): name for name in known}
-    close = get_close_matches(found.lower().replace("_", "-"), plain, n=1)
-    return f" (did you mean {plain[close[0]]}?)" if close else ""
+    given = found.lower().replace("_", "-")
+    begun = [name for name in plain if name.startswith(given)] if given.strip("-") else []
+    # More than these are a list, not a hint.
+    close = begun if 0 < len(begun) <= 6 else get_close_matches(given, plain, n=1)
+    *others, last = [plain[name] for name in close] or [""]
+    meant = f"{', '.join(others)} or {last}" if others else last
+    return f" (did you mean {meant}?)" if meant else ""
 
 
 class Refusal(StrEnum):

@@ -81,6 +81,7 @@ class Series(Timed):
         if len(shape) != 2 or not shape[1]:
             raise InputError(
                 f"{self.name}: values has shape {shape}, expected ({len(times)}, n): a row a sample"
+                + "; of several recordings make a list of trajectories" * (len(shape) == 3)
             )
         self._freeze("values", self.values, (shape[1],))
         given = self.velocities
@@ -206,13 +207,14 @@ class Series(Timed):
 
     @classmethod
     def from_csv(
-        cls, path: str | Path, *, columns: str | None = None, rate: float | None = None
+        cls, path: str | Path, *, columns: str | None = None, sample_rate: float | None = None
     ) -> Self:
         """Read the columns of a CSV as they are; by default all that hold numbers, but the time.
 
         See :func:`noslip.load_demonstrations` for what is understood.
         """
-        return cls.of_samples(read_text_table(path, Asked(columns=columns, rate=rate, values=True)))
+        asked = Asked(columns=columns, sample_rate=sample_rate, values=True)
+        return cls.of_samples(read_text_table(path, asked))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write times, values, velocities, names and units as NumPy's ``.npz``."""

@@ -304,10 +304,13 @@ class Space:
         if not name and names:
             return 0
         if name not in names:
-            what = (
-                f"there are {', '.join(names)}" if names else "coordinates have none: name a robot"
-            )
-            raise InputError(f"no body {name or 'with a pose'!r}; {what}")
+            if not names:
+                raise InputError(
+                    f"{', '.join(self.coordinates)} carry no tool; of joints name the robot, "
+                    "robot=... (--robot) to what reads or learns them or trajectory.on(chain); of "
+                    "poses say how they turn, rotation=... (--rotation) to what reads them"
+                )
+            raise InputError(f"no body {name!r}; there are {', '.join(names)}")
         return names.index(name)
 
     # ---------------------------------------------------------------- arrays of points

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from noslip import _arguments
 from noslip._instants import interval, seconds
 from noslip._typing import Floats
-from noslip._values import Value, html_table, shortened
+from noslip._values import Value, html_table, shortened, with_unit
 from noslip.errors import InputError
 from noslip.space import Space
 
@@ -81,7 +81,7 @@ class Timed(Value):
     def __repr__(self) -> str:
         return (
             f"{type(self).__name__}({shortened(repr(self.name), 50)}, {len(self)} samples, "
-            f"{self.duration:.6g} s, path {self.path_length:.6g} {self.unit})"
+            f"{self.duration:.6g} s, path {with_unit(f'{self.path_length:.6g}', self.unit)})"
         )
 
     def _repr_html_(self) -> str:
@@ -94,8 +94,8 @@ class Timed(Value):
         return {
             "samples": f"{len(self)}",
             "duration": f"{self.duration:.4g} s",
-            "path": f"{self.path_length:.4g} {self.unit}",
-            "from, to": f"{first}; {last} {self.unit}",
+            "path": with_unit(f"{self.path_length:.4g}", self.unit),
+            "from, to": with_unit(f"{first}; {last}", self.unit),
         }
 
     def body(self, name: str) -> Any:

@@ -84,7 +84,8 @@ class PoseTrajectory(Timed):
         if not isinstance(self.rotations, Rotation):
             raise InputError(
                 f"{self.name}: rotations must be a SciPy Rotation, "
-                f"got {type(self.rotations).__name__}"
+                f"got {type(self.rotations).__name__}; of quaternions take "
+                "Rotation.from_quat(quaternions, scalar_first=True)"
             )
         quaternions = self.rotations.as_quat()
         if quaternions.shape != (len(times), 4):
@@ -271,10 +272,11 @@ class PoseTrajectory(Timed):
 
     @classmethod
     def from_csv(
-        cls, path: str | Path, *, rate: float | None = None, channels: str | None = None
+        cls, path: str | Path, *, sample_rate: float | None = None, channels: str | None = None
     ) -> Self:
         """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
-        return cls.of_samples(read_text_table(path, Asked(rate=rate, channels=channels)))
+        asked = Asked(sample_rate=sample_rate, channels=channels)
+        return cls.of_samples(read_text_table(path, asked))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write the poses, velocities and channels as NumPy's ``.npz``."""

@@ -421,6 +421,7 @@ def test_without_the_other_library_the_tables_say_so(
 
 
 def test_command_prints_and_writes(
+    uncounted: None,
     results: report.Results,
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,

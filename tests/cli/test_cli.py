@@ -260,7 +260,11 @@ def test_own_constraint_from_a_file_and_calls_with_literals(noslip, slipping, tm
         (["learn", "{file}", "--constraint", "blade", "--out", "{folder}"], "is a folder"),
         (["learn", "{file}", "--out", "{folder}/p.json", "--metric", "both"], "--metric"),
         (["learn", "{file}", "--out", "{folder}/p.json", "--metric", "1,2"], "6 numbers"),
-        (["rollout", "{file}", "--out", "{folder}/m.csv"], "not a noslip primitive"),
+        *(
+            ([*command, "{file}", "--out", "{folder}/x"], "a recording, not a primitive; learn one")
+            for command in (["rollout"], ["adapt"], ["sample"], ["export"], ["simulate"])
+        ),
+        (["report", "{file}", "--out", "{folder}/x.pdf"], "a recording, not a primitive"),
         (["plot", "{file}", "--out", "{folder}/figure.gif"], "figure.gif"),
     ],
 )
@@ -274,6 +278,16 @@ def test_bad_input_gets_one_line_that_names_it_and_exit_code_two(
     assert result.err.startswith("noslip: error: ")
     assert result.err.count("\n") == 1
     assert said in result.err
+
+
+@pytest.mark.parametrize("command", ["learn", "identify", "convert", "segment", "shield"])
+def test_a_primitive_where_a_recording_is_read_is_to_be_rolled_out(noslip, tmp_path, command):
+    (tmp_path / "a cut.json").write_text("{}")
+    rule = () if command in ("identify", "convert", "segment") else ("--constraint", "blade")
+    out = () if command == "identify" else ("--out", tmp_path / "out.csv")
+    result = noslip(command, tmp_path / "a cut.json", *out, *rule)
+    assert result.code == 2 and result.err.count("\n") == 1
+    assert f"noslip rollout '{tmp_path}/a cut.json' --out motion.csv" in result.err
 
 
 def test_refused_work_leaves_no_file(noslip, slipping, tmp_path):

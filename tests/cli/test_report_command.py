@@ -32,7 +32,7 @@ def noslip(noslip, monkeypatch, tmp_path):
 
 def test_a_report_says_its_finding_and_where_it_is(noslip):
     code, out, err = noslip(
-        *("cut.json", "cut.csv", "--rate", "50", "--relative", "--out", "deep/report.html")
+        *("cut.csv", "cut.json", "--rate", "50", "--relative", "--out", "deep/report.html")
     )
     assert (code, err) == (0, "")
     title, wrote = out.splitlines()
@@ -64,7 +64,8 @@ def test_one_run_writes_both(noslip, monkeypatch):
         (["cut.json", "--out", "report.docx"], "report.docx: a report ends in .html or .pdf"),
         (["cut.json", "--out", "."], ". is a folder"),
         (["missing.json"], "missing.json: cannot be read"),
-        (["cut.csv"], "cut.csv: not a noslip primitive"),
+        (["cut.csv"], "cut.csv: a recording, not a primitive; learn one from it first"),
+        (["cut.json", "cut.csv", "b.json"], "one primitive, got cut.json, b.json; report each"),
         (["cut.json", "missing.csv"], "missing.csv: no such file"),
     ],
 )

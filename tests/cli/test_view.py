@@ -26,7 +26,7 @@ def recording(tmp_path) -> Path:
 
 def test_save_writes_one_file_and_serves_nothing(noslip, recording, tmp_path):
     out = tmp_path / "scene.html"
-    result = noslip("view", recording, "--constraint", "blade", "--save", out)
+    result = noslip("view", recording, "--constraint", "blade", "--out", out)
     assert result.code == 0 and result.out.startswith(f"wrote {out}: ")
     assert result.err == "" and len(result.out.splitlines()) == 1
     assert out.read_bytes().lstrip().lower().startswith(b"<!doctype html>")
@@ -36,7 +36,7 @@ def test_save_writes_one_file_and_serves_nothing(noslip, recording, tmp_path):
     ("arguments", "expected"),
     [
         (["missing.csv"], "missing.csv: no such file"),
-        (["cut.csv", "--save", "scene.png"], "must end in .html"),
+        (["cut.csv", "--out", "scene.png"], "must end in .html"),
         (["cut.csv", "--tool-mesh", "tool.step"], "a tool is a mesh in"),
         (
             ["cut.csv", "--tool-mesh", "tool.stl", "--tool-scale", "0"],
@@ -67,13 +67,13 @@ def test_a_simulated_arm_is_saved_beside_other_motions(noslip, recording, tmp_pa
     assert noslip("simulate", primitive, *placed, "--out", arm).code == 0
     # Another of the same name, as of another run.
     again = shutil.copytree(arm, tmp_path / "again" / "arm")
-    result = noslip("view", f"{arm}/", again, primitive, recording, "--save", out)
+    result = noslip("view", f"{arm}/", again, primitive, recording, "--out", out)
     assert result.code == 0 and result.out.startswith(f"wrote {out}: "), result.err
     text = out.read_text()
     for name in ("arm", "arm_2", "c.json", "cut.csv"):
         assert f"<b>{name}</b>" in text
     (arm / "tool.csv").unlink()
-    refused = noslip("view", arm, "--save", out)
+    refused = noslip("view", arm, "--out", out)
     assert refused.code == 2 and "tool.csv" in refused.err and refused.err.count("\n") == 1
 
 

@@ -119,6 +119,11 @@ def test_json_of_what_draws_and_converts(noslip, cutting, tmp_path):
     [
         (["chekc"], "no command 'chekc' (did you mean check?)"),
         (["--versoin"], "no such option --versoin (did you mean --version?)"),
+        (["rollout", "cut.json", "--rate", "500"], "--rate (did you mean --time-step?)"),
+        (
+            ["adapt", "cut.json", "--goal", "0,0,0"],
+            "(did you mean --goals, --goal-position, --goal-rotation, --goal-values or ",
+        ),
         (["plot", "{cut}", "--shwo", "motion"], "no such option --shwo (did you mean --show?)"),
         (["check", "{cut}", "--constraint", "blad"], "(did you mean blade?)"),
         (["check", "{cut}", "--constraint", "blade(latteral='y')"], "(did you mean lateral?)"),

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import noslip as ns
-from noslip import Blade, Constraint, position_constraint, velocity_constraint
+from noslip import Blade, Constraint, Wheel, position_constraint, velocity_constraint
 from noslip.constraints import ConstraintSystem, Instant
 from noslip.constraints.catalog import restore, specification
 from noslip.constraints.declaration import CATALOG, row_units
@@ -153,7 +153,9 @@ def test_a_velocity_in_a_position_constraint_is_refused_by_name() -> None:
     ("given", "reason"),
     [
         ([Blade], "call it: Blade()"),
-        (["blade"], "got 'blade'"),
+        (["blade"], "got 'blade'; call it: Blade()"),
+        (["a rule"], "got 'a rule'"),
+        ([Wheel], "call it: Wheel()"),
         ([None], "got None"),
         ([lambda motion: motion.position[2]], "declare it first"),
         pytest.param(

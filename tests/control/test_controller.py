@@ -614,7 +614,7 @@ def test_however_late_a_cycle_is_nothing_jumps(late: float, at: int) -> None:
 
 
 @given(st.floats(0.4, 0.95), st.floats(2e-4, 0.02))
-@settings(max_examples=6)
+@settings(max_examples=3)
 def test_every_cycle_keeps_the_bounds_however_long_it_is(faster: float, h: float) -> None:
     # The whole turn of a cycle is asked, and the way: a motion of 2 s has 5 ms between its samples.
     controller = ns.Controller(s_cut(), h, faster=faster)

@@ -4,7 +4,7 @@ import pytest
 from measures import assert_same_poses
 from noslip.constraints.blade import Blade
 from noslip.demonstrations import excision
-from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions
+from noslip.demonstrations.excision import TOOL_FRAME, synthetic_excisions, synthetic_session
 from noslip.demonstrations.preparation import apply_tool_frame, prepare
 from noslip.errors import InputError
 from noslip.projection.trajectory import project_trajectory
@@ -138,10 +138,46 @@ def test_trials_differ(cuts):
     assert np.ptp([cut.path_length for cut in cuts]) > 0.003
 
 
+@pytest.fixture(scope="module")
+def session():
+    return synthetic_session()
+
+
+@pytest.fixture(scope="module")
+def blade(session):
+    """The blade's motion through the session, by the paper's steps."""
+    return prepare(session.recording, tool_frame=TOOL_FRAME, lowpass=4.8)
+
+
+def test_a_session_holds_the_same_cuts(session, blade, excisions):
+    """Where the single recordings have them, but for tremor and noise."""
+    assert session.recording.is_uniform
+    assert session.cuts.shape == (8, 2)
+    for (start, end), single in zip(session.cuts, excisions, strict=True):
+        alone = prepare(single, tool_frame=TOOL_FRAME, lowpass=4.8).positions
+        here = blade.resampled(times=np.linspace(start, end, 100)).positions
+        nearest = np.linalg.norm(here[:, None] - alone, axis=2).min(axis=1)
+        assert nearest.max() < 0.5e-3
+        assert np.linalg.norm(here[[0, -1]] - alone[[0, -1]], axis=1).max() < 0.5e-3
+
+
+def test_a_session_rests_around_each_cut_and_moves_freely_between_them(session, blade):
+    speeds = np.linalg.norm(blade.linear_velocities, axis=1)
+    for start, end in session.cuts:
+        for rest in ((start - 0.25, start), (end, end + 0.25)):
+            assert speeds[(blade.times > rest[0]) & (blade.times < rest[1])].max() < 5e-3
+    ends = [blade.times[0], *session.cuts.ravel(), blade.times[-1]]
+    for end, start in zip(ends[::2], ends[1::2], strict=True):
+        inside = (blade.times > end) & (blade.times < start)
+        assert 0.04 < speeds[inside].max() < 0.4
+        assert np.ptp(blade.positions[inside, 2]) > 0.01
+
+
+@pytest.mark.parametrize("made", [synthetic_excisions, synthetic_session])
 @pytest.mark.parametrize("wrong", [{"count": 0}, {"seed": -1}])
-def test_nonsense_is_refused(wrong):
-    with pytest.raises(InputError, match=r"^synthetic_excisions: "):
-        synthetic_excisions(**wrong)
+def test_nonsense_is_refused(made, wrong):
+    with pytest.raises(InputError, match=rf"^{made.__name__}: "):
+        made(**wrong)
 
 
 def turn_near_its_ends(motion, seconds=0.1):

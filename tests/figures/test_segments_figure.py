@@ -11,7 +11,9 @@ from scipy.spatial.transform import Rotation
 import noslip as ns
 from motions import eased
 from noslip.demonstrations.segmentation import segment
+from noslip.errors import InputError
 from noslip.figures.segments import recording_cuts
+from refusals import refusal
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +53,19 @@ def test_it_shows_speed_thresholds_pieces_and_reasons(recording):
     (legend,) = figure.legends
     named = {text.get_text() for text in legend.get_texts()}
     assert {"rest", f"a: cut out, {dropped.split(', ')[1]}", "path cut out"} <= named
+
+
+def test_true_cuts_are_drawn_where_they_are(recording):
+    true = np.array([[1.0, 3.0], [5.6, 7.7]])
+    for began in (0.0, 1.7e9):
+        late = ns.PoseTrajectory(
+            began + recording.times, recording.positions, recording.rotations, name="run.csv"
+        )
+        figure = recording_cuts(segment(late), true=began + true)
+        bars = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 2][-2:]
+        np.testing.assert_allclose([bar.get_xdata() for bar in bars], true, atol=1e-6)
+        assert "true cut" in {text.get_text() for text in figure.legends[0].get_texts()}
+    assert "shape (2,)" in refusal(InputError, recording_cuts, segment(late), true=[1, 3])
 
 
 def test_numbers_and_reasons_stay_inside_the_axes(recording):

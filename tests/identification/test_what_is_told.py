@@ -22,7 +22,7 @@ from noslip._typing import Floats
 from noslip.constraints.catalog import constraint_text, parse_constraint
 from noslip.figures import identified_constraint, save_figure
 from noslip.figures.identified import way_slipped
-from noslip.identification import Identified, Place
+from noslip.identification import Identified, Place, tool_frame
 from noslip.identification.identified import axis_text
 from noslip.recordings import write_recording
 from strategies import seeds
@@ -196,6 +196,34 @@ def test_the_options_that_it_prints_say_the_same(
     # Each is the point nearest to its own origin along the lateral axis.
     lateral = Rotation.from_quat(one[3:], scalar_first=True).apply([0, 1, 0])
     np.testing.assert_allclose(np.cross(lateral, one[:3] - other[:3]), 0, atol=2e-4)
+
+
+def test_a_tool_that_is_known_is_placed(
+    noslip: Callable[..., Any], tmp_path: Path, blade: Identified
+) -> None:
+    files = [tmp_path / f"{recording.name}.csv" for recording in blade.recordings]
+    for recording, file in zip(blade.recordings, files, strict=True):
+        write_recording(recording, file)
+    known = ("identify", *files, "--constraint", "blade")
+    told = noslip(*known)
+    assert told.code == 0 and "blade, taken as known, in " in told.out
+    line = told.out.splitlines()[-1]
+    numbers = np.array(pasted(line)[1].split(","), dtype=float)
+    placed = tool_frame(blade.recordings, ns.Blade())
+    np.testing.assert_allclose(numbers[:3], placed.matrix[:3, 3], atol=1e-8)
+    turn = Rotation.from_quat(numbers[3:], scalar_first=True).as_matrix()
+    np.testing.assert_allclose(turn, placed.matrix[:3, :3], atol=1e-8)
+    np.testing.assert_allclose(
+        json.loads(noslip(*known, "--json").out)["matrix"], placed.matrix, atol=1e-12
+    )
+    # In that frame the tool slips less; what is left is the noise, which the fit takes off.
+    slips = [
+        json.loads(noslip("check", files[0], *options, "--json").out)[0]["constraints"][0]
+        for options in (pasted(line), ("--constraint", "blade"))
+    ]
+    assert slips[0]["slip_share"] < 0.4 * slips[1]["slip_share"]
+    assert "leave --constraint out" in noslip(*known, "--figure", tmp_path / "why.png").err
+    assert "Blade, a Needle or a Wheel" in noslip(*known[:-1], "tool-axis").err
 
 
 def test_it_is_an_exit_code_and_json(

@@ -950,18 +950,11 @@ def holds(dmp: ConstrainedDMP, seed: int) -> int:
     return taken
 
 
-def cases(count: int) -> list[Any]:
-    """Numbers of compositions; the first two dozen are quick, the others slow.
-
-    Quick, too, are two in which a step's passes do not suffice.
-    """
-    return [
-        pytest.param(seed, marks=[pytest.mark.slow] if seed >= 24 and seed not in (45, 54) else [])
-        for seed in range(count)
-    ]
+SEEDS = [*range(24), 45, 54]
+"""Of compositions; in the last two a step's passes do not suffice."""
 
 
-@pytest.mark.parametrize("seed", cases(64))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_random_compositions_hold_in_random_metrics(seed: int) -> None:
     dmp = composition(seed)
     if dmp is not None:
@@ -977,7 +970,7 @@ def test_a_motion_does_not_stop_and_go_from_step_to_step() -> None:
 
 
 # A metric's length of no less than the constraints' levers.
-@pytest.mark.parametrize("seed", cases(64))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_random_compositions_of_points_off_the_origin_hold(seed: int) -> None:
     dmp = composition(seed, lever=0.1, shortest=0.1)
     if dmp is not None:

@@ -138,6 +138,7 @@ def test_cmake_builds_the_package(tmp_path: Path, exported: Callable[[str], Path
     ran(CXX, "-std=c++17", "-c", "-fPIC", "-I", STUBS, "spin.cpp", folder=tmp_path)
     given = (f"-DCMAKE_PREFIX_PATH={tmp_path}/ros", f"-DNOSLIP_EXPORT={exported('blade')}")
     given = (*given, f"-DCMAKE_EXE_LINKER_FLAGS={tmp_path}/spin.o")
+    given = (*given, "-DCMAKE_BUILD_TYPE=Debug")
     installed = f"-DCMAKE_INSTALL_PREFIX={tmp_path}/installed"
     ran("cmake", "-S", PACKAGE, "-B", tmp_path / "build", *given, installed, folder=tmp_path)
     ran("cmake", "--build", tmp_path / "build", folder=tmp_path)

@@ -77,6 +77,9 @@ def _command(name: str, panel: str) -> Any:
     return typer.main.get_command(alone)
 
 
+_OTHER_WORDS = {"--rate": "--time-step", "--frequency": "--time-step", "--dt": "--time-step"}
+"""What a motion's own time step is called elsewhere; spelling does not lead there."""
+
 # Typer brings a Click of its own, or takes the one that is installed.
 _USAGE: Any = typer.BadParameter.__base__
 
@@ -91,7 +94,9 @@ def _usage_as_line(context: Any) -> Iterator[None]:
         what = " ".join(told.format_message().replace("Value error, ", "").split()).rstrip(".")
         if hasattr(told, "possibilities"):
             known = [name for each in context.command.params for name in each.opts]
-            what = f"no such option {told.option_name}{did_you_mean(told.option_name, known)}"
+            ours = _OTHER_WORDS.get(told.option_name, "")
+            near = did_you_mean(ours if ours in known else told.option_name, known)
+            what = f"no such option {told.option_name}{near}"
         raise InputError(f"{what}; see {context.command_path} --help") from None
 
 

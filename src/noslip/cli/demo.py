@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,20 +23,21 @@ from noslip.cli import options, output
 from noslip.constraints.check import residual_text
 from noslip.errors import InputError
 from noslip.experiments.excision import CONSTRAINT as EXCISION_CONSTRAINT
-from noslip.experiments.excision import Excision, run_excisions
+from noslip.experiments.excision import Excision, Session
 from noslip.experiments.numerical_example import CONSTRAINT, NumericalExample
 from noslip.figures import (
     blade_snapshots,
     compare_motions,
     demonstration_spread,
     orientation_adjustments,
+    recording_cuts,
     save_figure,
 )
 from noslip.figures.style import write_title
 from noslip.merit import FiguresOfMerit
 from noslip.trajectory import PoseTrajectory
 
-STAGES = 8 + 1 + 5
+STAGES = 8 + 1 + 6
 """Excisions, the numerical example and figures: steps of the progress bar."""
 
 
@@ -49,26 +51,28 @@ def run(
     """Reproduce the paper's experiments: motions, primitives, figures and a summary.
 
     The numerical example compares the demonstration, a regular primitive, one constrained at run
-    time only, and one with the orientation optimized as well.  The elliptical excision runs the
-    whole preparation chain on eight synthetic sensor recordings.
+    time only, and one with the orientation optimized as well.  The elliptical excision cuts one
+    synthetic recording of eight excisions, compares the cuts with the true ones, and runs the
+    whole preparation chain on each.
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out: {out} is a file; give a folder")
     with output.progress("demo", STAGES) as progress:
         example = NumericalExample.run()
         progress(1, STAGES)
-        excisions = run_excisions(seed=seed, progress=lambda done, _: progress(1 + done, STAGES))
-        summary = _summary(example, excisions, seed)
+        session = Session.run(seed=seed, progress=lambda done, _: progress(1 + done, STAGES))
+        summary = _summary(example, session, seed)
         with renewing(out / "summary.json") as last:
-            _write_motions(out, example, excisions)
-            figures = _write_figures(out, example, excisions, progress)
+            _write_motions(out, example, session)
+            figures = _write_figures(out, example, session, progress)
             write_beside(last, (json.dumps(summary, indent=2) + "\n").encode())
     if as_json:
         output.print_json(summary)
         return
     screen = output.console()
     screen.print(_example_table(example))
-    screen.print(_excision_table(excisions))
+    screen.print(f"{_session_text(session)}\n", highlight=False)
+    screen.print(_excision_table(session.excisions))
     for heading, path in zip(["Figures:", *[""] * len(figures)], figures, strict=False):
         screen.print(f"{heading:12} {path}, .svg")
     screen.print(f"Motions:     {out / 'numerical_example'}/*.csv, {out / 'excision'}/*.csv")
@@ -76,13 +80,14 @@ def run(
     screen.print(f"Numbers:     {out / 'summary.json'}")
 
 
-def _write_motions(out: Path, example: NumericalExample, excisions: list[Excision]) -> None:
+def _write_motions(out: Path, example: NumericalExample, session: Session) -> None:
     folder = out / "numerical_example"
     for name, motion in example.motions.items():
         motion.to_csv(folder / f"{name}.csv")
     example.primitive.save(folder / "primitive.json")
     folder = out / "excision"
-    for number, excision in enumerate(excisions, start=1):
+    session.recording.to_csv(folder / "session.csv")
+    for number, excision in enumerate(session.excisions, start=1):
         excision.recording.to_csv(folder / f"recording_{number}.csv")
         excision.demonstration.to_csv(folder / f"demonstration_{number}.csv")
         excision.trained.to_csv(folder / f"trained_{number}.csv")
@@ -92,17 +97,20 @@ def _write_motions(out: Path, example: NumericalExample, excisions: list[Excisio
 def _write_figures(
     out: Path,
     example: NumericalExample,
-    excisions: list[Excision],
+    session: Session,
     progress: Callable[[int, int], None],
 ) -> list[Path]:
     motions = example.motions
-    demonstrations = [excision.demonstration for excision in excisions]
-    trained = [excision.trained for excision in excisions]
+    demonstrations = [excision.demonstration for excision in session.excisions]
+    trained = [excision.trained for excision in session.excisions]
     snapshots = {name: motions[name] for name in ("demonstration", "constrained", "optimized")}
     figures: dict[str, Callable[[], Figure]] = {
         "numerical_example/motions": lambda: compare_motions(motions, [CONSTRAINT], tool=True),
         "numerical_example/snapshots": lambda: blade_snapshots(
             snapshots, desired=example.demonstration
+        ),
+        "excision/cuts": lambda: recording_cuts(
+            session.segments, true=session.cuts, title=_session_text(session)
         ),
         "excision/A_demonstrations": lambda: _synthetic_spread("demonstrated", demonstrations),
         "excision/B_trained": lambda: _synthetic_spread("trained", trained),
@@ -122,7 +130,19 @@ def _synthetic_spread(what: str, motions: list[PoseTrajectory]) -> Figure:
     return figure
 
 
-def _summary(example: NumericalExample, excisions: list[Excision], seed: int) -> dict[str, Any]:
+def _session_text(session: Session) -> str:
+    """How the recording was cut, beside how it truly should be."""
+    pieces, true = len(session.segments.pieces), len(session.cuts)
+    text = f"Synthetic session: {len(session.found)} of {true} cuts found"
+    if pieces != len(session.found):
+        text += f" among {pieces} pieces"
+    if not session.found:
+        return text
+    late, missed = np.abs(session.late).max(), session.missed.max()
+    return f"{text}, ends within {late:.2f} s and {missed * 1e3:.2g} mm of the true ones"
+
+
+def _summary(example: NumericalExample, session: Session, seed: int) -> dict[str, Any]:
     return {
         "noslip": __version__,
         "units": "SI: m, s, rad; residuals in m/s",
@@ -130,6 +150,13 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
         "excision": {
             "synthetic": True,
             "seed": seed,
+            "session": {
+                "cuts": session.cuts.tolist(),
+                "intervals": [asdict(interval) for interval in session.segments.intervals],
+                "found": [1 + number for number in session.found],
+                "late": session.late.tolist(),
+                "missed": session.missed.tolist(),
+            },
             "trials": [
                 {
                     "recording": excision.recording.name,
@@ -137,7 +164,7 @@ def _summary(example: NumericalExample, excisions: list[Excision], seed: int) ->
                     "duration": excision.trained.duration,
                     **excision.merit.to_dict(),
                 }
-                for excision in excisions
+                for excision in session.excisions
             ],
         },
     }

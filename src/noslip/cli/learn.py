@@ -25,6 +25,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from noslip._values import with_unit
 from noslip.cli import each as one_each
 from noslip.cli import options, output
 from noslip.constraints.check import (
@@ -32,7 +33,6 @@ from noslip.constraints.check import (
     margin_text,
     quantity_text,
     residual_text,
-    with_unit,
 )
 from noslip.demonstrations.alignment import align as bring_into_step
 from noslip.demonstrations.cycles import periods

@@ -69,7 +69,6 @@ _RECORDINGS = typer.Argument(
     show_default=False,
 )
 Recordings = Annotated[list[str], _RECORDINGS]
-OptionalRecordings = Annotated[list[str] | None, _RECORDINGS]
 Recording = Annotated[str, typer.Argument(help="A recording of any format.", show_default=False)]
 Motions = Annotated[
     list[str],
@@ -379,7 +378,7 @@ class Where:
     def loading(self) -> dict[str, Any]:
         """Return what they ask of :func:`noslip.load_demonstrations`."""
         return {
-            "rate": self.sample_rate,
+            "sample_rate": self.sample_rate,
             "topic": self.topic,
             "frame": self.frame,
             "child_frame": self.child_frame,

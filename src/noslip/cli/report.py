@@ -17,6 +17,8 @@ from typing import Annotated
 import typer
 
 from noslip.cli import options, output
+from noslip.cli.found import is_primitive
+from noslip.errors import InputError
 from noslip.reporting import report, write_report
 from noslip.reporting.document import checked_path
 from noslip.saving import load_primitive
@@ -25,8 +27,14 @@ from noslip.trajectory import PoseTrajectory
 
 @options.grouped
 def run(
-    primitive: options.Primitive,
-    recordings: options.OptionalRecordings = None,
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            help="A primitive written by noslip learn, and the recordings that it was learned "
+            "from, of any format; in any order.",
+            show_default=False,
+        ),
+    ],
     out: Annotated[
         list[Path], options.out("the report: .html or .pdf; repeatable", default=True)
     ] = [Path("noslip-report.html")],  # noqa: B006 - typer's way to say a list's default
@@ -42,6 +50,8 @@ def run(
     """
     for path in out:
         checked_path(options.output(path) or path)
+    primitive = _one_primitive(files)
+    recordings = [name for name in files if name != primitive]
     options.require_poses("report", primitive, load_primitive(primitive).law.space)
     demonstrations: list[PoseTrajectory] = []
     if recordings:
@@ -72,3 +82,13 @@ def run(
     typer.echo(found.title)
     for path in written:
         typer.echo(f"wrote {path}")
+
+
+def _one_primitive(files: list[str]) -> str:
+    """Return the primitive among files; where none is called so, the first must be it."""
+    primitives = [name for name in files if is_primitive(name)]
+    if len(primitives) > 1:
+        raise InputError(
+            f"a report is about one primitive, got {', '.join(primitives)}; report each alone"
+        )
+    return (primitives or files)[0]

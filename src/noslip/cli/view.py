@@ -4,7 +4,7 @@ noslip view excision.json
 
 noslip view runs/*.csv --constraint blade --lowpass 4.8
 
-noslip view demonstration.csv excision.json --save scene.html
+noslip view demonstration.csv excision.json --out scene.html
 
 noslip simulate excision.json --out arm/ && noslip view arm/ excision.json
 
@@ -40,11 +40,9 @@ def run(
         float,
         typer.Option(metavar="M", help="Meters per unit of the mesh: 0.001 for millimeters."),
     ] = 1.0,
-    save: Annotated[
+    out: Annotated[
         Path | None,
-        options.optional(
-            "FILE", "Write the scene as one HTML file that plays without Python; no page is served."
-        ),
+        options.out("the scene as one HTML file that plays without Python; no page is served"),
     ] = None,
     host: Annotated[
         str,
@@ -68,8 +66,8 @@ def run(
 
     Ends with Ctrl-C.
     """
-    if save is not None and options.output(save, "--save") and save.suffix != ".html":
-        raise InputError(f"--save: {save} must end in .html")
+    if out is not None and options.output(out) and out.suffix != ".html":
+        raise InputError(f"--out: {out} must end in .html")
     held = options.constraints(constraint)
     simulated = [name for name in motions if is_simulated(name)]
     primitives = [name for name in motions if is_primitive(name)]
@@ -86,8 +84,8 @@ def run(
 
     shown |= {str(Path(name)): read_simulation(name) for name in simulated}
     parts = None if tool_mesh is None else load_tool(tool_mesh, scale=tool_scale)
-    if save is not None:
-        path = save_page(save, shown, constraints=held, tool=parts)
+    if out is not None:
+        path = save_page(out, shown, constraints=held, tool=parts)
         size = path.stat().st_size
         if as_json:
             output.print_json({"written": [str(path)], "bytes": size})

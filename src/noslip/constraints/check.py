@@ -12,7 +12,7 @@ from noslip import _arguments
 from noslip._instants import seconds
 from noslip._supplied import Supplied
 from noslip._typing import Floats
-from noslip._values import html_table
+from noslip._values import html_table, with_unit
 from noslip.constraints.declaration import UNITS, Constraint, Level, Relation, row_units
 from noslip.constraints.edge_motion import edge_steps
 from noslip.constraints.remedy import BetterPoint, better_point
@@ -272,8 +272,8 @@ def check(
     """
     if not isinstance(trajectory, Timed):
         raise InputError(
-            f"check takes one PoseTrajectory or Trajectory, got {type(trajectory).__name__}; check "
-            "several one by one"
+            f"check takes one PoseTrajectory or Trajectory, got {type(trajectory).__name__}; read "
+            "a file with load_demonstrations, check several one by one"
         )
     require_motion(trajectory)
     tolerance = _arguments.positive("tolerance", tolerance)
@@ -432,11 +432,6 @@ def step_accelerations(trajectory: PoseTrajectory) -> tuple[Floats, Floats]:
         for changes in (np.diff(v, axis=0) / apart for v in trajectory.step_velocities())
     )
     return linear, angular
-
-
-def with_unit(number: str, unit: str) -> str:
-    """Return a number with its unit, unless that is 1."""
-    return number if unit == "1" else f"{number} {unit}"
 
 
 def margin_text(limit: ConstraintCheck) -> str:

@@ -14,10 +14,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from noslip import _arguments
 from noslip._instants import seconds
 from noslip._typing import Expression, Floats
 from noslip._values import LONGEST_REPR, shortened
 from noslip.constraints.declaration import (
+    CATALOG,
     Constraint,
     Level,
     constraint_function,
@@ -618,11 +620,18 @@ def each_of(constraints: Constraint | Iterable[Constraint]) -> Iterator[Constrai
     several = isinstance(constraints, Iterable) and not isinstance(constraints, (type, str))
     for constraint in constraints if several else (constraints,):  # type: ignore[union-attr]
         if not isinstance(constraint, Constraint):
-            hint = "; call it: Blade()" if isinstance(constraint, type) else ""
             raise ConstraintError(
-                f"expected a constraint, got {constraint!r}{hint or '; declare it first'}"
+                f"expected a constraint, got {_arguments.short(constraint)}{_remedy(constraint)}"
             )
         yield constraint
+
+
+def _remedy(given: object) -> str:
+    """Say how to make a constraint of what is none, where that is known."""
+    kind = CATALOG.get(given) if isinstance(given, str) else given
+    if isinstance(kind, type) and issubclass(kind, Constraint):
+        return f"; call it: {kind.__name__}()"
+    return "; declare it first, as with @velocity_constraint" if callable(given) else ""
 
 
 def as_system(

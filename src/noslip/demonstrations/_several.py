@@ -22,7 +22,8 @@ def several(
         if not isinstance(item, Timed):
             raise InputError(
                 f"{what}: demonstrations are PoseTrajectory or Trajectory objects, got "
-                f"{type(item).__name__}; read files with load_demonstrations"
+                f"{type(item).__name__}; read files with load_demonstrations, make arrays "
+                "Trajectory(times, values)"
             )
     if len(given) < fewest:
         raise InputError(f"{what} needs {fewest} demonstrations or more, got {len(given)}")

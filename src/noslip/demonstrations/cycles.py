@@ -10,7 +10,7 @@ import scipy
 
 from noslip import _arguments
 from noslip._typing import Floats
-from noslip.constraints.check import with_unit
+from noslip._values import with_unit
 from noslip.errors import InputError, RecordingWarning, warn
 from noslip.space import Space
 from noslip.trajectory import PoseTrajectory

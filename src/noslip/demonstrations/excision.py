@@ -4,15 +4,17 @@ Modelled on Straižys, Burke and Ramamoorthy, "Learning robotic cutting from dem
 section "Learning elliptical excision": eight cuts along a parabola, recorded at 120 Hz by an
 electromagnetic sensor mounted on the scalpel.  **No person moved here.**  The paper gives the
 rate, the mounting of the sensor, the shape of the path and the size and sign of the lateral
-motion; everything else is a plausible guess.
+motion; everything else is a plausible guess.  The cuts come one by one, or as the one recording of
+a session, in which the scalpel is brought to the first, lifted from each to the next, and put away.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from noslip import _arguments
 from noslip._typing import Floats
@@ -48,6 +50,20 @@ NOISE_ROTATION = np.radians(0.03)
 """Rms of the tracker's white noise, each axis (rad)."""
 OUTLIER = 5
 """One cut in eight, the sixth, is held in a clearly different way."""
+PARKED = np.array([-0.06, -0.08, 0.05])
+"""From the first cut to where the scalpel waits before and after a session (m)."""
+PARKED_FOR = 0.6, 1.0
+"""Seconds before the first transfer, and after the last."""
+TRANSFER = 0.7, 1.4
+"""Seconds of a transfer: some 5 to 12 cm, with peaks of 0.1 to 0.3 m/s, as free hands move.  Less
+than half of the shortest cut, by which :func:`noslip.segment` tells them apart."""
+LIFT = 15e-3, 25e-3
+"""Above the straight way, halfway through a transfer (m)."""
+SESSION = 1
+"""Tells a session's random numbers from those of the cuts in it."""
+
+Poses = tuple[Floats, Rotation]
+"""Positions (m), shape (N, 3), and rotations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,15 +121,96 @@ def synthetic_excisions(*, seed: int = 7, count: int = 8) -> list[PoseTrajectory
     InputError
         If the seed is negative or the count is not positive.
     """
-    count = _arguments.count("synthetic_excisions: count", count)
+    rngs, excisions = _drawn("synthetic_excisions", seed, count)
+    return [
+        _record(excision, rng, name=f"synthetic excision {number}")
+        for number, (excision, rng) in enumerate(zip(excisions, rngs, strict=True), start=1)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """One recording of several cuts, and when the blade truly moves along each.
+
+    Attributes
+    ----------
+    recording : PoseTrajectory
+        Poses of the sensor.
+    cuts : array, shape (n, 2)
+        Start and end of each (s), on the recording's clock.
+    """
+
+    recording: PoseTrajectory
+    cuts: Floats
+
+
+def synthetic_session(*, seed: int = 7, count: int = 8) -> Session:
+    """Return the cuts of :func:`synthetic_excisions` as one recording, made one after another.
+
+    The scalpel waits, is brought to the first cut, and cuts, with the rest before and after that
+    each has; then it is lifted to where the next begins, in about a second and turned on the way,
+    and so on, and put back.  Tremor and the tracker's noise are there throughout, others than
+    those of the single recordings.  Positions are the sensor's, at 120 Hz.
+
+    Parameters
+    ----------
+    seed : int
+        Not negative.
+    count : int
+        How many cuts.
+
+    Raises
+    ------
+    InputError
+        If the seed is negative or the count is not positive.
+    """
+    _, excisions = _drawn("synthetic_session", seed, count)
+    rng = np.random.default_rng([seed, len(excisions), SESSION])
+    held = [_held(excision, _since(excision)) for excision in excisions]
+    parked = held[0][0][:1] + PARKED, held[0][1][:1]
+    stops = [parked, *held, parked]
+    waits = [int(rng.uniform(*PARKED_FOR) * RATE) for _ in range(2)]
+
+    parts, begins, samples = [_still(parked, waits[0])], [], waits[0]
+    for here, there in pairwise(stops):
+        parts += [_transfer(here, there, rng), there]
+        samples += len(parts[-2][0])
+        begins.append(samples)
+        samples += len(there[0])
+    parts.append(_still(parked, waits[1]))
+
+    positions = np.concatenate([part[0] for part in parts])
+    rotations = Rotation.concatenate([part[1] for part in parts])
+    times = excisions[0].begin + np.arange(len(positions)) / RATE
+    starts = times[begins[:-1]] + [excision.rest_before for excision in excisions]
+    return Session(
+        recording=_sensed(times, (positions, rotations), rng, name="synthetic session"),
+        cuts=np.column_stack([starts, starts + [excision.duration for excision in excisions]]),
+    )
+
+
+def _still(pose: Poses, samples: int) -> Poses:
+    return np.repeat(pose[0], samples, axis=0), Rotation.concatenate([pose[1]] * samples)
+
+
+def _transfer(here: Poses, there: Poses, rng: np.random.Generator) -> Poses:
+    """From the last pose of one to the first of another, both left out, in an arc from above."""
+    u = np.linspace(0, 1, int(rng.uniform(*TRANSFER) * RATE) + 2)[1:-1]
+    share = _minimum_jerk(u)
+    bell = 16 * (share * (1 - share)) ** 2
+    begin, end = here[0][-1], there[0][0]
+    lifted = np.outer(rng.uniform(*LIFT) * bell, [0, 0, 1])
+    turns = Slerp([0, 1], Rotation.concatenate([here[1][-1], there[1][0]]))
+    return begin + np.outer(share, end - begin) + lifted, turns(share)
+
+
+def _drawn(who: str, seed: int, count: int) -> tuple[list[np.random.Generator], list[_Excision]]:
+    """Excisions, and the random numbers that are left for the noise of each."""
+    count = _arguments.count(f"{who}: count", count)
     if not (_arguments.number(seed) >= 0 and int(seed) == seed):
-        raise InputError(f"synthetic_excisions: seed must be a whole number, 0 or more, got {seed}")
-    recordings = []
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
-        excision = _draw(rng, outlier=number % 8 == OUTLIER)
-        recordings.append(_record(excision, rng, name=f"synthetic excision {number + 1}"))
-    return recordings
+        raise InputError(f"{who}: seed must be a whole number, 0 or more, got {seed}")
+    rngs = [np.random.default_rng([seed, number]) for number in range(count)]
+    return rngs, [_draw(rng, outlier=k % 8 == OUTLIER) for k, rng in enumerate(rngs)]
 
 
 def _draw(rng: np.random.Generator, *, outlier: bool) -> _Excision:
@@ -138,12 +235,26 @@ def _draw(rng: np.random.Generator, *, outlier: bool) -> _Excision:
 
 
 def _record(excision: _Excision, rng: np.random.Generator, *, name: str) -> PoseTrajectory:
-    lasting = excision.rest_before + excision.duration + excision.rest_after
-    since = np.arange(int(lasting * RATE) + 1) / RATE
-    share = _path_share(excision, (since - excision.rest_before) / excision.duration)
+    since = _since(excision)
+    return _sensed(excision.begin + since, _held(excision, since), rng, name=name)
 
-    positions = _path(excision, share)
-    rotations = _hold(excision, share)
+
+def _since(excision: _Excision) -> Floats:
+    """Seconds since the first sample, of all samples."""
+    lasting = excision.rest_before + excision.duration + excision.rest_after
+    return np.arange(int(lasting * RATE) + 1) / RATE
+
+
+def _held(excision: _Excision, since: Floats) -> Poses:
+    """The blade's poses, without tremor."""
+    share = _path_share(excision, (since - excision.rest_before) / excision.duration)
+    return _path(excision, share), _hold(excision, share)
+
+
+def _sensed(times: Floats, blade: Poses, rng: np.random.Generator, *, name: str) -> PoseTrajectory:
+    """What the sensor sees of a trembling hand that leads the blade."""
+    positions, rotations = blade
+    since = times - times[0]
     positions = positions + TREMOR_POSITION * _tremor(rng, since)
     rotations = Rotation.from_rotvec(TREMOR_ROTATION * _tremor(rng, since)) * rotations
 
@@ -153,9 +264,7 @@ def _record(excision: _Excision, rng: np.random.Generator, *, name: str) -> Pose
     positions = positions - rotations.apply(mounting[:3, 3])
     positions = positions + NOISE_POSITION * rng.standard_normal(positions.shape)
     noise = Rotation.from_rotvec(NOISE_ROTATION * rng.standard_normal(positions.shape))
-    return PoseTrajectory(
-        times=excision.begin + since, positions=positions, rotations=noise * rotations, name=name
-    )
+    return PoseTrajectory(times=times, positions=positions, rotations=noise * rotations, name=name)
 
 
 def _path_share(excision: _Excision, progress: Floats) -> Floats:
@@ -165,8 +274,13 @@ def _path_share(excision: _Excision, progress: Floats) -> Floats:
     traveled = np.concatenate([[0.0], np.cumsum(steps)])
     u = np.clip(progress, 0, 1)
     u = u - excision.skew * u * (1 - u)
-    minimum_jerk = u**3 * (10 - 15 * u + 6 * u**2)
-    share: Floats = np.interp(minimum_jerk * traveled[-1], traveled, chord)
+    share: Floats = np.interp(_minimum_jerk(u) * traveled[-1], traveled, chord)
+    return share
+
+
+def _minimum_jerk(u: Floats) -> Floats:
+    """Share of the way at a share of the time."""
+    share: Floats = u**3 * (10 - 15 * u + 6 * u**2)
     return share
 
 

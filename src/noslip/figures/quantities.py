@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from noslip._typing import Floats
+from noslip._values import with_unit
 from noslip.constraints.check import (
     MILLIMETERS_BELOW,
     ROUNDING,
     residual_text,
     step_accelerations,
-    with_unit,
 )
 from noslip.constraints.declaration import Constraint
 from noslip.constraints.system import ConstraintSystem

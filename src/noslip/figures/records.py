@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from noslip._typing import Floats
-from noslip.constraints.check import ROUNDING, residual_text, with_unit
+from noslip._values import with_unit
+from noslip.constraints.check import ROUNDING, residual_text
 from noslip.constraints.declaration import ROW
 from noslip.constraints.system import as_system
 from noslip.errors import InputError

@@ -9,12 +9,12 @@ from itertools import groupby
 import numpy as np
 
 from noslip._typing import Floats
+from noslip._values import with_unit
 from noslip.constraints.check import (
     ROUNDING,
     checked,
     residual_text,
     sample_residuals,
-    with_unit,
 )
 from noslip.constraints.declaration import ROW, SIDEWAYS, UNITS
 from noslip.constraints.system import as_system

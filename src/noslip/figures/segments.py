@@ -15,11 +15,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
+from numpy.typing import ArrayLike
 
+from noslip import _arguments
 from noslip._instants import counts_from_afar
 from noslip._typing import Floats
 from noslip.demonstrations.preparation import _averaged_speeds
 from noslip.demonstrations.segmentation import Interval, Segments
+from noslip.errors import InputError
 from noslip.figures import style
 from noslip.figures.quantities import length_unit, scaled_unit, value_text
 from noslip.trajectory import PoseTrajectory
@@ -45,13 +48,19 @@ DROPPED: dict[str, Any] = PAUSE | {"facecolor": "0.85", "edgecolor": "0.65", "ha
 """Behind a piece that was dropped: hatched, so that it differs from a pause in print."""
 PATH_OUT: dict[str, Any] = {"color": style.PALETTE["gray"], "linewidth": 0.6, "zorder": 1.5}
 """Of the path outside of pieces: thin, below theirs."""
+TRUE: dict[str, Any] = {"color": style.PALETTE["black"], "linewidth": 2.5, "solid_capstyle": "butt"}
+"""Of the true cuts: heavier than any threshold."""
+TRUE_AT = 0.03
+"""Share of the axis at which they are drawn."""
 _THRESHOLD: dict[str, Any] = {"color": style.PALETTE["black"], "linewidth": 0.9}
 """Black, and told apart by their dashes."""
 UPPER, LOWER = _THRESHOLD | {"linestyle": (0, (5, 2))}, _THRESHOLD | {"linestyle": (0, (1, 1.8))}
 """Of the threshold at which a piece begins, and of that at which it ends."""
 
 
-def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
+def recording_cuts(
+    segments: Segments, *, true: ArrayLike | None = None, title: str | None = None
+) -> Figure:
     """Show where a recording was cut, why, and the paths of its pieces from above.
 
     Left: the speed over time on a logarithmic axis, or the contact signal, with its thresholds.
@@ -63,19 +72,35 @@ def recording_cuts(segments: Segments, *, title: str | None = None) -> Figure:
     ----------
     segments : Segments
         Of :func:`noslip.segment`.
+    true : array, shape (n, 2), optional
+        Start and end of each true cut (s, on the recording's clock), where they are known: drawn
+        as bars below the signal.
     title : str, optional
         By default the finding: how many pieces, how long, and how many were dropped.
+
+    Raises
+    ------
+    InputError
+        If ``true`` holds no pairs of numbers.
     """
+    if true is not None:
+        true = _arguments.numbers("recording_cuts: true", true)
+        if true.ndim != 2 or true.shape[1] != 2:
+            raise InputError(
+                f"recording_cuts: true has shape {true.shape}; give start and end of each, (n, 2)"
+            )
     figure = style.new_figure(style.TWO_COLUMNS, 3.1)
     over_time, above = figure.subplots(1, 2, width_ratios=(2.1, 1))
-    handles = _draw_cuts(over_time, segments) | _draw_paths(above, segments)
+    handles = _draw_cuts(over_time, segments, true) | _draw_paths(above, segments)
     if handles:
         style.put_legend(figure, handles)
     style.write_title(figure, title or _finding(segments))
     return figure
 
 
-def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any]]:
+def _draw_cuts(
+    ax: Axes, segments: Segments, true: Floats | None
+) -> dict[str, Artist | dict[str, Any]]:
     times, values = segments.recording.times, segments.signal
     afar = counts_from_afar(times[0])
     began = times[0] if afar else 0.0
@@ -108,6 +133,10 @@ def _draw_cuts(ax: Axes, segments: Segments) -> dict[str, Artist | dict[str, Any
         ax.set_ylim(bottom, top * (top / bottom) ** ROOM)
     ax.set_xlim(times[0], times[-1])
 
+    if true is not None:
+        for start, end in true - began:
+            ax.plot([start, end], [TRUE_AT] * 2, transform=ax.get_xaxis_transform(), **TRUE)
+        handles["true cut"] = TRUE
     colors, kept = _colors(segments), 0
     for interval in intervals:
         extent = interval.start, interval.end

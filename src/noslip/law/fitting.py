@@ -160,7 +160,8 @@ def as_demonstrations(demonstrations: Recorded | Iterable[Recorded]) -> list[Pos
         if not isinstance(item, Timed):
             raise InputError(
                 "demonstrations are PoseTrajectory, Trajectory or Bodies objects, got "
-                f"{type(item).__name__}; read files with load_demonstrations"
+                f"{type(item).__name__}; read files with load_demonstrations, make arrays "
+                "Trajectory(times, values)"
             )
         if item.space != recorded[0].space:
             both = (", ".join(each.space.coordinates) for each in (recorded[0], item))

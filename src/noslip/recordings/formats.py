@@ -6,6 +6,7 @@ import glob
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
@@ -62,7 +63,7 @@ def listed_suffixes(suffixes: Iterable[str]) -> str:
 class Reading(TypedDict, total=False):
     """Options of :func:`load_demonstrations`, of which other functions have some too."""
 
-    rate: float | None
+    sample_rate: float | None
     topic: str | None
     frame: str | None
     child_frame: str | None
@@ -92,7 +93,7 @@ class ReadingColumns(Reading, total=False):
 def load_demonstrations(
     paths: str | Path | Iterable[str | Path],
     *,
-    rate: float | None = None,
+    sample_rate: float | None = None,
     topic: str | None = None,
     frame: str | None = None,
     child_frame: str | None = None,
@@ -125,11 +126,11 @@ def load_demonstrations(
         ``"runs/*.csv"``, say.  A glob gives its files sorted, ``**`` goes through folders, ``~``
         is the home folder.  A path that exists is taken as it is, even one that reads like a
         glob.  A file given twice is read once.
-    rate : float, optional
+    sample_rate : float, optional
         Samples per second of CSV files and tables that number their samples (column ``i``)
-        instead of stamping them (sample ``i`` is then at ``i / rate`` seconds), of tables without
-        times, and of robomimic files.  Files with stamps ignore it; beside ``time`` it says that
-        this column numbers the samples.
+        instead of stamping them (sample ``i`` is then at ``i / sample_rate`` seconds), of tables
+        without times, and of robomimic files.  Files with stamps ignore it; beside ``time`` it
+        says that this column numbers the samples.
     topic, frame, child_frame, publisher, element, integrate : optional
         Of ROS bags: where the poses are, see :func:`noslip.recordings.bags.read_bag`.
     episode : int or iterable of int, optional
@@ -215,7 +216,7 @@ def load_demonstrations(
     columns            meaning
     ================== ==================================================================
     ``t`` or ``time``  seconds, starting anywhere, at any rate
-    ``i``              or the number of the sample, with ``rate``
+    ``i``              or the number of the sample, with ``sample_rate``
     ``x,y,z``          position of the tool in the world frame, meters
     ``qw,qx,qy,qz``    unit quaternion, turns body-frame vectors into the world frame
     ``x,y,theta``      or a planar pose: ``z = 0``, turned by ``theta`` radians about world z;
@@ -245,7 +246,7 @@ def load_demonstrations(
     """
     mending = Mending(gaps=gaps, duplicates=duplicates, unsorted=unsorted, lost=lost, within=within)
     options = {
-        "rate": rate,
+        "sample_rate": sample_rate,
         "topic": topic,
         "frame": frame,
         "child_frame": child_frame,
@@ -279,7 +280,7 @@ def load_trajectory(
     columns : str or iterable of str, optional
         As for :func:`load_demonstrations` with ``values``.
     **options
-        Of :func:`load_demonstrations`: ``rate``, ``time``, ``units``, ``topic``, ``episode``, ...
+        Of :func:`load_demonstrations`: ``sample_rate``, ``time``, ``units``, ``topic``, ...
 
     Raises
     ------
@@ -356,9 +357,21 @@ def folder_format(folder: Path) -> Format | None:
     return next((each for each in FORMATS if each.is_folder(folder)), None)
 
 
+def is_recording(path: Path) -> bool:
+    """Whether a path is there and is what a recording is called, whatever may be in it."""
+    if path.is_dir():
+        return folder_format(path) is not None
+    return path.exists() and path.suffix.lower() in _BY_SUFFIX
+
+
 def format_of(file: Path) -> Format:
     """Return the format of a file or folder, or refuse it."""
     found = folder_format(file) if file.is_dir() else _BY_SUFFIX.get(file.suffix.lower())
+    if found is None and file.suffix.lower() == ".json":
+        raise RecordingError(
+            f"{file}: JSON holds primitives, not recordings; noslip rollout {quote(str(file))} "
+            "--out motion.csv writes a primitive's motion as one"
+        )
     if found is None:
         folders = " and ".join(each.folders for each in reversed(FORMATS) if each.folders)
         raise RecordingError(
@@ -372,7 +385,7 @@ def _refuse_ignored(options: dict[str, Any], formats: dict[Path, Format]) -> Non
     """Refuse an option that none of the files takes; a rate may be given for files with stamps."""
     for name, value in options.items():
         taken = any(name in each.options for each in formats.values())
-        if value is not None and name != "rate" and not taken:
+        if value is not None and name != "sample_rate" and not taken:
             wanted = [each.name for each in FORMATS if name in each.options]
             *others, last = wanted
             listed = f"{', '.join(others)} or {last}" if others else last
@@ -443,7 +456,9 @@ def write_recording(
         if options[name] and isinstance(trajectory, Series):
             raise InputError(f"{target}: {name} is of poses, and these are none; leave it out")
         if options[name] and name not in chosen.write_options:
-            raise InputError(f"{target}: {chosen.name} has no place for {name}; write a CSV")
+            raise InputError(
+                f"{target}: {chosen.name} has no place for {name}; leave it out, or write a CSV"
+            )
     return chosen.write(
         trajectory, target, **{name: options[name] for name in chosen.write_options}
     )

@@ -103,6 +103,9 @@ class Robot:
     torque_limits: Floats
     home: Floats
 
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.size} joints: {', '.join(self.joint_names)})"
+
     @property
     def size(self) -> int:
         """Number of joints."""

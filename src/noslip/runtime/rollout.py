@@ -350,7 +350,8 @@ def point_or_parts(
         of = "a pose" if space.rotations == 1 else "several bodies"
         form = " or a mapping of names to such pairs" if space.rotations > 1 else ""
         raise InputError(
-            f"{name} of {of} is a pair (position, Rotation){form}, got {_arguments.short(point)}"
+            f"{name} of {of} is a pair (position, Rotation){form}, got {_arguments.short(point)}; "
+            f"{name}_position and {name}_rotation say one of both"
         )
     return point
 
