@@ -37,7 +37,7 @@ STREAM = 20
 SLIP, FAR, FAR_TURN = 1e-10, 0.02, 0.4
 FAMILIES: dict[str, tuple[str, ns.Constraint, dict[str, float]]] = {
     "contour": ("contour_following", ns.Blade(), {}),
-    "needle": ("needle_insertion", ns.Needle(shaft="-x", curvature=None), {"sample_rate": 14.5}),
+    "needle": ("needle_insertion", ns.Needle(shaft="-x", curvature=None), {"rate": 14.5}),
     "wheel": ("wheeled_robots", ns.Wheel(), {}),
 }
 
