@@ -21,9 +21,9 @@ from PIL import Image
 
 DOCS = Path(__file__).resolve().parent
 ROOT, IMAGES = DOCS.parent, DOCS / "images"
-COLORS = 256
-"""Of a picture, as far apart as they can be, so that rare ones stay: it looks the same, in a third
-of the bytes."""
+COLORS, ROUNDS = 256, 3
+"""Of a picture: it looks the same, in a third of the bytes; and how often they are moved towards
+those that they stand for, so that rare ones stay."""
 RECORDINGS = ROOT.parent / "shared" / "data" / "contour_following"
 """Of a person who leads a tool along a contour: not part of the project."""
 VIEWS = {"viewer": "cut", "viewer_arm": "arm", "viewer_shield": "shield", "viewer_found": "found"}
@@ -71,9 +71,7 @@ def draw(name: str, recordings: Path) -> None:
         if name in DEMO:
             shutil.move(scratch / f"demo/{DEMO[name]}.png", scratch / f"{name}.png")
         with Image.open(scratch / f"{name}.png") as drawn:
-            few = drawn.convert("RGB").quantize(
-                COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
-            )
+            few = drawn.convert("RGB").quantize(COLORS, kmeans=ROUNDS, dither=Image.Dither.NONE)
         few.save(IMAGES / f"{name}.png", optimize=True)
 
 
