@@ -128,22 +128,6 @@ def test_a_tool_held_the_other_way_round_is_refused() -> None:
     assert "one and other hold the tool opposite ways" in message
 
 
-@pytest.mark.parametrize(("first", "what"), [(170, "begin"), (0, "end")])
-@pytest.mark.parametrize("turned", [120, 170])
-def test_ends_the_other_way_round_are_noticed(
-    recwarn: pytest.WarningsRecorder, first: float, what: str, turned: float
-) -> None:
-    """Those of a tool that turns round on its way, which another does not."""
-    one, u = bow(name="one"), np.linspace(0, 1, 201)
-    angles = turned / 170 * np.abs(first - 170 * np.clip(6 * u - (0 if first else 5), 0, 1))
-    turns = Rotation.from_euler("z", angles[:, None], degrees=True)
-    other = PoseTrajectory(one.times, one.positions, one.rotations * turns, name="other")
-    require_agreement([one, other])
-    told = [str(each.message) for each in recwarn]
-    expected = f"one and other: {what} turned by 170 degrees from each other"
-    assert [each.partition(",")[0] for each in told] == ([expected] if turned == 170 else [])
-
-
 def test_out_of_step_align_is_named() -> None:
     repeats = [bow(timing=0.9, name="late"), bow(timing=-0.9, name="early")]
     with pytest.warns(RecordingWarning, match=r"late and 1 more: are out of step.*--align"):

@@ -30,8 +30,8 @@ UNLIKE = 0.5
 """Distance over the size (both rms) up to which two paths count as alike, whatever the way back is
 like: a motion out and back the same way is its own reverse."""
 HELD_OPPOSITE = -np.sqrt(3) / 2
-"""Cosine of the angle, mean along the motion or at an end, at which two tools are held the other
-way round: within 30 degrees of half a turn, where a mean orientation says nothing."""
+"""Cosine of the angle, mean along the motion, at which two tools are held the other way round:
+within 30 degrees of half a turn, where a mean orientation says nothing."""
 
 
 def require_agreement(demonstrations: list[PoseTrajectory], *, aligned: bool = False) -> None:
@@ -55,20 +55,10 @@ def require_agreement(demonstrations: list[PoseTrajectory], *, aligned: bool = F
     if len(demonstrations) < 2:
         return
     sampled = [at_fractions(d, SAMPLES) for d in demonstrations]
-    turned = np.array([s.rotations.as_matrix().reshape(SAMPLES, -1) for s in sampled])
-    cosines = _cosines(turned.reshape(len(turned), -1))
+    turned = np.array([s.rotations.as_matrix().reshape(-1) for s in sampled])
+    # Mean of the traces, of all samples and bodies.
+    cosines = (turned @ turned.T / (turned.shape[1] / 9) - 1) / 2
     _refuse_pair(demonstrations, cosines < HELD_OPPOSITE, "hold the tool opposite ways")
-    for which, what in ((0, "begin"), (-1, "end")):
-        cosines = _cosines(turned[:, which])
-        if cosines.min() < HELD_OPPOSITE:
-            i, j = np.unravel_index(int(cosines.argmin()), cosines.shape)
-            angle = np.degrees(np.arccos(max(cosines[i, j], -1.0)))
-            warn(
-                f"{demonstrations[i].name} and {demonstrations[j].name}: {what} turned by "
-                f"{angle:.0f} degrees from each other, where a mean orientation says nothing; "
-                "leave one out, or learn one primitive of each: --each (learn_each)",
-                RecordingWarning,
-            )
     paths = np.array([s.positions for s in sampled])
     length = float(np.median([d.path_length for d in demonstrations]))
     if not length > 0:
@@ -101,14 +91,6 @@ def require_agreement(demonstrations: list[PoseTrajectory], *, aligned: bool = F
             "(align=True)",
             RecordingWarning,
         )
-
-
-def _cosines(turned: Floats) -> Floats:
-    """Cosines of the angles between orientations, shape (n, n), of matrices, shape (n, 9 m).
-
-    Mean of the traces, of all samples and bodies.
-    """
-    return np.asarray((turned @ turned.T / (turned.shape[1] / 9) - 1) / 2)
 
 
 def _refuse_pair(demonstrations: list[PoseTrajectory], found: NDArray[np.bool_], what: str) -> None:
