@@ -9,7 +9,7 @@ PYTHONS ?= python3.11 python3.12 python3.13
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check format bench bench-quick feedback soak sweep identified shield reach joints rhythms obstacles hard-use kills fuzz wheels docs pictures clean
+.PHONY: help demo test quick check format bench bench-quick side-by-side feedback soak sweep identified shield reach joints rhythms obstacles hard-use kills fuzz wheels docs pictures clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:[^#]*##/\t/' | expand -t 10
@@ -55,6 +55,9 @@ bench: $(VENV)/.bench ## measure against the paper's method and movement-primiti
 
 bench-quick: $(VENV)/.bench ## the ratios that must not fall, in two minutes; GATE=--gate fails where one has
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.gate $(GATE)
+
+side-by-side: $(VENV)/.bench ## other libraries at the same job, those that are installed; AUTHORS=FOLDER adds the paper's code
+	$(BIN)/python -m benchmarks.side_by_side $(if $(AUTHORS),--authors $(AUTHORS))
 
 feedback: $(VENV)/.bench ## controllers on robots that are not ideal, against bounds and others; hours
 	$(BIN)/python -m benchmarks.feedback --gate --json benchmarks/feedback.json

@@ -10,7 +10,6 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks import single_threaded
@@ -23,12 +22,12 @@ from benchmarks.environment import environment  # noqa: E402
 from benchmarks.example import SAMPLES  # noqa: E402
 from benchmarks.report import duration  # noqa: E402
 from benchmarks.side_by_side import optimizers, ours, primitives, published, tracking  # noqa: E402
-from benchmarks.side_by_side.job import Job, Row, jobs  # noqa: E402
+from benchmarks.side_by_side.job import DEMONSTRATED, Job, Row, jobs, timed  # noqa: E402
 
 KINDS = ("noslip", "jaxls", "pink", "mink", *primitives.LIBRARIES, "paper")
 HEADER = (
-    "| | slip at most | path, rms off | goal missed by | turns at most | bends at most "
-    "| time | times noslip's | first time |\n"
+    "| | slip at most | path, rms off | goal missed by | peak angular speed "
+    "| peak angular acceleration | time | times noslip's | first time |\n"
     "|---|---|---|---|---|---|---|---|---|"
 )
 
@@ -56,9 +55,11 @@ def line(row: Row, base: float) -> str:
     if row.merit is None:
         return f"| {name} | left out: {row.skipped} | | | | | | | |"
     merit = row.merit
+    # To another end no path is given.
+    off = length(merit.position_rms) if row.job == DEMONSTRATED else ""
     ends = "" if row.library not in published.NAMES else f"; {row.slip_at_ends:.1e} at the ends"
     return (
-        f"| {name} | {merit.residual_peak:.1e} m/s{ends} | {length(merit.position_rms)} "
+        f"| {name} | {merit.residual_peak:.1e} m/s{ends} | {off} "
         f"| {length(row.missed)} | {merit.angular_speed_peak:.1f} rad/s "
         f"| {merit.angular_acceleration_peak:,.0f} rad/s² | {duration(row.seconds)} "
         f"| {row.seconds / base:.2g} | {duration(row.first)} |"
@@ -90,6 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--authors", nargs="+", type=Path, default=[], metavar="FOLDER", help=published.ABSENT
     )
+    parser.add_argument("--rounds", type=int, default=5, help="in which times are taken")
     parser.add_argument("--tune", action="store_true", help="find the steering of pink and mink")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures too")
     asked = parser.parse_args(arguments)
@@ -103,9 +105,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for row in measure(asked.only, both, asked.authors):
         print(f"{row.library}, {row.way}, {row.job}: {row.skipped or 'done'}", file=sys.stderr)
         rows.append(row)
+    rows = timed(rows, asked.rounds)
     print("\n".join(tables(rows, both)))
     if asked.json is not None:
-        found = {"environment": environment(), "rows": [asdict(row) for row in rows]}
+        found = {"environment": environment(), "rows": [row.to_dict() for row in rows]}
         asked.json.write_text(json.dumps(found, indent=2) + "\n")
     return 0
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.side_by_side.job import DEMONSTRATED, Job, Row, measured
+from benchmarks.side_by_side.job import DEMONSTRATED, Job, Row, judged
 from noslip import Blade, PoseTrajectory
 from noslip.constraints.system import as_system
 from noslip.projection.heading import turn_edge_into_path
@@ -171,7 +171,7 @@ def rows(jobs: Sequence[Job]) -> Iterator[Row]:
         planner = Planner(tight)
         for job in jobs:
             move = partial(planner.move, job)
-            yield measured("jaxls", version(), f"one optimization, {way}", job, move)
+            yield judged("jaxls", version(), f"one optimization, {way}", job, move)
 
 
 class Planner:

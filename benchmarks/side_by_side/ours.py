@@ -7,7 +7,7 @@ from functools import partial
 
 from benchmarks.control_loop import compiling
 from benchmarks.example import ALPHA, ALPHA_S, BASIS_FUNCTIONS, BETA
-from benchmarks.side_by_side.job import DEMONSTRATED, Job, Row, measured
+from benchmarks.side_by_side.job import DEMONSTRATED, Job, Row, judged
 from benchmarks.timing import forget
 from noslip import Blade, ConstrainedDMP, PoseTrajectory, __version__, learn
 
@@ -16,12 +16,11 @@ LIBRARY = "noslip"
 
 def rows(jobs: Sequence[Job]) -> Iterator[Row]:
     """Learn or adapt, and roll out in the demonstration's steps."""
-    for compiled in (False, True):
-        with compiling(compiled):
-            forget()
-            mover, way = Mover(), "compiled" if compiled else "without a compiler"
-            for job in jobs:
-                yield measured(LIBRARY, __version__, way, job, partial(mover.move, job))
+    forget()
+    for mover in (Mover(compiled=False), Mover(compiled=True)):
+        way = "compiled" if mover.compiled else "without a compiler"
+        for job in jobs:
+            yield judged(LIBRARY, __version__, way, job, partial(mover.move, job))
 
 
 class Mover:
@@ -29,10 +28,17 @@ class Mover:
 
     learned: ConstrainedDMP
 
+    def __init__(self, compiled: bool) -> None:
+        self.compiled = compiled
+
     def move(self, job: Job) -> PoseTrajectory:
         """Learn, or adapt what was learned last; roll out."""
+        with compiling(self.compiled):
+            return self._found(job).rollout(time_step=job.time_step)
+
+    def _found(self, job: Job) -> ConstrainedDMP:
         if job.name == DEMONSTRATED:
-            found = self.learned = learn(
+            self.learned = learn(
                 job.given,
                 Blade(),
                 basis_functions=BASIS_FUNCTIONS,
@@ -40,6 +46,5 @@ class Mover:
                 beta=BETA,
                 alpha_s=ALPHA_S,
             )
-        else:
-            found = self.learned.adapt(goal_position=job.goal)
-        return found.rollout(time_step=job.time_step)
+            return self.learned
+        return self.learned.adapt(goal_position=job.goal)

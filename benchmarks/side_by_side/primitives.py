@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from importlib.util import find_spec
 from typing import Any
 
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import peers
 from benchmarks.example import ALPHA, BASIS_FUNCTIONS
-from benchmarks.side_by_side.job import Job, Row, measured, version_of
+from benchmarks.side_by_side.job import Job, Row, judged, version_of
 from noslip import PoseTrajectory
 from noslip._typing import Floats
 
@@ -89,30 +89,37 @@ def dmpbbo(job: Job) -> PoseTrajectory:
 def prodmp(job: Job) -> PoseTrajectory:
     """MP_PyTorch's ProDMP of six coordinates, in double precision."""
     import torch
-    from mp_pytorch.mp import MPFactory
 
     times, values = job.given.times - job.given.times[0], coordinates(job.given)
+    mp = _prodmp(float(times[-1]), job.time_step)
+    clock, demonstrated = torch.tensor(times)[None], torch.tensor(values)[None]
+    learned = mp.learn_mp_params_from_trajs(clock, demonstrated)
+    # The last of each coordinate is its goal.
+    parameters = learned["params"].reshape(6, -1)
+    parameters[:, -1] += torch.tensor(goal_of(job) - values[-1])
+    found = mp.get_traj_pos(clock, **{**learned, "params": parameters.reshape(1, -1)})
+    return motion_of(job, job.given.times, found[0].numpy())
+
+
+@cache
+def _prodmp(duration: float, time_step: float) -> Any:
+    """Integrate its basis functions once, which is most of the work."""
+    import torch
+    from mp_pytorch.mp import MPFactory
+
     arguments: dict[str, Any] = {
         "num_basis": BASIS_FUNCTIONS,
         "basis_bandwidth_factor": 2,
         "num_basis_outside": 0,
         "alpha": ALPHA,
         "alpha_phase": 2,
-        "dt": job.time_step,
+        "dt": time_step,
         "weights_scale": 1.0,
         "goal_scale": 1.0,
     }
-    mp = MPFactory.init_mp(
-        "prodmp", arguments, num_dof=6, tau=times[-1], dtype=torch.float64, device="cpu"
+    return MPFactory.init_mp(
+        "prodmp", arguments, num_dof=6, tau=duration, dtype=torch.float64, device="cpu"
     )
-    clock, demonstrated = torch.tensor(times)[None], torch.tensor(values)[None]
-    learned = mp.learn_mp_params_from_trajs(clock, demonstrated)
-    parameters = learned["params"].reshape(6, -1)
-    # The last of each coordinate is its goal.
-    parameters[:, -1] += torch.tensor(goal_of(job) - values[-1])
-    learned["params"] = parameters.reshape(1, -1)
-    found = mp.get_traj_pos(clock, **learned)
-    return motion_of(job, job.given.times, found[0].numpy())
 
 
 @dataclass(frozen=True)
@@ -166,4 +173,4 @@ def rows(library: str, job: Job) -> Iterator[Row]:
         if find_spec(known.module) is None:
             yield Row(library, version, way, job.name, skipped=known.advice)
         else:
-            yield measured(library, version, way, job, partial(move, job))
+            yield judged(library, version, way, job, partial(move, job))

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import paper_method
 from benchmarks.example import ALPHA, BASIS_FUNCTIONS, BETA
-from benchmarks.side_by_side.job import Job, Row, measured
+from benchmarks.side_by_side.job import Job, Row, judged
 from noslip import PoseTrajectory
 
 AUTHORS, WRITING = "the authors' code", "the paper's method, our writing"
@@ -86,10 +86,10 @@ def rows(job: Job, folders: Sequence[Path]) -> Iterator[Row]:
             yield Row(AUTHORS, folder.name, "", job.name, skipped=reason)
             continue
         move = partial(authors.motion, job)
-        yield measured(AUTHORS, folder.name, "BFGS at each step", job, move, repeat=0)
+        yield judged(AUTHORS, folder.name, "BFGS at each step", job, move)
 
     def written() -> PoseTrajectory:
         primitives = paper_method.UncoupledPrimitives.fit(job.given, BASIS_FUNCTIONS)
         return paper_method.rollout(primitives, goal_position=job.goal).motion
 
-    yield measured(WRITING, "", "BFGS at each step", job, written, repeat=1)
+    yield judged(WRITING, "", "BFGS at each step", job, written)

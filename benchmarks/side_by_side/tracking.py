@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks import peers
-from benchmarks.side_by_side.job import DEMONSTRATED, Job, Row, measured, version_of
+from benchmarks.side_by_side.job import DEMONSTRATED, Job, Row, judged, version_of
 from benchmarks.side_by_side.kinematics import Follower, solver
 from benchmarks.side_by_side.primitives import CARTESIAN
 from noslip import PoseTrajectory
@@ -112,7 +112,7 @@ def rows(library: str, job: Job) -> Iterator[Row]:
         return
     for source, reference in references.items():
         move = partial(follow, library, reference, BEST)
-        yield measured(library, version, way + source, job, move)
+        yield judged(library, version, way + source, job, move)
 
 
 def tune(library: str, job: Job) -> tuple[Steering, float]:

@@ -71,6 +71,7 @@ ELSEWHERE = {
         "of the reader's own recordings; tests/cli/test_sample.py runs the like",
     ),
     "python -m benchmarks.filters": "reads recordings that lie beside the repository",
+    "python -m benchmarks.side_by_side": "takes minutes; tests/benchmarks has a cut of it",
     "python -m benchmarks.field": "reads data sets that lie beside the repository",
     "dask": "needs a cluster; tests/test_many.py has one",
     "noslip learn --each /shared/recordings": "needs a cluster; tests/test_many.py has one",
