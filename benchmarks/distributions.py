@@ -141,7 +141,7 @@ def contours(folder: Path) -> list[ns.PoseTrajectory]:
 
 def needles(folder: Path) -> list[ns.PoseTrajectory]:
     """Return recorded insertions of a needle, from where each starts."""
-    runs = ns.load_demonstrations(folder / "needle_insertion" / "*.csv", sample_rate=14.5)
+    runs = ns.load_demonstrations(folder / "needle_insertion" / "*.csv", rate=14.5)
     return [ns.prepare(run, relative=True) for run in runs]
 
 

@@ -61,7 +61,7 @@ FAMILIES = (
 
 def episodes(family: Family, most: int) -> list[ns.PoseTrajectory]:
     """Recordings at the rate of actions, without their noise: what a policy would mean."""
-    found = ns.load_demonstrations(RECORDINGS / family.files, sample_rate=family.rate)[:most]
+    found = ns.load_demonstrations(RECORDINGS / family.files, rate=family.rate)[:most]
     steps: dict[str, Any] = {"rate": RATE, "lowpass": 4.8, "trim_speed": family.trim_speed}
     return [ns.prepare(one, **steps)[:LONGEST] for one in found]
 

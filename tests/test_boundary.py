@@ -101,6 +101,7 @@ def test_what_a_caller_does_to_its_arguments_later_changes_nothing() -> None:
         ({"at": 1, "position": [np.nan, 0, 0]}, "position must be 3 finite numbers"),
         ({"at": 1, "position": "abc"}, "position must be 3 finite numbers"),
         ({"at": 1, "rotation": np.eye(3)}, "rotation must be a single"),
+        ({"at": 1, "rotation": 1.57}, r"of a yaw take Rotation.from_euler\('z', 1.57\)"),
         ({"at": 1, "linear_velocity": 0}, r"linear velocity must be 3 finite numbers.*m/s"),
         ({"at": 1, "angular_velocity": [np.inf, 0, 0]}, r"angular velocity must be 3.*rad/s"),
     ],

@@ -71,7 +71,7 @@ NEEDLE = Family(
     position=0.2e-2,
     rotation=12.0,
     backwards=0.0,
-    load={"sample_rate": 14.5},
+    load={"rate": 14.5},
 )
 ROBOT = Family(
     folder="wheeled_robots",

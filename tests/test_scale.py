@@ -115,7 +115,7 @@ def test_real_recordings_are_in_seconds_and_meters(recordings: Path) -> None:
     read = 0
     for file in sorted(recordings.glob("*/*.csv")):
         try:
-            read += len(ns.load_demonstrations(file, sample_rate=14.5))
+            read += len(ns.load_demonstrations(file, rate=14.5))
         except RecordingError:
             # One has two poses at one time.
             assert file.stem == "trolley_mid"

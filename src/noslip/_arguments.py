@@ -117,7 +117,9 @@ def coordinates(name: str, value: Any, unit: str = "m") -> Floats:
 def rotation(name: str, value: Any) -> Rotation:
     """Return a single rotation."""
     if not isinstance(value, Rotation) or not value.single:
-        raise InputError(f"{name} must be a single scipy Rotation, got {short(value)}")
+        yaw = isinstance(value, (float, int, np.floating)) and not isinstance(value, bool)
+        hint = f"; of a yaw take Rotation.from_euler('z', {value})" if yaw else ""
+        raise InputError(f"{name} must be a single scipy Rotation, got {short(value)}{hint}")
     return value
 
 

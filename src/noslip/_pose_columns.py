@@ -51,7 +51,7 @@ from noslip._value_columns import (
     stacked,
     values_of,
 )
-from noslip.errors import RecordingError, did_you_mean
+from noslip.errors import RecordingError, RecordingWarning, did_you_mean, warn
 from noslip.named_columns import listed, plural, shown
 
 
@@ -79,7 +79,7 @@ class Asked:
     time: str | None = None
     units: str | Iterable[str] | None = None
     rotation: str | None = None
-    sample_rate: float | None = None
+    rate: float | None = None
     robot: Kinematics | None = None
 
     def unit(self, known: Mapping[str, float]) -> str | None:
@@ -217,7 +217,7 @@ def layout_of(
         If a column is missing or there twice, or could be several, or the rate is needed and not
         there; the message names the option that tells.
     """
-    timed = asked.time is None and asked.sample_rate is None
+    timed = asked.time is None and asked.rate is None
     content = content_of(where, available, asked, known, timed=timed)
     return Layout(
         clock=clock_of(where, available, asked, known, content.pose.group),
@@ -651,6 +651,11 @@ def _no_pose(
     bare = poses.get("", Pose())
     wanted: tuple[str, ...] = POSE
     here = set(available)
+    if {"x", "y", "yaw"} <= here and not here & {"z", "roll", "pitch", *QUATERNION}:
+        return RecordingError(
+            f'{where}: column yaw does not say its unit; say rotation="planar:rad" or "planar:deg" '
+            "(--rotation)"
+        )
     turned = here & {"theta", "theta_deg"}
     # Without a quaternion and a height it is most likely meant to be planar.
     if not here & set(QUATERNION) and (turned or ("z" not in here and {"x", "y"} <= here)):
@@ -697,24 +702,30 @@ def clock_of(
         told = [of[one] for one in chosen]
         if len(told) > 2:
             raise RecordingError(f"{where}: time is one column, or seconds and nanoseconds")
-        if told[0] in counts or (asked.sample_rate is not None and len(told) == 1):
+        if told[0] in counts or (asked.rate is not None and len(told) == 1):
             counts, told = told, []
     require_once(where, available, [name.place[0] for name in told or counts[:1]])
     if told:
+        if asked.rate is not None:
+            warn(
+                f"{where}: {told[0].raw} stamps the samples, so rate={asked.rate:g} "
+                "(--sample-rate) is not used; ns.prepare(recording, rate=...) (--rate) resamples",
+                RecordingWarning,
+            )
         columns = tuple(name.place[0] for name in told)
         if available[columns[0]].is_text:
             return Clock(columns=columns, unit="date")
         said = asked.unit(SECONDS) or (told[0].unit if told[0].unit in SECONDS else "")
         said = "s" if len(columns) == 2 else said or known.time
         return Clock(columns=columns, unit=said or "s", said=bool(said))
-    rate = known.rate if asked.sample_rate is None else asked.sample_rate
+    rate = known.rate if asked.rate is None else asked.rate
     if counts:
         return Clock(columns=(counts[0].place[0],), rate=check_rate(where, counts[0].raw, rate))
     if rate is None:
         raise RecordingError(
             f"{where}: column t missing, found {described(available)}; needed are t (or time, or i "
-            'with a rate); name it with time="..." (--time-column), or say how fast it was '
-            "sampled: sample_rate=... (--sample-rate)"
+            'with a rate); name it with time="..." (--time-column), or give the rate=... (samples '
+            "per second; on the command line --sample-rate)"
         )
     return Clock(rate=check_rate(where, "i", rate))
 
@@ -759,10 +770,10 @@ def check_rate(where: str | object, column: str, rate: float | None) -> float:
     if rate is None:
         raise RecordingError(
             f"{where}: column {column} counts samples and no column t gives their "
-            "time; pass sample_rate=... (--sample-rate), in samples per second"
+            "time; pass rate=... (samples per second; on the command line --sample-rate)"
         )
     if not 0 < number(rate) < np.inf:
-        raise RecordingError(f"{where}: sample_rate must be positive (Hz), got {rate}")
+        raise RecordingError(f"{where}: rate must be positive (samples per second), got {rate}")
     return rate
 
 

@@ -207,14 +207,13 @@ class Series(Timed):
 
     @classmethod
     def from_csv(
-        cls, path: str | Path, *, columns: str | None = None, sample_rate: float | None = None
+        cls, path: str | Path, *, columns: str | None = None, rate: float | None = None
     ) -> Self:
         """Read the columns of a CSV as they are; by default all that hold numbers, but the time.
 
         See :func:`noslip.load_demonstrations` for what is understood.
         """
-        asked = Asked(columns=columns, sample_rate=sample_rate, values=True)
-        return cls.of_samples(read_text_table(path, asked))
+        return cls.of_samples(read_text_table(path, Asked(columns=columns, rate=rate, values=True)))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write times, values, velocities, names and units as NumPy's ``.npz``."""

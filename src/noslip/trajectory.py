@@ -272,11 +272,10 @@ class PoseTrajectory(Timed):
 
     @classmethod
     def from_csv(
-        cls, path: str | Path, *, sample_rate: float | None = None, channels: str | None = None
+        cls, path: str | Path, *, rate: float | None = None, channels: str | None = None
     ) -> Self:
         """Read a CSV; see :func:`noslip.load_demonstrations` for what is understood."""
-        asked = Asked(sample_rate=sample_rate, channels=channels)
-        return cls.of_samples(read_text_table(path, asked))
+        return cls.of_samples(read_text_table(path, Asked(rate=rate, channels=channels)))
 
     def to_npz(self, path: str | Path) -> Path:
         """Write the poses, velocities and channels as NumPy's ``.npz``."""

@@ -173,5 +173,5 @@ def test_contour_runs_at_several_placements_do_not(recordings: Path) -> None:
 
 @pytest.mark.recordings
 def test_needle_insertions_made_relative_agree(recordings: Path) -> None:
-    runs = ns.load_demonstrations(recordings / "needle_insertion" / "*.csv", sample_rate=14.5)
+    runs = ns.load_demonstrations(recordings / "needle_insertion" / "*.csv", rate=14.5)
     require_agreement([ns.prepare(run, relative=True) for run in runs])

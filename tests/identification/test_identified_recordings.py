@@ -52,7 +52,7 @@ def test_held_out_slip_falls_in_each_placement(recordings: Path, placement: str)
 
 
 def test_needle_runs_are_a_bent_needle_that_travels_backwards(recordings: Path) -> None:
-    runs = load(recordings, "needle_insertion/*.csv", sample_rate=14.5)
+    runs = load(recordings, "needle_insertion/*.csv", rate=14.5)
     found = ns.identify(runs)
     assert found.kinds == ("needle",)
     assert found.travel is not None and found.travel[0] < -0.99

@@ -34,8 +34,8 @@ RIGHT = (
 ASKED: dict[str, tuple[str, dict[str, Any]]] = {
     "epoch_ms.csv": ("--time-unit ms", {"units": "ms"}),
     "tum_ns.tum": ("--time-unit ns", {"units": "ns"}),
-    "kitti.txt": ("--sample-rate", {"sample_rate": 100}),
-    "ndi.csv": ("--sample-rate", {"sample_rate": 100}),
+    "kitti.txt": ("--sample-rate", {"rate": 100}),
+    "ndi.csv": ("--sample-rate", {"rate": 100}),
     "motive_quat.csv": ("--lost drop", {"lost": "drop"}),
     "one_gap.tum": ("--gaps", {"gaps": "interpolate"}),
     "duplicate_stamp.tum": ("--duplicates", {"duplicates": "first"}),

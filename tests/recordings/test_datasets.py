@@ -278,7 +278,7 @@ def test_robomimic_rate_and_names_by_option(robomimic) -> None:
 
     edit(robomimic, rename)
     columns = "pos,robot0_eef_quat[3,0,1,2]"
-    [one] = load_demonstrations(robomimic, episode=4, columns=columns, sample_rate=2 * FPS)
+    [one] = load_demonstrations(robomimic, episode=4, columns=columns, rate=2 * FPS)
     np.testing.assert_array_equal(one.times, np.arange(30) / (2 * FPS))
 
 
@@ -286,7 +286,7 @@ def test_robomimic_refusals(robomimic, refusal, tmp_path) -> None:
     assert "no episode 11; there are 11 episodes, 0 to 10" in refusal(robomimic, episode=11)
     found = "robot0_eef_pos[3], robot0_eef_quat[4]"
     assert f"no column pos; found {found}" in refusal(robomimic, columns="pos")
-    assert "sample_rate must be positive" in refusal(robomimic, sample_rate=-1.0)
+    assert "rate must be positive" in refusal(robomimic, rate=-1.0)
 
     def shorten(file: Any) -> None:
         del file["data/demo_0/obs/robot0_eef_pos"]
@@ -298,12 +298,12 @@ def test_robomimic_refusals(robomimic, refusal, tmp_path) -> None:
 
     edit(robomimic, shorten)
     assert "no control_freq" in refusal(robomimic)
-    assert "different lengths" in refusal(robomimic, episode=0, sample_rate=20.0)
-    assert "demo_1: no observations" in refusal(robomimic, episode=1, sample_rate=20.0)
+    assert "different lengths" in refusal(robomimic, episode=0, rate=20.0)
+    assert "demo_1: no observations" in refusal(robomimic, episode=1, rate=20.0)
     assert "demo_2: sample 7, quaternion: the quaternion is zero" in refusal(
-        robomimic, episode=2, sample_rate=20.0
+        robomimic, episode=2, rate=20.0
     )
-    assert "demo_3: sample 7, position" in refusal(robomimic, episode=3, sample_rate=20.0)
+    assert "demo_3: sample 7, position" in refusal(robomimic, episode=3, rate=20.0)
     other = tmp_path / "other.h5"
     edit(other, lambda file: file.create_group("weights"))
     assert "no groups data/demo_0 and so on, found 'weights'" in refusal(other)

@@ -92,13 +92,13 @@ def test_ndi_polhemus_kuka_and_ur(tmp_path: Path) -> None:
     file = written(
         tmp_path, [header], [one, one, frames, 0 * frames, ok, *ZYX.T, *MM.T, T, one], "ndi.csv"
     )
-    assert_right(file, sample_rate=100)
+    assert_right(file, rate=100)
     header = "Frame,Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz"
     wxyz = np.roll(XYZW, 1, axis=1)
     file = written(tmp_path, [header], [frames, 0 * frames, ok, *wxyz.T, *MM.T], "ndi_q.csv")
-    assert_right(file, sample_rate=100)
+    assert_right(file, rate=100)
     file = written(tmp_path, ["Frame,X,Y,Z,Az,El,Ro"], [frames, *(MM.T / 25.4), *ZYX.T], "p.csv")
-    assert_right(file, sample_rate=100, units="in")
+    assert_right(file, rate=100, units="in")
     file = written(tmp_path, ["Time,X,Y,Z,A,B,C"], [T, *MM.T, *ZYX.T], "kuka.csv")
     assert_right(file)
     names = ["timestamp", *(f"actual_TCP_pose_{k}" for k in range(6))]
@@ -117,11 +117,11 @@ def test_franka_openvr_and_kitti(tmp_path: Path) -> None:
     names = [f"m{k}" for k in range(12)]
     file = written(tmp_path, [",".join(["time", *names])], [T, *by_rows], "vive.csv")
     assert_right(file, columns=",".join(names))
-    assert_right(written(tmp_path, [], by_rows, "kitti.csv"), sample_rate=100)
+    assert_right(written(tmp_path, [], by_rows, "kitti.csv"), rate=100)
     (tmp_path / "kitti.txt").write_text(
         "\n".join(" ".join(map(repr, row)) for row in by_rows.T.tolist())
     )
-    assert_right(tmp_path / "kitti.txt", sample_rate=100)
+    assert_right(tmp_path / "kitti.txt", rate=100)
 
 
 def test_what_ros_prints(tmp_path: Path) -> None:

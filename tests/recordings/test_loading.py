@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import refusals
 from noslip import PoseTrajectory
-from noslip.errors import InputError
+from noslip.errors import InputError, RecordingWarning
 from noslip.recordings import load_demonstrations
 
 HEADER = "t,x,y,z,qw,qx,qy,qz"
@@ -147,7 +147,8 @@ def test_planar_headings_may_be_in_degrees(write: Write) -> None:
 
 
 def test_a_table_of_the_plane_misses_its_heading_not_a_quaternion(write: Write) -> None:
-    message = refusal(write(["0,1,2,3"] * 9, "t,X,Y,yaw"))
+    assert "yaw does not say its unit" in refusal(write(["0,1,2,3"] * 9, "t,X,Y,yaw"))
+    message = refusal(write(["0,1,2,3"] * 9, "t,X,Y,heading"))
     assert "column theta missing" in message
     assert "x,y,theta_deg" in message and "planar:rad of x, y and yaw" in message
 
@@ -177,15 +178,16 @@ def test_a_yaw_in_the_plane_is_read_where_its_unit_is_said(
 def test_numbered_samples_take_their_time_from_the_rate(write: Write) -> None:
     header = HEADER.replace("t", "i")
     body = [f"{k}," + row.split(",", 1)[1] for k, row in enumerate(rows(), start=5)]
-    trajectory = load(write(body, header), sample_rate=14.5)
+    trajectory = load(write(body, header), rate=14.5)
     np.testing.assert_array_equal(trajectory.times, np.arange(5, 25) / 14.5)
 
 
-def test_stamps_are_preferred_to_numbers_and_ignore_the_rate(write: Write) -> None:
+def test_stamps_are_preferred_to_numbers_and_to_the_rate(write: Write) -> None:
     body = [f"{k},{row}" for k, row in enumerate(rows())]
     plain = load(write(rows()))
-    same(load(write(body, "i," + HEADER), sample_rate=1000.0), plain)
-    same(load(write(rows()), sample_rate=1000.0), plain)
+    for path in (write(body, "i," + HEADER), write(rows())):
+        with pytest.warns(RecordingWarning, match=r"t stamps .* rate=1000 .* not used; ns.prepare"):
+            same(load(path, rate=1000.0), plain)
 
 
 @given(start=st.floats(-1e9, 2e9), seed=st.integers(0, 2**32 - 1))
@@ -291,10 +293,9 @@ def test_numbered_samples_without_a_rate(write: Write) -> None:
     path = write(rows(), HEADER.replace("t", "i"))
     message = refusal(path)
     assert "line 1: column i counts samples" in message
-    assert "pass sample_rate=... (--sample-rate)" in message
+    assert "pass rate=... (samples per second" in message
     for rate in (0.0, -14.5, np.nan, np.inf):
-        message = refusal(path, sample_rate=rate)
-        assert f"sample_rate must be positive (Hz), got {rate}" in message
+        assert f"rate must be positive (samples per second), got {rate}" in refusal(path, rate=rate)
 
 
 @pytest.mark.parametrize("name", HEADER.split(","))
@@ -385,7 +386,7 @@ def test_time_running_backwards(write: Write) -> None:
     message = refusal(write(changed(17, "t", "0.25")))
     assert "line 17, column t: time runs backwards, from 1.4 s (line 16) to 0.25 s" in message
     body = [f"{t},{row}" for t, row in zip([*range(15), *range(5)], rows(), strict=True)]
-    message = refusal(write(body, "i,tt" + HEADER[1:]), sample_rate=2.0)
+    message = refusal(write(body, "i,tt" + HEADER[1:]), rate=2.0)
     assert "line 17, column i: time runs backwards, from 7 s (line 16) to 0 s" in message
 
 
@@ -743,7 +744,8 @@ def test_an_unknown_suffix(folder: Path, name: str) -> None:
 def test_the_rate_is_for_numbered_samples_alone(folder: Path) -> None:
     numbered = folder / "numbered.csv"
     numbered.write_text("\n".join(["i" + HEADER[1:], *changed_to_numbers()]))
-    stamped, counted = load_demonstrations([folder / "a.csv", numbered], sample_rate=2.0)
+    with pytest.warns(RecordingWarning, match=r"a\.csv.* is not used"):
+        stamped, counted = load_demonstrations([folder / "a.csv", numbered], rate=2.0)
     assert stamped.period == pytest.approx(0.1)
     assert counted.period == pytest.approx(0.5)
 
@@ -774,7 +776,7 @@ HELD = pytest.mark.filterwarnings("ignore:.*stands still:noslip.errors.Recording
 def test_real_recordings_load(
     recordings: Path, pattern: str, files: int, rate: float | None, period: float
 ) -> None:
-    loaded = load_demonstrations(recordings / pattern, sample_rate=rate)
+    loaded = load_demonstrations(recordings / pattern, rate=rate)
     assert len(loaded) == files
     for trajectory in loaded:
         assert trajectory.period == pytest.approx(period, rel=0.01)
@@ -800,4 +802,4 @@ def test_a_real_recording_with_samples_stamped_on_late_arrival_is_refused(
 @pytest.mark.recordings
 def test_real_numbered_recordings_ask_for_the_rate(recordings: Path) -> None:
     message = refusal(recordings / "needle_insertion" / "trial_01.csv")
-    assert "pass sample_rate=... (--sample-rate)" in message
+    assert "pass rate=... (samples per second" in message

@@ -119,7 +119,7 @@ def clock(kind: str) -> tuple[Written, float]:
         case "sec and nanosec":
             ticks = 10_000_000 * np.arange(COUNT)
             return Written({"sec": [start] * COUNT, "nanosec": ticks}), float(start)
-    return Written({"i": np.arange(COUNT)}, {"sample_rate": 100.0}, "--sample-rate"), 0.0
+    return Written({"i": np.arange(COUNT)}, {"rate": 100.0}, "--sample-rate"), 0.0
 
 
 CLOCKS = ("seconds", "milliseconds", "dates", "sec and nanosec", "numbers")

@@ -35,7 +35,7 @@ def test_a_column_is_read_with_its_times(tmp_path):
         ("t,fz\n1,2\n2,high\n", "line 3, column fz: found 'high', not a number"),
         ("t,fz\n1,nan\n", "line 2, column fz: found nan"),
         ("t,fz\n", "no samples"),
-        ("i,fz\n0,1\n", "pass sample_rate="),
+        ("i,fz\n0,1\n", "pass rate="),
     ],
 )
 def test_a_column_that_cannot_be_read_is_told(tmp_path, text, message):

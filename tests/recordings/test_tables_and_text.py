@@ -47,7 +47,7 @@ def test_tables_planar_numbered_and_by_option(tmp_path, motion, same) -> None:
     n = np.arange(20)
     [planar] = load_demonstrations(
         write(tmp_path / "p.parquet", {"i": n, "x": n * 0.1, "y": n * 0.0, "theta": n * 0.2}),
-        sample_rate=10,
+        rate=10,
     )
     np.testing.assert_allclose(planar.times, n / 10)
     np.testing.assert_allclose(planar.rotations[3].as_rotvec(), [0, 0, 0.6])

@@ -121,7 +121,7 @@ def test_wheels_from_a_shell(tmp_path, noslip) -> None:
 def test_what_cannot_be_told_so_is_said(cut, tmp_path) -> None:
     with pytest.raises(InputError, match=r"is not planar: its height varies by 0\.01 m"):
         motion_columns(cut, planar=True)
-    with pytest.raises(InputError, match="has no place for twist; write a CSV"):
+    with pytest.raises(InputError, match="has no place for twist; leave it out, or write a CSV"):
         write_recording(cut, tmp_path / "cut.npz", twist="body")
     with pytest.raises(InputError, match="holds poses alone; write a CSV"):
         write_recording(cut, tmp_path / "cut.tum", twist="body")

@@ -150,5 +150,5 @@ def followed(
 def recorded(folder: Path, file: str, seconds: float) -> ns.PoseTrajectory:
     """The first seconds of a recorded hand at the loop's rate."""
     rate = 14.5 if file.startswith("needle") else None
-    (recording,) = ns.load_demonstrations(folder / file, sample_rate=rate)
+    (recording,) = ns.load_demonstrations(folder / file, rate=rate)
     return resampled(recording, seconds)

@@ -456,7 +456,7 @@ def test_each_constraint_is_kept(name: str) -> None:
     ("folder", "constraint", "loading"),
     [
         ("contour_following", BLADE, {}),
-        ("needle_insertion", ns.Needle(shaft="-x", curvature=None), {"sample_rate": 14.5}),
+        ("needle_insertion", ns.Needle(shaft="-x", curvature=None), {"rate": 14.5}),
         ("wheeled_robots", ns.Wheel(), {}),
     ],
 )

@@ -108,6 +108,7 @@ def tab(chromium, page) -> Iterator[Tab]:
     tab = Tab(chromium)
     tab.open(f"{page.address}/")
     tab.view.get_by_text("slip angle").wait_for()
+    settle(page)
     yield tab
     tab.context.close()
 
@@ -124,6 +125,29 @@ def choose(tab: Tab, label: str, option: str) -> None:
     row = tab.view.get_by_text(label, exact=True).locator("xpath=ancestor::div[.//input][1]")
     row.locator("input:not([type=hidden])").click()
     tab.view.get_by_role("option", name=option, exact=True).click()
+
+
+def placed(page: Page) -> bool:
+    """Whether the page's camera has come to where a window of its size has it first."""
+    clients = list(page.server.get_clients().values())
+    if not clients:
+        return False
+    camera = clients[0].camera
+    place, look_at = page.drawing.first_camera(camera.aspect, camera.image_width)
+    return np.allclose([camera.position, camera.look_at], [place, look_at], atol=1e-6)
+
+
+def settle(page: Page) -> None:
+    """Wait until the camera stays there: what is drawn later moves it once more."""
+
+    def stays() -> bool:
+        for _ in range(4):
+            if not placed(page):
+                return False
+            time.sleep(0.25)
+        return True
+
+    until(stays, "the camera to come to its place")
 
 
 def distance(path: np.ndarray, other: np.ndarray) -> float:
@@ -151,6 +175,7 @@ def alone(chromium, shown: dict) -> Iterator[tuple[Tab, Page]]:
     page, tab = Page(shown, port=0), Tab(chromium)
     try:
         tab.open(f"{page.address}/")
+        settle(page)
         yield tab, page
         assert tab.errors == []
     finally:
@@ -159,7 +184,7 @@ def alone(chromium, shown: dict) -> Iterator[tuple[Tab, Page]]:
 
 
 def drag(tab: Tab, page: Page, grip: np.ndarray, there: np.ndarray) -> None:
-    """Press the mouse on a gizmo's arrow, and move it; it stays pressed."""
+    """Press the mouse on a gizmo's arrow or arc, and move it; it stays pressed."""
     mouse = tab.view.mouse
     mouse.move(*pixel(page, grip))
     time.sleep(1.0)
@@ -313,6 +338,7 @@ def test_what_is_drawn_is_what_is_computed(chromium, slipping, artifacts):
     tab.open(f"{page.address}/")
     track = page.entry.track
     tab.view.get_by_text("slip angle").wait_for()
+    settle(page)
     handles = []
     for instant in (0.8, 3.2):
         page.post("seek", lambda instant=instant: page._seek(instant))
@@ -371,6 +397,7 @@ def test_the_arm_of_joints_moves(chromium, artifacts):
     tab = Tab(chromium, sharpness=1.0)
     tab.open(f"{page.address}/")
     tab.view.get_by_text("slip angle").wait_for()
+    settle(page)
     links = page.entry.follower
     for instant in (0.0, page.duration):
         page.post("seek", lambda instant=instant: page._seek(instant))

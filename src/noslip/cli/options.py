@@ -378,7 +378,7 @@ class Where:
     def loading(self) -> dict[str, Any]:
         """Return what they ask of :func:`noslip.load_demonstrations`."""
         return {
-            "sample_rate": self.sample_rate,
+            "rate": self.sample_rate,
             "topic": self.topic,
             "frame": self.frame,
             "child_frame": self.child_frame,

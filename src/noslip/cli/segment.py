@@ -150,7 +150,7 @@ def run(
     for whole in parts:
         if contact_column is not None:
             stamps, values = read_column(
-                source, contact_column, sample_rate=given.sample_rate, time=given.time_column
+                source, contact_column, rate=given.sample_rate, time=given.time_column
             )
             cuts["contact"] = np.interp(whole.times, stamps, values)
             cuts["in_contact"] = in_contact or "above"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from noslip._samples import Samples
 
-MAPPING = ("columns", "channels", "values", "time", "units", "rotation", "sample_rate", "robot")
+MAPPING = ("columns", "channels", "values", "time", "units", "rotation", "rate", "robot")
 """Options that say what the columns of a table are; see :class:`noslip._pose_columns.Asked`."""
 VELOCITIES = ("twist", "planar", "wheels")
 """Options of what is written beside or instead of poses; see

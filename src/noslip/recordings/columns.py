@@ -14,7 +14,7 @@ from noslip.recordings.text import TEXT
 
 
 def read_column(
-    path: str | Path, column: str, *, sample_rate: float | None = None, time: str | None = None
+    path: str | Path, column: str, *, rate: float | None = None, time: str | None = None
 ) -> tuple[Floats, Floats]:
     """Read one more column of a recording in text, a component of the wrench, say.
 
@@ -23,7 +23,7 @@ def read_column(
     path : path
     column : str
         Its name in the header.
-    sample_rate : float, optional
+    rate : float, optional
         Samples per second of files that number their samples.
     time : str, optional
         Column of time, where its name does not tell.
@@ -40,6 +40,6 @@ def read_column(
     """
     if Path(path).suffix.lower() not in (*TEXT.suffixes, *TEXT.named_only):
         raise RecordingError(f"{path}: column {column!r} can only be read from text; convert it")
-    _, times, values = read_text_column(path, column, Asked(sample_rate=sample_rate, time=time))
+    _, times, values = read_text_column(path, column, Asked(rate=rate, time=time))
     stamps, first = np.unique(times, return_index=True)
     return stamps, values[first]

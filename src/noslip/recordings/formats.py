@@ -63,7 +63,7 @@ def listed_suffixes(suffixes: Iterable[str]) -> str:
 class Reading(TypedDict, total=False):
     """Options of :func:`load_demonstrations`, of which other functions have some too."""
 
-    sample_rate: float | None
+    rate: float | None
     topic: str | None
     frame: str | None
     child_frame: str | None
@@ -93,7 +93,7 @@ class ReadingColumns(Reading, total=False):
 def load_demonstrations(
     paths: str | Path | Iterable[str | Path],
     *,
-    sample_rate: float | None = None,
+    rate: float | None = None,
     topic: str | None = None,
     frame: str | None = None,
     child_frame: str | None = None,
@@ -126,11 +126,11 @@ def load_demonstrations(
         ``"runs/*.csv"``, say.  A glob gives its files sorted, ``**`` goes through folders, ``~``
         is the home folder.  A path that exists is taken as it is, even one that reads like a
         glob.  A file given twice is read once.
-    sample_rate : float, optional
+    rate : float, optional
         Samples per second of CSV files and tables that number their samples (column ``i``)
-        instead of stamping them (sample ``i`` is then at ``i / sample_rate`` seconds), of tables
-        without times, and of robomimic files.  Files with stamps ignore it; beside ``time`` it
-        says that this column numbers the samples.
+        instead of stamping them (sample ``i`` is then at ``i / rate`` seconds), of tables without
+        times, and of robomimic files.  A table with stamps warns that it is not used; beside
+        ``time`` it says that this column numbers the samples.
     topic, frame, child_frame, publisher, element, integrate : optional
         Of ROS bags: where the poses are, see :func:`noslip.recordings.bags.read_bag`.
     episode : int or iterable of int, optional
@@ -216,7 +216,7 @@ def load_demonstrations(
     columns            meaning
     ================== ==================================================================
     ``t`` or ``time``  seconds, starting anywhere, at any rate
-    ``i``              or the number of the sample, with ``sample_rate``
+    ``i``              or the number of the sample, with ``rate``
     ``x,y,z``          position of the tool in the world frame, meters
     ``qw,qx,qy,qz``    unit quaternion, turns body-frame vectors into the world frame
     ``x,y,theta``      or a planar pose: ``z = 0``, turned by ``theta`` radians about world z;
@@ -246,7 +246,7 @@ def load_demonstrations(
     """
     mending = Mending(gaps=gaps, duplicates=duplicates, unsorted=unsorted, lost=lost, within=within)
     options = {
-        "sample_rate": sample_rate,
+        "rate": rate,
         "topic": topic,
         "frame": frame,
         "child_frame": child_frame,
@@ -280,7 +280,7 @@ def load_trajectory(
     columns : str or iterable of str, optional
         As for :func:`load_demonstrations` with ``values``.
     **options
-        Of :func:`load_demonstrations`: ``sample_rate``, ``time``, ``units``, ``topic``, ...
+        Of :func:`load_demonstrations`: ``rate``, ``time``, ``units``, ``topic``, ``episode``, ...
 
     Raises
     ------
@@ -385,7 +385,7 @@ def _refuse_ignored(options: dict[str, Any], formats: dict[Path, Format]) -> Non
     """Refuse an option that none of the files takes; a rate may be given for files with stamps."""
     for name, value in options.items():
         taken = any(name in each.options for each in formats.values())
-        if value is not None and name != "sample_rate" and not taken:
+        if value is not None and name != "rate" and not taken:
             wanted = [each.name for each in FORMATS if name in each.options]
             *others, last = wanted
             listed = f"{', '.join(others)} or {last}" if others else last

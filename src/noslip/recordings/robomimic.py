@@ -46,7 +46,7 @@ MOST_COLUMNS = 1000
 def read_robomimic(
     path: Path,
     *,
-    sample_rate: float | None = None,
+    rate: float | None = None,
     episode: int | Iterable[int] | None = None,
     **asked: Any,
 ) -> list[Samples]:
@@ -55,7 +55,7 @@ def read_robomimic(
     Parameters
     ----------
     path : Path
-    sample_rate : float, optional
+    rate : float, optional
         Samples per second; by default the ``control_freq`` in the file's ``env_args``.
     episode : int or iterable of int, optional
         The k of ``demo_k``; by default all.
@@ -74,10 +74,10 @@ def read_robomimic(
         data = _inside(path, file, "data", h5py)
         demos = {} if not isinstance(data, h5py.Group) else _demos(data)
         if not demos:
-            return [_read_columns(path, file, Asked(sample_rate=sample_rate, **asked), h5py)]
-        frequency = _frequency(path, data) if sample_rate is None else sample_rate
+            return [_read_columns(path, file, Asked(rate=rate, **asked), h5py)]
+        frequency = _frequency(path, data) if rate is None else rate
         if not (np.isfinite(frequency) and frequency > 0):
-            raise RecordingError(f"{path}: sample_rate must be positive, got {frequency:g}")
+            raise RecordingError(f"{path}: rate must be positive, got {frequency:g}")
         return [
             _read_demo(path, demos[k], data, frequency, Asked(**asked), h5py)
             for k in chosen_episodes(path, episode, list(demos))
@@ -95,7 +95,8 @@ def _frequency(path: Path, data: Any) -> float:
         return float(json.loads(data.attrs["env_args"])["env_kwargs"]["control_freq"])
     except (KeyError, TypeError, ValueError):
         raise RecordingError(
-            f"{path}: no control_freq in the env_args; pass sample_rate=... (--sample-rate)"
+            f"{path}: no control_freq in the env_args; pass rate=... (samples per second; on the "
+            "command line --sample-rate)"
         ) from None
 
 
@@ -121,7 +122,7 @@ def replace_robomimic(
     out: Path,
     poses: Mapping[str, PoseTrajectory],
     *,
-    sample_rate: float | None = None,
+    rate: float | None = None,
     episode: Any = None,
     **asked: Any,
 ) -> None:
@@ -136,7 +137,7 @@ def replace_robomimic(
         The file, and that to make.
     poses : mapping of str to PoseTrajectory
         By the names of the demonstrations, which have as many samples.
-    sample_rate, episode
+    rate, episode
         Not used: ``poses`` says which.
     **asked
         As it was read with.
@@ -159,7 +160,7 @@ def replace_robomimic(
                     {} if after is None else _held(path, after, h5py),
                 )
         if not demos and (new := poses.get(str(path))) is not None:
-            held, layout = _layout(path, file, Asked(sample_rate=sample_rate, **asked), h5py)
+            held, layout = _layout(path, file, Asked(rate=rate, **asked), h5py)
             _put(path, held, layout.content, new, h5py, {})
 
 
@@ -200,7 +201,7 @@ def _demo(
 
 def _read_demo(path: Path, number: str, data: Any, rate: float, asked: Asked, h5py: Any) -> Samples:
     name = f"{path}/{number}"
-    held, content = _demo(name, data, number, replace(asked, sample_rate=rate), h5py)
+    held, content = _demo(name, data, number, replace(asked, rate=rate), h5py)
     columns = _read(name, held, [key for key, _ in content.places], h5py)
     source = Source(name, "sample", "quaternion")
     found = content.samples(source, columns)
@@ -236,7 +237,7 @@ def _layout(path: Path, file: Any, asked: Asked, h5py: Any) -> tuple[dict[str, A
         and not asked.values
     ):
         known = dict(DROID)
-        if asked.sample_rate is not None or DROID["time"] not in available:
+        if asked.rate is not None or DROID["time"] not in available:
             del known["time"], known["units"]
         asked = replace(asked, **{k: v for k, v in known.items() if getattr(asked, k) is None})
     return held, layout_of(path, available, asked)

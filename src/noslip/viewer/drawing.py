@@ -32,7 +32,7 @@ COVERED = 0.36, 0.5
 """Shares of a window's width that it is taken to cover at least, and at most.  A dense screen tells
 of more pixels than those that a page counts in, and a window that wide has room; of one that is
 narrower than two panels not even half would be left."""
-REACH = 1.03
+REACH = 0.95
 """From the scene's middle to the ends of its handles at either side, over the scene's size, as far
 away as the camera looks."""
 ABOVE = 0.18
@@ -122,14 +122,34 @@ class Drawing:
 
         @server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            aspect, width = client.camera.aspect, client.camera.image_width
-            place, look_at = (
-                self.upright_camera(aspect)
-                if aspect < 1
-                else self.wide_camera(aspect, float(np.clip(PANEL / width, *COVERED)))
-            )
-            with client.atomic():
-                client.camera.position, client.camera.look_at = place, look_at
+            self._place(client)
+
+            @client.camera.on_update
+            def _(_: viser.CameraHandle) -> None:
+                # The browser goes there once the scene is loaded, which may be after it was
+                # placed, and when a person resets the view.
+                if np.allclose(client.camera.position, camera.position, atol=1e-4 * size):
+                    self._place(client)
+
+    def _place(self, client: viser.ClientHandle) -> None:
+        """Move the camera of a window to where one of its size stands first."""
+        place, look_at = self.first_camera(client.camera.aspect, client.camera.image_width)
+        with client.atomic():
+            client.camera.position, client.camera.look_at = place, look_at
+
+    def first_camera(self, aspect: float, width: float) -> tuple[Floats, Floats]:
+        """Where the camera of a window stands first (m), and looks.
+
+        Parameters
+        ----------
+        aspect : float
+            Width of the window over its height.
+        width : float
+            In pixels of its picture.
+        """
+        if aspect < 1:
+            return self.upright_camera(aspect)
+        return self.wide_camera(aspect, float(np.clip(PANEL / width, *COVERED)))
 
     def wide_camera(self, aspect: float, covered: float) -> tuple[Floats, Floats]:
         """Where a camera stands (m), and looks, in a window that is wider than high.
