@@ -27,8 +27,8 @@ RECORDINGS = ROOT.parent / "shared" / "data" / "contour_following"
 """Of a person who leads a tool along a contour: not part of the project."""
 VIEWS = {"viewer": "cut", "viewer_arm": "arm", "viewer_shield": "shield", "viewer_found": "found"}
 """Pictures of the viewer, and what each is of."""
-OF_DEMO = {"snapshots": "numerical_example/snapshots.png", "demo_cuts": "excision/cuts.png"}
-"""Pictures that ``noslip demo`` draws, and where it puts them."""
+DEMO = {"snapshots": "numerical_example/snapshots", "demo_cuts": "excision/cuts"}
+"""Pictures that ``noslip demo`` writes, and where."""
 RECORDED = ("other_placement", "viewer_found")
 """Drawn from those recordings."""
 
@@ -45,7 +45,8 @@ def commands(scratch: Path, recordings: Path) -> dict[str, list[str]]:
     examples = [path.stem for path in (ROOT / "examples").glob("*.py")]
     drawn = {name: [f"examples/{name}.py", *out(name)] for name in sorted(examples)}
     drawn["other_placement"] += ["--recordings", str(recordings)]
-    drawn |= {name: ["-m", "noslip", "demo", "--out", str(scratch / "demo")] for name in OF_DEMO}
+    for name in DEMO:
+        drawn[name] = ["-m", "noslip", "demo", "--out", str(scratch / "demo")]
     drawn["improving"] = ["-m", "benchmarks.improving", *out("improving")]
     for name, of in VIEWS.items():
         shown = str(recordings / "data_demo_c_2.csv") if of == "found" else of
@@ -66,8 +67,8 @@ def draw(name: str, recordings: Path) -> None:
             check=True,
             stdout=subprocess.DEVNULL,
         )
-        if name in OF_DEMO:
-            shutil.move(scratch / "demo" / OF_DEMO[name], scratch / f"{name}.png")
+        if name in DEMO:
+            shutil.move(scratch / f"demo/{DEMO[name]}.png", scratch / f"{name}.png")
         with Image.open(scratch / f"{name}.png") as drawn:
             few = drawn.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
         few.save(IMAGES / f"{name}.png", optimize=True)

@@ -1,11 +1,6 @@
 """Draws the pictures of docs/viewer.md: a cut around a nerve and a vessel, as the page shows it.
 
-With tests/ on PYTHONPATH:
-
-python tests/viewer/picture.py --out docs/images/viewer.png
-python tests/viewer/picture.py --of arm --out docs/images/viewer_arm.png
-python tests/viewer/picture.py --of data_demo_c_2.csv --out docs/images/viewer_found.png
-python tests/viewer/picture.py --of shield --out docs/images/viewer_shield.png
+``python docs/draw.py viewer viewer_arm viewer_found viewer_shield`` calls it.
 """
 
 from __future__ import annotations
@@ -17,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import sync_playwright
 from scipy.spatial.transform import Rotation
-from test_viewer_browser import ARGUMENTS, CHROMIUM, Tab, fill, open_tab
+from test_viewer_browser import ARGUMENTS, CHROMIUM, Tab, fill, open_tab, settle
 
 import noslip as ns
 from noslip.cli.simulate import run as simulate
@@ -74,6 +69,7 @@ with sync_playwright() as p:
     browser = p.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
     tab = Tab(browser, width=1280, height=800, sharpness=1.0)
     tab.open(f"{page.address}/")
+    settle(page)
     if given.of in ("cut", "arm"):
         fill(tab, "Time (s)", "1.7")
         tab.view.get_by_text("1.700 s" if given.of == "arm" else "1.696 s").wait_for()

@@ -66,7 +66,7 @@ def recording_cuts(
     Left: the speed over time on a logarithmic axis, or the contact signal, with its thresholds.
     Pieces are colored and numbered; rests are light gray, and what was cut out beside them is
     hatched, with a letter for the reason, which the legend tells.  Right: the paths in the world's
-    xy plane in the same colors, all else thin and gray.
+    xy plane in the same colors, all else thin and gray, as far as it lies in their view.
 
     Parameters
     ----------
@@ -202,7 +202,8 @@ def _write(ax: Axes, interval: Interval, text: str, *, color: str) -> None:
 
 def _draw_paths(ax: Axes, segments: Segments) -> dict[str, dict[str, Any]]:
     recording, placed = segments.recording, segments.recording.unit == "m"
-    scale, unit = length_unit([recording]) if placed else (1.0, recording.unit)
+    shown = list(segments.pieces) or [recording]
+    scale, unit = length_unit(shown) if placed else (1.0, recording.unit)
     seen = scale * _plane(recording)
     times = segments.recording.times
     for part in segments.intervals:
@@ -226,6 +227,10 @@ def _draw_paths(ax: Axes, segments: Segments) -> dict[str, dict[str, Any]]:
             va="center",
             path_effects=[withStroke(linewidth=2, foreground="white")],
         )
+    # What was cut out may lead far away: pieces fill the view.
+    kept = np.concatenate([scale * _plane(piece) for piece in shown])
+    ax.dataLim.set_points(np.array([kept.min(axis=0), kept.max(axis=0)]))
+    ax.autoscale_view()
     ax.set_aspect("equal", adjustable="datalim")
     x, y = (*recording.space.coordinates[:2], "")[:2]
     style.dress(ax, f"{x} ({unit})", y and f"{y} ({unit})", title="from above" if placed else "")
