@@ -67,7 +67,8 @@ def identified_constraint(found: Identified, *, title: str | None = None) -> Fig
 
 def _finding(found: Identified) -> str:
     first, *more = found.sentences[: 3 if found.rows else 2]
-    return style.capitalized(f"{first}: {'; '.join(more)}" if more else first)
+    text = f"{first}: {'; '.join(more)}" if more else first
+    return text[:1].upper() + text[1:]
 
 
 def _look(color: str, marker: str, inside: str | None = None) -> dict[str, Any]:
