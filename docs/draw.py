@@ -21,8 +21,9 @@ from PIL import Image
 
 DOCS = Path(__file__).resolve().parent
 ROOT, IMAGES = DOCS.parent, DOCS / "images"
-COLORS = 128
-"""Of a picture: lines and shades look the same, in a third of the bytes."""
+COLORS = 256
+"""Of a picture, as far apart as they can be, so that rare ones stay: it looks the same, in a third
+of the bytes."""
 RECORDINGS = ROOT.parent / "shared" / "data" / "contour_following"
 """Of a person who leads a tool along a contour: not part of the project."""
 VIEWS = {"viewer": "cut", "viewer_arm": "arm", "viewer_shield": "shield", "viewer_found": "found"}
@@ -70,7 +71,9 @@ def draw(name: str, recordings: Path) -> None:
         if name in DEMO:
             shutil.move(scratch / f"demo/{DEMO[name]}.png", scratch / f"{name}.png")
         with Image.open(scratch / f"{name}.png") as drawn:
-            few = drawn.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+            few = drawn.convert("RGB").quantize(
+                COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+            )
         few.save(IMAGES / f"{name}.png", optimize=True)
 
 
