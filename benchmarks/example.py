@@ -17,12 +17,12 @@ MOVED_GOAL = (-0.2, 1.0, 0.0)
 """The goal 0.2 m aside, along the blade's y axis as demonstrated."""
 
 
-def demonstration(samples: int = SAMPLES) -> PoseTrajectory:
-    """Return the example, its path the same at any number of samples.
+def demonstration(samples: int = SAMPLES, duration: float = DURATION) -> PoseTrajectory:
+    """Return the example up to a time (s), its path the same at any number of samples.
 
     Its yaw is ``atan2(y, x)``: the argument order printed in the paper contradicts its own figure.
     """
-    times = np.linspace(0.0, DURATION, samples)
+    times = np.linspace(0.0, duration, samples)
     x, y = np.sin(np.pi * times) ** 2, np.sin(np.pi * times / 2) ** 3
     zeros = np.zeros(samples)
     angles = np.column_stack([zeros, zeros + np.pi / 4, np.arctan2(y, x)])

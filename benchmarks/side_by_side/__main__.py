@@ -22,7 +22,7 @@ from benchmarks.environment import environment  # noqa: E402
 from benchmarks.example import SAMPLES  # noqa: E402
 from benchmarks.report import duration  # noqa: E402
 from benchmarks.side_by_side import optimizers, ours, primitives, published, tracking  # noqa: E402
-from benchmarks.side_by_side.job import DEMONSTRATED, Job, Row, jobs, timed  # noqa: E402
+from benchmarks.side_by_side.job import MOVED, NOTEBOOK, Job, Row, jobs, notebook, timed  # noqa: E402
 
 KINDS = ("noslip", "jaxls", "pink", "mink", *primitives.LIBRARIES, "paper")
 HEADER = (
@@ -33,20 +33,23 @@ HEADER = (
 
 
 def measure(kinds: Iterable[str], both: Sequence[Job], authors: Sequence[Path]) -> Iterator[Row]:
-    """Measure one kind after the other, both jobs of each."""
+    """Measure one kind after the other, both jobs of each; the notebook's of the paper's method."""
+    third = notebook(len(both[0].given))
     for kind in kinds:
         if kind == "noslip":
-            yield from ours.rows(both)
+            yield from ours.rows([*both, third])
         elif kind == "jaxls":
             yield from optimizers.rows(both)
         else:
             for job in both:
                 if kind in tracking.PACKAGES:
                     yield from tracking.rows(kind, job)
-                elif kind == "paper":
-                    yield from published.rows(job, authors)
-                else:
+                elif kind != "paper":
                     yield from primitives.rows(kind, job)
+                else:
+                    yield from published.rows(job, authors)
+            if kind == "paper":
+                yield from published.rows(third, authors)
 
 
 def line(row: Row, base: float) -> str:
@@ -56,8 +59,9 @@ def line(row: Row, base: float) -> str:
         return f"| {name} | left out: {row.skipped} | | | | | | | |"
     merit = row.merit
     # To another end no path is given.
-    off = length(merit.position_rms) if row.job == DEMONSTRATED else ""
-    ends = "" if row.library not in published.NAMES else f"; {row.slip_at_ends:.1e} at the ends"
+    off = length(merit.position_rms) if row.job != MOVED else ""
+    is_papers = row.library in published.NAMES or row.job == NOTEBOOK
+    ends = f"; {row.slip_at_ends:.1e} at the ends" if is_papers else ""
     return (
         f"| {name} | {merit.residual_peak:.1e} m/s{ends} | {off} "
         f"| {length(row.missed)} | {merit.angular_speed_peak:.1f} rad/s "
@@ -72,8 +76,8 @@ def length(meters: float) -> str:
 
 
 def tables(rows: Sequence[Row], both: Sequence[Job]) -> Iterator[str]:
-    """Return the lines of both tables."""
-    for job in both:
+    """Return the lines of the tables."""
+    for job in (*both, notebook(len(both[0].given))):
         of_job = [row for row in rows if row.job == job.name]
         times = [row.seconds for row in of_job if row.library == ours.LIBRARY]
         base = times[0] if times else np.nan

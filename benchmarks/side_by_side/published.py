@@ -65,8 +65,13 @@ class Authors:
                     sys.modules[name] = module
 
     def motion(self, job: Job, *, optimized: bool = True) -> PoseTrajectory:
-        """Fit and roll out; without optimization the regular primitives alone."""
+        """Fit and roll out; without optimization the regular primitives alone.
+
+        The code draws axes of a plane at random, from NumPy's global generator: a matter of
+        rounding, which its optimizations magnify to a thousandth.
+        """
         given = job.given
+        np.random.seed(0)  # noqa: NPY002
         code = self._load().NonholonomicDMP(
             N_bf=BASIS_FUNCTIONS, alphaz=ALPHA, betaz=BETA, dt=job.time_step
         )

@@ -80,6 +80,13 @@ def test_points_ahead_pass_samples_at_rest() -> None:
     np.testing.assert_allclose(found[:, 0], np.repeat([0.25, 0.75, 1.25], 3))
 
 
+def test_the_notebooks_motion_ends_at_rest() -> None:
+    path = job.notebook().given
+    assert path.duration == BOTH[0].given.duration
+    np.testing.assert_allclose(path.positions[-1], [0, 1, 0], atol=1e-15)
+    assert np.linalg.norm(path.positions[-1] - path.positions[-2]) < 1.2e-5
+
+
 @pytest.mark.parametrize("library", list(tracking.PACKAGES))
 def test_what_is_steered_keeps_to_the_path_and_slips_little(library: str) -> None:
     pytest.importorskip(library, reason=f"{library} is not installed")
@@ -164,12 +171,12 @@ def test_the_command_prints_both_tables_and_writes(
     asked += ["--only", "noslip", "jaxls"]
     assert command.main(asked) == 0
     printed = capsys.readouterr().out
-    for name in (job.DEMONSTRATED, job.MOVED):
+    for name in (job.DEMONSTRATED, job.MOVED, job.NOTEBOOK):
         assert f"{name}, {FEW} samples" in printed
     assert "| jaxls, one optimization | left out: from github.com/brentyi/jaxls" in printed
     content = json.loads(out.read_text())
     own = [row for row in content["rows"] if row["library"] == "noslip"]
-    assert len(own) == 4
+    assert len(own) == 6
     assert all(row["merit"]["residual_peak"] < 1e-10 for row in own)
     assert all(row["missed"] < 2e-3 for row in own)
     base, other = (row["seconds"] for row in own if row["job"] == job.MOVED)

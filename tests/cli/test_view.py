@@ -37,6 +37,7 @@ def test_save_writes_one_file_and_serves_nothing(noslip, recording, tmp_path):
     [
         (["missing.csv"], "missing.csv: no such file"),
         (["cut.csv", "--out", "scene.png"], "must end in .html"),
+        (["cut.csv", "--save", "scene.png"], "must end in .html"),
         (["cut.csv", "--tool-mesh", "tool.step"], "a tool is a mesh in"),
         (
             ["cut.csv", "--tool-mesh", "tool.stl", "--tool-scale", "0"],

@@ -45,7 +45,7 @@ def optional(metavar: str, help: str, panel: str | None = None, flags: tuple[str
     )
 
 
-def out(what: str, *, default: bool = False) -> Any:
+def out(what: str, *, default: bool = False, also: str | None = None) -> Any:
     """Return the option ``--out`` of a command: where what it makes is written.
 
     Parameters
@@ -54,8 +54,13 @@ def out(what: str, *, default: bool = False) -> Any:
         That is written, in which formats.
     default : bool
         Whether the help shows where it is written if nothing is said.
+    also : str, optional
+        An older name of it, which goes on to be understood.
     """
-    return typer.Option(metavar="PATH", help=f"Where to write {what}.", show_default=default)
+    names = () if also is None else ("--out", also)
+    return typer.Option(
+        *names, metavar="PATH", help=f"Where to write {what}.", show_default=default
+    )
 
 
 FIGURES = (".png", ".svg", ".pdf")

@@ -42,7 +42,10 @@ def run(
     ] = 1.0,
     out: Annotated[
         Path | None,
-        options.out("the scene as one HTML file that plays without Python; no page is served"),
+        options.out(
+            "the scene as one HTML file that plays without Python; no page is served",
+            also="--save",
+        ),
     ] = None,
     host: Annotated[
         str,
