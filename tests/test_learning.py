@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from learned import numerical
 from measures import assert_same_poses, forward_speed, rms, slip, spin_about, steps
-from motions import facing, numerical_example
+from motions import eased, facing, numerical_example
 from noslip import (
     Blade,
     Controller,
@@ -26,6 +27,7 @@ from noslip import (
     project_trajectory,
 )
 from noslip._typing import Floats
+from noslip.constraints import Wheel
 from noslip.errors import ConstraintError, ConvergenceError, InputError, RecordingWarning
 from refusals import refusal
 from rules import ceiling, no_roll, table
@@ -307,6 +309,27 @@ def test_several_demonstrations_give_one_motion_among_them() -> None:
     assert rms(np.linalg.norm(motion.positions - mean, axis=1)) < 0.05
     goals = [d.positions[-1] for d in demonstrations]
     np.testing.assert_allclose(dmp.goal_position, np.mean(goals, axis=0), rtol=0, atol=5e-3)
+
+
+def bend(name: str, turn: float) -> PoseTrajectory:
+    """A wheel's way along an arc that turns it so far (rad)."""
+    angle = turn * eased(np.linspace(0, 1, 101))
+    path = np.column_stack([np.sin(angle), 1 - np.cos(angle), 0 * angle]) / turn
+    turns = Rotation.from_euler("z", angle[:, None])
+    return PoseTrajectory(np.linspace(0, 2, 101), path, turns, name=name)
+
+
+@pytest.mark.parametrize(("right", "away"), [(-2.0, True), (0.5, False)])
+def test_a_mean_that_faces_away_from_a_demonstration_is_told(right: float, away: bool) -> None:
+    demonstrations = [bend("left", 2.0), bend("also left", 2.0), bend("right", right)]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        dmp = learn(demonstrations, [Wheel()])
+    told = [str(each.message) for each in caught if "facing away" in str(each.message)]
+    apart = (dmp.rollout().rotations[-1].inv() * demonstrations[-1].rotations[-1]).magnitude()
+    assert bool(told) == away == bool(np.degrees(apart) > 90)
+    if away:
+        assert f"from 1 of 3 demonstrations, the most right, by {np.degrees(apart):.0f} " in told[0]
 
 
 def test_the_record_tells_what_the_projection_did() -> None:

@@ -66,6 +66,9 @@ FAR_FROM_MEAN = 0.25
 FAR_TURN = 67.5
 """Degrees (rms) by which the constraint may turn the tool without a warning: three quarters of what
 a wrong axis does; the numerical example, which never turns its tool, is turned by 65."""
+AWAY = 90.0
+"""Degrees between a primitive's end and that of one of several demonstrations: beyond, it faces
+away, and the mean of what ends so has no meaning."""
 
 Fitted = tuple[Law, float, list[PoseTrajectory], list[ProjectedTrajectory | None]]
 """A law, how far it leaves what it follows, that, and the projections that led there."""
@@ -511,6 +514,14 @@ def _tell(
                 CompromiseWarning,
             )
     several = len(record) > 1
+    if several and (away := [r for r in record if np.degrees(r.end_rotation_error) > AWAY]):
+        worst = max(away, key=lambda r: r.end_rotation_error)
+        warn(
+            f"the primitive ends facing away from {len(away)} of {len(record)} demonstrations, the "
+            f"most {worst.demonstration}, by {np.degrees(worst.end_rotation_error):.0f} degrees; "
+            "learn from each alone, or from those that end alike",
+            CompromiseWarning,
+        )
     far = FAR_FROM_MEAN if several else FAR_SHARE
     tools = [tool_of(each, system.space) for each in demonstrations]
     lengths, unit = [each.path_length for each in tools], tools[0].unit
