@@ -110,6 +110,8 @@ def test_a_recording_is_asked_after_once_from_its_file_to_what_is_learned(tmp_pa
 
 
 @pytest.mark.filterwarnings("ignore:.*stands still:noslip.errors.RecordingWarning")
+# Where samples have stamps, these go before the rate, and that is warned of.
+@pytest.mark.filterwarnings("ignore:.*is not used:noslip.errors.RecordingWarning")
 @pytest.mark.recordings
 def test_real_recordings_are_in_seconds_and_meters(recordings: Path) -> None:
     read = 0

@@ -246,7 +246,7 @@ def test_it_is_an_exit_code_and_json(
 def test_the_figure_says_the_finding_and_carries_it(blade: Identified, tmp_path: Path) -> None:
     figure = blade.plot()
     title = figure.get_suptitle().replace("\n", " ")
-    assert title.startswith("blade in 3 recordings: lateral axis y turned by")
+    assert title.startswith("Blade in 3 recordings: lateral axis y turned by")
     slip, point, time, *_ = figure.axes
     drawn = sorted(x for line in slip.lines if line.get_marker() == "o" for x in line.get_xdata())
     shares = [100 * s for row in blade.candidates for s in (row.given, row.holdout)]
