@@ -27,11 +27,11 @@ from noslip import (
     project_trajectory,
 )
 from noslip._typing import Floats
-from noslip.constraints import Wheel
+from noslip.constraints import KeepOutSphere, Wheel
 from noslip.errors import ConstraintError, ConvergenceError, InputError, RecordingWarning
 from refusals import refusal
 from rules import ceiling, no_roll, table
-from strategies import seeds
+from strategies import seeds, triple
 
 BLADE = Blade()
 EPSILON = np.finfo(float).eps
@@ -309,6 +309,24 @@ def test_several_demonstrations_give_one_motion_among_them() -> None:
     assert rms(np.linalg.norm(motion.positions - mean, axis=1)) < 0.05
     goals = [d.positions[-1] for d in demonstrations]
     np.testing.assert_allclose(dmp.goal_position, np.mean(goals, axis=0), rtol=0, atol=5e-3)
+
+
+@pytest.mark.parametrize(("at", "where"), [(0, "starts"), (-1, "ends"), (100, "")])
+def test_an_end_that_an_obstacle_moves_is_told(at: int, where: str) -> None:
+    demonstration = facing(1, 200)
+    center = triple(demonstration.positions[at])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        dmp = learn(demonstration, [BLADE, KeepOutSphere(center=center, radius=0.05)])
+    motion = dmp.rollout()
+    told = [str(each.message) for each in caught if "clear of it" in str(each.message)]
+    assert [message.split()[2] for message in told] == [where] * bool(where)
+    for one, k in (("starts", 0), ("ends", -1)):
+        off = np.linalg.norm(motion.positions[k] - demonstration.positions[k])
+        assert (off > 0.04) == (one == where)
+        if one == where:
+            assert "keep-out-sphere" in told[0]
+            assert float(told[0].split()[3]) == pytest.approx(1e3 * off, rel=0.01)
 
 
 def bend(name: str, turn: float) -> PoseTrajectory:

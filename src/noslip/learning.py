@@ -66,6 +66,8 @@ FAR_FROM_MEAN = 0.25
 FAR_TURN = 67.5
 """Degrees (rms) by which the constraint may turn the tool without a warning: three quarters of what
 a wrong axis does; the numerical example, which never turns its tool, is turned by 65."""
+MOVED = 1e-3
+"""Share of the path by which a limit may move an end without a warning: less is no obstacle."""
 AWAY = 90.0
 """Degrees between a primitive's end and that of one of several demonstrations: beyond, it faces
 away, and the mean of what ends so has no meaning."""
@@ -422,7 +424,7 @@ def learn(
             f"{remedy}",
             CompromiseWarning,
         )
-    _tell(record, sampled, system, rotation_smoothing)
+    _tell(record, sampled, system, rotation_smoothing, followed_by)
     demonstrated = fitted(sampled, count, pace.factor) if system.size else law
     channels = Channels.fit(law.basis, beside, ridge=ridge) if beside else None
     spread = Spread.about(law, followed)
@@ -477,12 +479,14 @@ def _kept_end(system: ConstraintSystem, demonstration: PoseTrajectory) -> End:
     return "position" if np.all(margins[-1] > 0) else "free"
 
 
-def _in_the_way(system: ConstraintSystem, demonstration: PoseTrajectory) -> list[str]:
-    """Names of the limits on poses that a demonstration does not keep."""
+def _in_the_way(
+    system: ConstraintSystem, demonstration: PoseTrajectory, at: slice = slice(None)
+) -> list[str]:
+    """Names of the limits on poses that a demonstration does not keep, at some of its samples."""
     limits, count, space = system.of_poses.limits, len(demonstration), system.space
     poses = demonstration.clock, demonstration.positions, demonstration.quaternions
     still = np.zeros((count, space.linear)), np.zeros((count, space.angular))
-    broken = limits.residuals(*poses, *still).min(axis=0) < 0
+    broken = limits.residuals(*poses, *still)[at].min(axis=0) < 0
     return list(dict.fromkeys(compress(limits.per_row(limits.names), broken)))
 
 
@@ -491,8 +495,9 @@ def _tell(
     demonstrations: Sequence[PoseTrajectory],
     system: ConstraintSystem,
     smoothing: float,
+    motion: PoseTrajectory,
 ) -> None:
-    """Warn of what a person should look at before trusting the primitive."""
+    """Warn of what a person should look at before trusting the primitive and its motion."""
     remedy = "low-pass the recording, give the tool's frame, or check the constraint's axes"
     for one in record:
         if np.degrees(one.rotation_change) > FAR_TURN:
@@ -525,6 +530,17 @@ def _tell(
     far = FAR_FROM_MEAN if several else FAR_SHARE
     tools = [tool_of(each, system.space) for each in demonstrations]
     lengths, unit = [each.path_length for each in tools], tools[0].unit
+    for where, at in (("starts", slice(0, 1)), ("ends", slice(-1, None))):
+        mean = np.mean([each.positions[at] for each in tools], axis=0)
+        moved = float(np.linalg.norm(motion.positions[at] - mean))
+        broken = {name: None for each in demonstrations for name in _in_the_way(system, each, at)}
+        if broken and moved > MOVED * min(lengths):
+            warn(
+                f"the primitive {where} {quantity_text(moved, unit)} from where demonstrations do, "
+                f"which break {', '.join(broken)} there; loosen that, or demonstrate a motion that "
+                f"{where} clear of it",
+                CompromiseWarning,
+            )
     left = [(r, n) for r, n in zip(record, lengths, strict=True) if r.path_error > far * n]
     if left:
         worst, length = max(left, key=lambda pair: pair[0].path_error)
