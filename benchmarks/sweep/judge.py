@@ -291,7 +291,7 @@ _QUANTITY = rf"{NUMBER} (m|mm)"
 SENTENCES: tuple[tuple[str, str, Check], ...] = (
     (
         "misses a place",
-        rf"(?:ends|passes) (?:{_QUANTITY})?(?: \({NUMBER} of its path\))?(?: and )?"
+        rf"(?:ends|passes) (?:{_QUANTITY})?(?: \({NUMBER} (?:of|times) its path\))?(?: and )?"
         rf"(?:{NUMBER} degrees)? from (its goal|via [\d.]+)",
         _missed,
     ),

@@ -305,7 +305,8 @@ def _missed_poses(motion: Motion, asked: Sequence[Boundary]) -> Iterator[tuple[b
             turned = float(np.max((rotation * boundary.rotation.inv()).magnitude()))
         if off <= TOLD * length + BROKEN and turned <= TOLD_TURN * turns:
             continue
-        share = f" ({off / length:.2g} of its path)" if length else ""
+        times = "times" if off > length else "of"
+        share = f" ({off / length:.2g} {times} its path)" if length else ""
         parts = [quantity_text(off, motion.unit) + share] if off else []
         parts += [f"{np.degrees(turned):.2g} degrees"] if turned > TOLD_TURN * turns else []
         passes = "ends" if boundary.at == 1 else "passes"

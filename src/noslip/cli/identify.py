@@ -31,6 +31,9 @@ from noslip.identification.identified import axis_text, measured
 
 _OF_THE_TOOL = ("lateral", "edge", "axle", "shaft", "bevel")
 """Arguments that are the body axes of a tool: in its own frame they have their defaults."""
+VAGUE = 10.0
+"""Degrees of a standard error from which a frame's turn is hardly told: a blade turned by so much
+slips by a sixth of its way."""
 
 
 @options.grouped
@@ -101,6 +104,10 @@ def _place_sensor(
     typer.echo(f"  its frame is turned by {turn} degrees")
     slip, holdout = 100 * placed.slip, 100 * placed.holdout
     typer.echo(f"  slips {slip:.2g} % of its speed; {holdout:.2g} % where it was not fitted")
+    if np.degrees(turned.max()) > VAGUE:
+        typer.echo(
+            "  how it is turned is hardly told: record rolls and plunges too, or measure the frame"
+        )
     typer.echo("go on with")
     typer.echo(f"{_frame_option(placed.matrix, given)} {_option(rule)}")
 

@@ -272,7 +272,7 @@ def run(
     if system.limits.size:
         for limit in checked(motion, system.limits).constraints:
             typer.echo(f"{limit.name} of its motion: {margin_text(limit)}")
-    here, there = (" ".join(f"{x:.4g}" for x in motion.positions[k]) for k in (0, -1))
+    here, there = (" ".join(f"{x:.6g}" for x in motion.positions[k]) for k in (0, -1))
     typer.echo(
         f"from {here} to {with_unit(there, motion.unit)} in {motion.duration:.4g} s; ends "
         f"{quantity_text(motion.end_error, motion.unit)} from its goal"
