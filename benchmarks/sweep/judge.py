@@ -238,6 +238,24 @@ def _left_by(facts: Facts, found: re.Match[str]) -> bool | None:
     )
 
 
+def _end_moved(facts: Facts, found: re.Match[str]) -> bool | None:
+    where, off, unit = found.groups()
+    if facts.noise:
+        return None
+    k = {"starts": 0, "ends": -1}[where]
+    mean = np.mean([reference.positions[k] for reference in facts.references], axis=0)
+    moved = float(np.linalg.norm(facts.motion.positions[k] - mean))
+    return agrees(meters(off, unit), moved, share=0.03)
+
+
+def _faces_away(facts: Facts, found: re.Match[str]) -> bool | None:
+    if facts.noise:
+        return None
+    end = facts.motion.quaternions[-1]
+    apart = [float(np.degrees(angles(end, each.quaternions[-1]))) for each in facts.references]
+    return agrees(found.group(1), max(apart), share=0.03)
+
+
 def _turned(facts: Facts, found: re.Match[str]) -> bool | None:
     if facts.noise or len(facts.references) > 1:
         return None
@@ -332,6 +350,12 @@ SENTENCES: tuple[tuple[str, str, Check], ...] = (
         rf"the primitive leaves .* by {NUMBER} mm of a path of {NUMBER} mm",
         _left_by,
     ),
+    (
+        "an end is moved",
+        rf"the primitive (starts|ends) {_QUANTITY} from where demonstrations do, which break",
+        _end_moved,
+    ),
+    ("faces away", rf"the primitive ends facing away from .*, by {NUMBER} degrees", _faces_away),
     ("starts apart", rf"their starts lie {NUMBER} m apart, paths are {NUMBER} m long", _apart),
     ("out of step", r"are out of step, by", _cannot_say),
     ("units asked after", r"are its .* in other units than", _cannot_say),

@@ -80,6 +80,11 @@ def test_it_notices_what_was_not_said() -> None:
         ("the motion ends 10 mm (0.01 of its path) and 3 degrees from its goal; so", False),
         ("the motion breaks speed-limit by 0.09 m/s; and so on", True),
         ("the motion breaks speed-limit by 0.19 m/s; and so on", False),
+        ("the primitive ends 10 mm from where demonstrations do, which break box", True),
+        ("the primitive ends 14 mm from where demonstrations do, which break box", False),
+        ("the primitive starts 10 mm from where demonstrations do, which break box", False),
+        ("the primitive ends facing away from 1 of 3, the most a, by 0 degrees; so", True),
+        ("the primitive ends facing away from 1 of 3, the most a, by 120 degrees; so", False),
     ],
 )
 def test_it_holds_numbers_against_the_files(sentence: str, is_true: bool) -> None:
