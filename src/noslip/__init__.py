@@ -8,7 +8,6 @@ loaded when it is first named (PEP 562), so that what a program does not use cos
 from __future__ import annotations
 
 from importlib import import_module
-from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 from noslip._supplied import Supplied
@@ -41,6 +40,9 @@ else:
         """Say where a name stands that is not on top, or which of these was meant."""
         if name.startswith("_"):
             return ""
+        # Not above: it takes as long to import as all else here.
+        from pkgutil import iter_modules
+
         face = import_module("noslip._face")
         for module in (face.constraints, face.demonstrations, face.recordings, face.errors):
             if hasattr(module, name):

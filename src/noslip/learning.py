@@ -483,10 +483,10 @@ def _in_the_way(
     system: ConstraintSystem, demonstration: PoseTrajectory, at: slice = slice(None)
 ) -> list[str]:
     """Names of the limits on poses that a demonstration does not keep, at some of its samples."""
-    limits, count, space = system.of_poses.limits, len(demonstration), system.space
-    poses = demonstration.clock, demonstration.positions, demonstration.quaternions
-    still = np.zeros((count, space.linear)), np.zeros((count, space.angular))
-    broken = limits.residuals(*poses, *still)[at].min(axis=0) < 0
+    limits, space, times = system.of_poses.limits, system.space, demonstration.clock[at]
+    poses = times, demonstration.positions[at], demonstration.quaternions[at]
+    still = np.zeros((len(times), space.linear)), np.zeros((len(times), space.angular))
+    broken = limits.residuals(*poses, *still).min(axis=0) < 0
     return list(dict.fromkeys(compress(limits.per_row(limits.names), broken)))
 
 

@@ -168,6 +168,11 @@ def test_places_are_told_with_the_tools_rule_and_without(
 # ---------------------------------------------------------------- the command
 
 
+def written(found: Identified, folder: Path) -> list[Path]:
+    """Files of the recordings in which something was found."""
+    return [write_recording(each, folder / f"{each.name}.csv") for each in found.recordings]
+
+
 def pasted(line: str) -> list[str]:
     return shlex.split(line)
 
@@ -175,10 +180,7 @@ def pasted(line: str) -> list[str]:
 def test_the_options_that_it_prints_say_the_same(
     noslip: Callable[..., Any], tmp_path: Path, blade: Identified
 ) -> None:
-    files = []
-    for recording in blade.recordings:
-        files.append(tmp_path / f"{recording.name}.csv")
-        write_recording(recording, files[-1])
+    files = written(blade, tmp_path)
     result = noslip("identify", *files, "--figure", tmp_path / "why.png")
     assert result.code == 0
     assert (tmp_path / "why.png").read_bytes()[:4] == b"\x89PNG"
@@ -201,9 +203,7 @@ def test_the_options_that_it_prints_say_the_same(
 def test_a_tool_that_is_known_is_placed(
     noslip: Callable[..., Any], tmp_path: Path, blade: Identified
 ) -> None:
-    files = [tmp_path / f"{recording.name}.csv" for recording in blade.recordings]
-    for recording, file in zip(blade.recordings, files, strict=True):
-        write_recording(recording, file)
+    files = written(blade, tmp_path)
     known = ("identify", *files, "--constraint", "blade")
     told = noslip(*known)
     assert told.code == 0 and "blade, taken as known, in " in told.out
@@ -229,9 +229,7 @@ def test_a_tool_that_is_known_is_placed(
 def test_it_is_an_exit_code_and_json(
     noslip: Callable[..., Any], tmp_path: Path, nothing: Identified
 ) -> None:
-    files = [tmp_path / f"{recording.name}.csv" for recording in nothing.recordings]
-    for recording, file in zip(nothing.recordings, files, strict=True):
-        write_recording(recording, file)
+    files = written(nothing, tmp_path)
     result = noslip("identify", *files, "--json")
     assert result.code == 1
     assert json.loads(result.out)["constraints"] == []

@@ -108,8 +108,9 @@ def _told(report: CheckReport) -> list[str]:
         for each in shown
     ]
     if more := len(report.constraints) - len(shown):
-        told.append(f"{'the other holds' if more == 1 else f'the other {more} hold'} too")
-    return [text.removesuffix(" too") if bad else text for text in told]
+        told.append("the other holds" if more == 1 else f"the other {more} hold")
+        told[-1] += "" if bad else " too"
+    return told
 
 
 def _violations(report: CheckReport) -> dict[str, Floats]:

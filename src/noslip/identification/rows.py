@@ -136,7 +136,7 @@ def _starts(root: Floats, rows: int, prior: Floats) -> Iterator[tuple[Floats, Fl
     points = np.zeros((2, 3))
     points[1] = np.linalg.lstsq(jacobian, wanted, rcond=None)[0][3:]
     for point in points:
-        axes = np.linalg.svd(root @ np.vstack([np.eye(3), _cross(point)]))[2]
+        axes = np.linalg.svd(root @ np.vstack([np.eye(3), crossing(point)]))[2]
         yield from ((np.roll(axes, -k, axis=0)[:rows], point) for k in range(3))
     # Of any lines, each about a point of its own.
     levers = -np.linalg.lstsq(
@@ -153,17 +153,12 @@ def _starts(root: Floats, rows: int, prior: Floats) -> Iterator[tuple[Floats, Fl
 def _linear(root: Floats, axes: Floats, point: Floats, prior: Floats) -> tuple[Floats, Floats]:
     """Jacobian of the residuals after the axes' turn and the point, and the residuals' negative."""
     jacobian, values = [prior], [np.append(np.zeros(3), prior[3:, 3:] @ point)]
-    speeds = root[:, :3] + root[:, 3:] @ _cross(point)
+    speeds = root[:, :3] + root[:, 3:] @ crossing(point)
     for axis in axes:
-        turned = -_cross(axis)
+        turned = -crossing(axis)
         values.append(speeds @ axis)
         jacobian.append(np.hstack([speeds @ turned, root[:, 3:] @ turned]))
     return np.vstack(jacobian), -np.concatenate(values)
-
-
-def _cross(vector: Floats) -> Floats:
-    x, y, z = vector
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
 
 def _descended(
